@@ -1,0 +1,1 @@
+//! Renders rolling-shutter sequences with exact truth and judges the rectifier on them.

@@ -1,0 +1,1 @@
+//! GStreamer element `rsrectify`: takes rolling-shutter distortion out of video.

@@ -1,0 +1,32 @@
+//! Takes rolling-shutter distortion (lean, jello, wobble, stretch) out of video from **unknown**
+//! cameras: no gyroscope, no calibration, no metadata.
+//!
+//! The library knows nothing of any media framework: it is given borrowed image planes and their
+//! times, and gives back the motion of each frame and rectified planes.
+//!
+//! Data walks one way through the rooms of the house, and no room imports from a later one:
+//!
+//! | room | from | to |
+//! |---|---|---|
+//! | [`plane`] | bytes | borrowed views of image planes |
+//! | [`readout`] | direction, time, delay | when a point of a frame was exposed |
+//! | [`correspond`] | two luma planes | point correspondences |
+//! | [`motion`] | | what an image motion is: the twist, the path over a readout |
+//! | [`solve`] | correspondences of a window | a motion path for each frame |
+//! | [`warp`] | a path and a plane | the rectified plane |
+//! | [`rectifier`] | luma planes, one by one | the motions, in order |
+//!
+//! Equation numbers 25.n cite *A Rectification Method for Removing Rolling Shutter Distortion*
+//! (chapter 25), from which the method starts.
+
+pub mod correspond;
+pub mod motion;
+pub mod plane;
+pub mod readout;
+pub mod rectifier;
+pub mod solve;
+pub mod warp;
+
+pub use plane::{Plane, PlaneMut};
+pub use rectifier::Rectifier;
+pub use warp::Warper;

@@ -1,0 +1,16 @@
+//! What an image motion is: the twist and the path over a readout.
+//!
+//! Points are *centred*: pixels from the image centre ((W − 1)/2, (H − 1)/2), y down.
+
+mod path;
+mod twist;
+
+pub use path::MotionPath;
+pub use twist::{Rigid, Twist};
+
+use nalgebra::Vector2;
+
+/// The image centre in pixels (pixel centres at integers): the origin of centred points.
+pub fn image_centre(width: usize, height: usize) -> Vector2<f64> {
+    Vector2::new((width as f64 - 1.0) / 2.0, (height as f64 - 1.0) / 2.0)
+}

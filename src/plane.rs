@@ -1,0 +1,253 @@
+//! Borrowed views of image planes: size, stride, samples of 8 to 16 bits.
+//!
+//! A [`Plane`] is bytes plus a [`PlaneLayout`]. One layout serves planar, semi-planar and packed
+//! pictures: packed formats are several views of the same bytes, each starting at its own sample.
+
+use thiserror::Error;
+
+/// How one sample is stored. Samples of more than 8 bits are 16-bit little-endian words.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct SampleFormat {
+    bits: u8,
+    shift: u8,
+}
+
+impl SampleFormat {
+    /// One byte a sample.
+    pub const U8: Self = Self { bits: 8, shift: 0 };
+    /// 10 bits in the low end of a 16-bit word (`I420_10LE` and its kin).
+    pub const U10: Self = Self { bits: 10, shift: 0 };
+    /// 10 bits in the high end of a 16-bit word (`P010_10LE`).
+    pub const U10_HIGH: Self = Self { bits: 10, shift: 6 };
+    /// 12 bits in the low end of a 16-bit word.
+    pub const U12: Self = Self { bits: 12, shift: 0 };
+    /// 16 bits.
+    pub const U16: Self = Self { bits: 16, shift: 0 };
+
+    /// Significant bits of a sample.
+    pub const fn bits(self) -> u32 {
+        self.bits as u32
+    }
+
+    /// How far the significant bits are shifted up inside the stored word.
+    pub const fn shift(self) -> u32 {
+        self.shift as u32
+    }
+
+    /// Bytes that one stored sample takes: 1 or 2.
+    pub const fn bytes(self) -> usize {
+        if self.bits <= 8 { 1 } else { 2 }
+    }
+
+    /// The largest sample value, before the shift.
+    pub const fn max_value(self) -> u16 {
+        (((1u32 << self.bits) - 1) & 0xffff) as u16
+    }
+}
+
+/// Where the samples of a plane lie in its bytes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct PlaneLayout {
+    /// Pixels in a row.
+    pub width: usize,
+    /// Rows.
+    pub height: usize,
+    /// Bytes from one row to the next.
+    pub stride: usize,
+    /// Samples from one pixel to the next; at least `channels`.
+    pub step: usize,
+    /// Samples of one pixel that belong to this view, one after another: 1 to 4.
+    pub channels: usize,
+    /// How each sample is stored.
+    pub format: SampleFormat,
+}
+
+impl PlaneLayout {
+    /// A plane of one channel without padding.
+    pub const fn packed(width: usize, height: usize, format: SampleFormat) -> Self {
+        let stride = width * format.bytes();
+        Self { width, height, stride, step: 1, channels: 1, format }
+    }
+
+    /// Bytes from the first sample to the end of the last one: what a buffer must hold.
+    /// `None` where that does not fit in memory's address range.
+    pub fn required_bytes(&self) -> Option<usize> {
+        if self.width == 0 || self.height == 0 {
+            return Some(0);
+        }
+        let row = (self.width - 1).checked_mul(self.step)?.checked_add(self.channels)?;
+        let row = row.checked_mul(self.format.bytes())?;
+        (self.height - 1).checked_mul(self.stride)?.checked_add(row)
+    }
+
+    fn check(&self, len: usize) -> Result<(), PlaneError> {
+        if !(1..=4).contains(&self.channels) || self.step < self.channels {
+            return Err(PlaneError::Channels { channels: self.channels, step: self.step });
+        }
+        let row = self.width.saturating_mul(self.step).saturating_sub(self.step - self.channels);
+        let row = row.saturating_mul(self.format.bytes());
+        if self.height > 1 && self.stride < row {
+            return Err(PlaneError::Stride { stride: self.stride, row });
+        }
+        match self.required_bytes() {
+            Some(needed) if needed <= len => Ok(()),
+            Some(needed) => Err(PlaneError::TooShort { len, needed }),
+            None => Err(PlaneError::TooShort { len, needed: usize::MAX }),
+        }
+    }
+}
+
+/// Why bytes and a layout do not make a plane.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
+pub enum PlaneError {
+    /// The buffer ends before the last sample.
+    #[error("plane needs {needed} bytes, the buffer holds {len}")]
+    TooShort {
+        /// Bytes there are.
+        len: usize,
+        /// Bytes there must be.
+        needed: usize,
+    },
+    /// Rows overlap.
+    #[error("stride of {stride} bytes is shorter than a row of {row} bytes")]
+    Stride {
+        /// The stride in bytes.
+        stride: usize,
+        /// A row in bytes.
+        row: usize,
+    },
+    /// Not 1 to 4 channels, or pixels overlap.
+    #[error("{channels} channels at a step of {step} samples: need 1 to 4 channels and step >= channels")]
+    Channels {
+        /// Channels asked for.
+        channels: usize,
+        /// Step in samples.
+        step: usize,
+    },
+}
+
+/// A read-only view of a plane.
+#[derive(Clone, Copy, Debug)]
+pub struct Plane<'a> {
+    data: &'a [u8],
+    layout: PlaneLayout,
+}
+
+impl<'a> Plane<'a> {
+    /// Checks that `data`, which starts at the first sample, holds the whole plane.
+    pub fn new(data: &'a [u8], layout: PlaneLayout) -> Result<Self, PlaneError> {
+        layout.check(data.len())?;
+        Ok(Self { data, layout })
+    }
+
+    /// Where the samples lie.
+    pub fn layout(&self) -> &PlaneLayout {
+        &self.layout
+    }
+
+    /// The bytes, from the first sample on.
+    pub fn data(&self) -> &'a [u8] {
+        self.data
+    }
+
+    /// The bytes of row `y`, from its first to its last sample; empty where there is no such row.
+    pub fn row(&self, y: usize) -> &'a [u8] {
+        row_range(&self.layout, y).and_then(|range| self.data.get(range)).unwrap_or(&[])
+    }
+}
+
+/// A view of a plane that can be written.
+#[derive(Debug)]
+pub struct PlaneMut<'a> {
+    data: &'a mut [u8],
+    layout: PlaneLayout,
+}
+
+impl<'a> PlaneMut<'a> {
+    /// Checks that `data`, which starts at the first sample, holds the whole plane.
+    pub fn new(data: &'a mut [u8], layout: PlaneLayout) -> Result<Self, PlaneError> {
+        layout.check(data.len())?;
+        Ok(Self { data, layout })
+    }
+
+    /// Where the samples lie.
+    pub fn layout(&self) -> &PlaneLayout {
+        &self.layout
+    }
+
+    /// The bytes, from the first sample on.
+    pub fn data_mut(&mut self) -> &mut [u8] {
+        self.data
+    }
+
+    /// A read-only view of the same samples.
+    pub fn as_plane(&self) -> Plane<'_> {
+        Plane { data: self.data, layout: self.layout }
+    }
+}
+
+fn row_range(layout: &PlaneLayout, y: usize) -> Option<std::ops::Range<usize>> {
+    if y >= layout.height || layout.width == 0 {
+        return None;
+    }
+    let start = y * layout.stride;
+    let samples = (layout.width - 1) * layout.step + layout.channels;
+    Some(start..start + samples * layout.format.bytes())
+}
+
+/// A view whose weighted channels make the luma that is analysed.
+#[derive(Clone, Copy, Debug)]
+pub struct Luma<'a> {
+    /// The samples.
+    pub plane: Plane<'a>,
+    /// Weight of each channel; those past the plane's channels are not read.
+    pub weights: [f32; 4],
+}
+
+impl<'a> From<Plane<'a>> for Luma<'a> {
+    /// The first channel is the luma.
+    fn from(plane: Plane<'a>) -> Self {
+        Self { plane, weights: [1.0, 0.0, 0.0, 0.0] }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_short_last_row_is_enough() {
+        let layout = PlaneLayout { stride: 16, ..PlaneLayout::packed(3, 2, SampleFormat::U8) };
+        let data = [0u8; 19];
+        assert_eq!(Plane::new(&data, layout).unwrap().row(1).len(), 3);
+        assert_eq!(
+            Plane::new(&data[..18], layout).unwrap_err(),
+            PlaneError::TooShort { len: 18, needed: 19 }
+        );
+    }
+
+    #[test]
+    fn overlapping_rows_and_pixels_are_refused() {
+        let layout = PlaneLayout { stride: 2, ..PlaneLayout::packed(3, 2, SampleFormat::U8) };
+        assert!(matches!(Plane::new(&[0; 64], layout), Err(PlaneError::Stride { .. })));
+        let layout = PlaneLayout { channels: 2, ..PlaneLayout::packed(3, 2, SampleFormat::U8) };
+        assert!(matches!(Plane::new(&[0; 64], layout), Err(PlaneError::Channels { .. })));
+    }
+
+    #[test]
+    fn absurd_sizes_are_refused_without_overflow() {
+        let layout = PlaneLayout {
+            height: usize::MAX,
+            stride: usize::MAX,
+            ..PlaneLayout::packed(9, 9, SampleFormat::U16)
+        };
+        assert!(Plane::new(&[0; 64], layout).is_err());
+    }
+
+    #[test]
+    fn formats_know_their_range() {
+        assert_eq!((SampleFormat::U8.max_value(), SampleFormat::U8.bytes()), (255, 1));
+        assert_eq!((SampleFormat::U10_HIGH.max_value(), SampleFormat::U10_HIGH.bytes()), (1023, 2));
+        assert_eq!(SampleFormat::U16.max_value(), 65535);
+    }
+}

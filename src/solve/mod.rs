@@ -1,0 +1,1 @@
+//! Correspondences of a window → a motion path for each frame.
