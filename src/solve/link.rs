@@ -55,6 +55,13 @@ pub struct Fit {
     pub confidence: f64,
 }
 
+impl Fit {
+    /// Whether the motion is better than none.
+    pub fn is_trusted(&self) -> bool {
+        self.confidence > 0.0
+    }
+}
+
 /// Buffers of the solvers of one stream.
 #[derive(Debug, Default)]
 pub struct Scratch {
@@ -112,9 +119,11 @@ impl Link {
     /// two exposures, (N_t + r′ − r)/N_t of the interval.
     pub fn uniform(&self, scratch: &mut Scratch) -> Option<Fit> {
         scratch.matches.clear();
-        scratch
-            .matches
-            .extend(self.pairs.iter().map(|p| Match { from: p.from, to: p.to, time: p.to_time - p.from_time }));
+        scratch.matches.extend(self.pairs.iter().map(|p| Match {
+            from: p.from,
+            to: p.to,
+            time: p.to_time - p.from_time,
+        }));
         self.fit(scratch)
     }
 
@@ -153,9 +162,20 @@ impl Link {
             Loss::Squares => errors.len(),
         };
         let energy = mean_of_inliers(errors);
-        let unexplained = (NOISE_REACH * self.noise).powi(2) + (1.0 - LEAST_EXPLAINED) * self.moved;
-        let confidence = (1.0 - energy / unexplained).clamp(0.0, 1.0);
+        let confidence = self.confidence(twist, energy);
         energy.is_finite().then_some(Fit { twist, energy, inliers, confidence })
+    }
+
+    /// How far a twist that leaves `energy` is to be trusted: 1 where it explains all displacement,
+    /// 0 where it leaves a quarter of what was measured or of what it would itself have done to the
+    /// points (a shake that turns about between two frames shows little displacement).
+    fn confidence(&self, twist: Twist, energy: f64) -> f64 {
+        let motion = twist.after(self.interval);
+        let swept =
+            self.pairs.iter().map(|p| (motion.apply(p.from) - p.from).norm_squared() / 2.0).sum::<f64>();
+        let displaced = self.moved.max(swept / self.pairs.len().max(1) as f64);
+        let allowed = (NOISE_REACH * self.noise).powi(2) + (1.0 - LEAST_EXPLAINED) * displaced;
+        (1.0 - energy / allowed).clamp(0.0, 1.0)
     }
 }
 

@@ -103,7 +103,8 @@ fn equals_a_dense_minimiser() {
         for (i, m) in matches.iter().enumerate() {
             unknowns.fixed_rows_mut::<2>(3 + 2 * i).copy_from(&m.from);
         }
-        let (dense, report) = LevenbergMarquardt::new().minimize(Dense { matches: matches.clone(), unknowns });
+        let (dense, report) =
+            LevenbergMarquardt::new().minimize(Dense { matches: matches.clone(), unknowns });
         assert!(report.termination.was_successful(), "{report:?}");
         let (sparse, cost) = minimise(&matches, start, Loss::Squares);
         assert_close(sparse, dense.twist(), 1e-3);
@@ -140,8 +141,7 @@ fn equals_rigid_alignment_at_equal_times() {
     let angle = cross.atan2(dot);
     let rotation = Matrix2::new(angle.cos(), -angle.sin(), angle.sin(), angle.cos());
     let shift = to - rotation * from;
-    let expected: f64 =
-        matches.iter().map(|m| (m.to - rotation * m.from - shift).norm_squared() / 2.0).sum();
+    let expected: f64 = matches.iter().map(|m| (m.to - rotation * m.from - shift).norm_squared() / 2.0).sum();
 
     let (found, cost) = minimise(&matches, Twist::ZERO, Loss::Squares);
     assert!((found.omega * 0.04 - angle).abs() < 1e-7);

@@ -17,3 +17,6 @@ pub mod window;
 
 pub use link::{Fit, Link};
 pub use window::{Candidate, Window};
+
+#[cfg(test)]
+mod tests;

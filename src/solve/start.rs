@@ -70,9 +70,15 @@ fn weighted_twist(matches: &[Match], weight: impl Fn(&Match) -> f64) -> Option<T
         let w = weight(m);
         let square = w * m.time * m.time;
         normal += Matrix3::new(
-            middle.norm_squared(), -middle.y, middle.x, //
-            -middle.y, 1.0, 0.0, //
-            middle.x, 0.0, 1.0,
+            middle.norm_squared(),
+            -middle.y,
+            middle.x, //
+            -middle.y,
+            1.0,
+            0.0, //
+            middle.x,
+            0.0,
+            1.0,
         ) * square;
         right += Vector3::new(middle.x * moved.y - middle.y * moved.x, moved.x, moved.y) * (w * m.time);
     }

@@ -42,7 +42,7 @@ pub struct Candidate {
     pub origin: Origin,
 }
 
-/// A link that is trusted, with its uniform rotation.
+/// A link with its uniform rotation.
 #[derive(Debug)]
 struct Joint {
     link: Link,
@@ -55,7 +55,7 @@ struct Joint {
 /// The frames that wait for their motion, without duplicates.
 #[derive(Debug, Default)]
 pub struct Window {
-    /// One entry a frame: its joint to the next one, where there is one that holds.
+    /// One entry a frame: its joint to the next one, where there is one.
     frames: VecDeque<Option<Joint>>,
     /// Serial number of the first frame that waits.
     serial: u64,
@@ -67,16 +67,15 @@ pub struct Window {
 }
 
 impl Window {
-    /// Adds the next frame and its link to the frame pushed before it: `None` at a start.
+    /// Adds the next frame and its link to the frame pushed before it: `None` at a start or a cut.
     ///
-    /// Returns the uniform rotation of the link if it holds; one that does not is dropped, and the
-    /// two frames are solved apart, as over a cut.
+    /// Returns the uniform rotation of the link where there is one to be trusted.
     pub fn push(&mut self, link: Option<Link>) -> Option<Fit> {
         let joint = link.and_then(|link| {
-            let initial = link.uniform(&mut self.scratch).filter(|fit| fit.confidence > 0.0)?;
+            let initial = link.uniform(&mut self.scratch)?;
             Some(Joint { link, initial, backward: None })
         });
-        let initial = joint.as_ref().map(|joint| joint.initial);
+        let initial = joint.as_ref().map(|joint| joint.initial).filter(Fit::is_trusted);
         match self.frames.back_mut() {
             Some(last) => *last = joint,
             None => self.past = joint,
@@ -92,11 +91,16 @@ impl Window {
         let forward = self.forward();
         let next = self.frames.front().and_then(Option::as_ref);
         let initial = [next, self.past.as_ref()].map(|joint| joint.map(|joint| joint.initial));
-        let best = [(backward, Origin::Backward), (forward, Origin::Forward), (initial[0], Origin::Initial), (initial[1], Origin::Initial)]
-            .into_iter()
-            .filter_map(|(fit, origin)| Some(Candidate { fit: fit?, origin }))
-            .filter(|candidate| candidate.fit.confidence > 0.0)
-            .min_by(|a, b| a.fit.energy.total_cmp(&b.fit.energy));
+        let best = [
+            (backward, Origin::Backward),
+            (forward, Origin::Forward),
+            (initial[0], Origin::Initial),
+            (initial[1], Origin::Initial),
+        ]
+        .into_iter()
+        .filter_map(|(fit, origin)| Some(Candidate { fit: fit?, origin }))
+        .filter(|candidate| candidate.fit.is_trusted())
+        .min_by(|a, b| a.fit.energy.total_cmp(&b.fit.energy));
         if let Some(joint) = self.frames.pop_front() {
             self.past = joint;
             self.serial += 1;
@@ -118,26 +122,45 @@ impl Window {
     }
 
     /// The first frame's motion from the initial pair; `None` where it is in that pair itself.
+    ///
+    /// A pair over which the recursion finds no motion to be trusted is a cut: the initial pair is
+    /// then sought before it.
     fn backward(&mut self) -> Option<Fit> {
-        let start = self.initial_pair()?;
-        let start_serial = self.serial + start as u64;
-        let mut known = self.frames.get(start)?.as_ref()?.initial;
-        for joint in self.frames.iter_mut().take(start).rev() {
-            let joint = joint.as_mut()?;
-            known = match joint.backward {
-                Some((serial, fit)) if serial == start_serial => fit,
-                _ => joint.link.relay(Known::Second, known.twist, &mut self.scratch).unwrap_or(joint.initial),
-            };
-            joint.backward = Some((start_serial, known));
+        let mut end = self.frames.len();
+        loop {
+            let start = self.initial_pair(end)?;
+            match self.follow_back(start) {
+                Ok(fit) => return (start > 0).then_some(fit),
+                Err(cut) => end = cut,
+            }
         }
-        (start > 0).then_some(known)
     }
 
-    /// Index of the frame that begins the pair of least E, before the first cut.
-    fn initial_pair(&self) -> Option<usize> {
-        let joined = self.frames.iter().map_while(Option::as_ref).enumerate();
+    /// The recursion from the pair that begins at frame `start` to the first frame; the index of the
+    /// frame before the cut where it comes upon one.
+    fn follow_back(&mut self, start: usize) -> Result<Fit, usize> {
+        let from = self.serial + start as u64;
+        let mut known = self.frames.get(start).and_then(Option::as_ref).ok_or(start)?.initial;
+        for (index, joint) in self.frames.iter_mut().enumerate().take(start).rev() {
+            let joint = joint.as_mut().ok_or(index)?;
+            known = match joint.backward {
+                Some((serial, fit)) if serial == from => fit,
+                _ => joint
+                    .link
+                    .relay(Known::Second, known.twist, &mut self.scratch)
+                    .filter(Fit::is_trusted)
+                    .ok_or(index)?,
+            };
+            joint.backward = Some((from, known));
+        }
+        Ok(known)
+    }
+
+    /// Index of the frame that begins the pair of least E among the first `end` pairs.
+    fn initial_pair(&self, end: usize) -> Option<usize> {
+        let joined = self.frames.iter().take(end).map_while(Option::as_ref).enumerate();
         joined
-            .filter(|(_, joint)| !joint.link.is_still())
+            .filter(|(_, joint)| joint.initial.is_trusted() && !joint.link.is_still())
             .min_by(|(_, a), (_, b)| a.initial.energy.total_cmp(&b.initial.energy))
             .map(|(index, _)| index)
     }
