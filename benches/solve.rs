@@ -40,7 +40,9 @@ fn solve(criterion: &mut Criterion) {
         let mut window = Window::default();
         let mut frames = (0..).map(|i| links[i % links.len()].clone());
         window.push(None);
-        (0..lookahead).for_each(|_| drop(window.push(frames.next())));
+        for link in frames.by_ref().take(lookahead) {
+            window.push(Some(link));
+        }
         criterion.bench_function(&format!("solve/frame, lookahead {lookahead}"), |b| {
             b.iter(|| {
                 window.push(frames.next());

@@ -154,13 +154,10 @@ impl Link {
             return None;
         }
         let start = robust_start(matches, self.noise, errors)?;
-        let twist = minimiser.minimise(matches, start.twist, start.loss)?;
+        let twist = minimiser.minimise(matches, start.twist, Loss::GemanMcClure(start.reach))?;
         errors.clear();
         errors.extend(matches.iter().map(|m| m.error(twist)));
-        let inliers = match start.loss {
-            Loss::GemanMcClure(reach) => errors.iter().filter(|&&error| error < reach).count(),
-            Loss::Squares => errors.len(),
-        };
+        let inliers = errors.iter().filter(|&&error| error < start.reach).count();
         let energy = mean_of_inliers(errors);
         let confidence = self.confidence(twist, energy);
         energy.is_finite().then_some(Fit { twist, energy, inliers, confidence })
