@@ -184,7 +184,7 @@ impl Sequence {
         let mut amplitude = 1.0;
         for _ in 0..8 {
             self.camera = camera_of(self, amplitude);
-            let reached = self.truth().uncorrected(self.settings.width / 20).rms;
+            let reached = self.truth().uncorrected(self.settings.width / 40).rms;
             if (reached - target).abs() < 1e-3 * target {
                 break;
             }

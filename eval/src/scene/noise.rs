@@ -24,14 +24,11 @@ impl Noise {
         self.hash(x, y) as f32 / 4_294_967_296.0
     }
 
-    /// Gradient noise in about −1..1 that repeats after `period` cells in x and y.
+    /// Gradient noise in about −1..1 that repeats after `period` cells, powers of two, in x and y.
     pub fn gradient(self, x: f32, y: f32, period: [i32; 2]) -> f32 {
-        let (x0, y0) = (x.floor(), y.floor());
-        let (fx, fy) = (x - x0, y - y0);
+        let ((x0, fx), (y0, fy)) = (split(x), split(y));
         let corner = |i: i32, j: i32| {
-            let column = (x0 as i32 + i).rem_euclid(period[0]);
-            let row = (y0 as i32 + j).rem_euclid(period[1]);
-            let hash = self.hash(column, row);
+            let hash = self.hash((x0 + i) & (period[0] - 1), (y0 + j) & (period[1] - 1));
             let slope = |bits: u32| (bits & 0xffff) as f32 / 32768.0 - 1.0;
             slope(hash) * (fx - i as f32) + slope(hash >> 16) * (fy - j as f32)
         };
@@ -43,20 +40,26 @@ impl Noise {
 
     /// A sum of octaves over the unit square: octave o has 2^o cells and weighs gain^o.
     pub fn fractal(self, u: f32, v: f32, octaves: Range<u32>, gain: f32) -> f32 {
-        let start = octaves.start;
-        octaves
-            .map(|octave| {
-                let cells = 1 << octave;
-                let weight = gain.powi((octave - start) as i32);
-                let noise = self.fork(octave);
-                weight * noise.gradient(u * cells as f32, v * cells as f32, [cells, cells])
-            })
-            .sum()
+        let mut weight = 1.0;
+        let mut sum = 0.0;
+        for octave in octaves {
+            let cells = 1 << octave;
+            sum += weight * self.fork(octave).gradient(u * cells as f32, v * cells as f32, [cells; 2]);
+            weight *= gain;
+        }
+        sum
     }
 
     fn hash(self, x: i32, y: i32) -> u32 {
         scramble(self.seed ^ scramble((x as u32).wrapping_mul(0x27d4_eb2f) ^ (y as u32).rotate_left(16)))
     }
+}
+
+/// The integer below a number and what is above it. (`f32::floor` is a library call where the
+/// target is not known to round in hardware, and this is the innermost loop.)
+pub fn split(x: f32) -> (i32, f32) {
+    let whole = x as i32 - i32::from(x < 0.0);
+    (whole, x - whole as f32)
 }
 
 /// Linear interpolation from `a` to `b`.
@@ -90,6 +93,13 @@ mod tests {
             assert!((value - a.gradient(x + 4.0, y - 4.0, [4, 4])).abs() < 1e-5);
             assert_ne!(value, b.gradient(x, y, [4, 4]));
         }
+    }
+
+    #[test]
+    fn split_rounds_down() {
+        assert_eq!(split(2.25), (2, 0.25));
+        assert_eq!(split(-0.75), (-1, 0.25));
+        assert_eq!(split(0.0), (0, 0.0));
     }
 
     #[test]

@@ -196,7 +196,7 @@ fn collage(noise: Noise, u: f32, v: f32, texel: f32) -> Colour {
 fn crate_wood(noise: Noise, u: f32, v: f32, texel: f32) -> Colour {
     let boards = 6.0;
     let board = noise.cell(9, (v * boards) as i32);
-    let grain = noise.gradient(u * 8.0, v * 96.0, [8, 96]);
+    let grain = noise.gradient(u * 8.0, v * 64.0, [8, 64]);
     let wood = blend([0.5, 0.36, 0.2], [0.86, 0.7, 0.46], (board + 0.35 * grain).clamp(0.0, 1.0));
     let gaps = blend([0.15, 0.1, 0.06], wood, inside(edge(v * boards, boards) - 0.004, texel));
     let frame = u.min(1.0 - u).min(v).min(1.0 - v);

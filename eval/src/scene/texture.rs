@@ -2,6 +2,8 @@
 //!
 //! L. Williams, *Pyramidal parametrics*, SIGGRAPH 1983.
 
+use super::noise::split;
+
 /// A colour: red, green, blue; 0 is black, 1 is white.
 pub type Colour = [f32; 3];
 
@@ -46,11 +48,12 @@ impl Texture {
     /// The narrow side of the footprint chooses the pyramid level; the long side is walked with as
     /// many lookups as it is longer, four at most.
     pub fn sample(&self, u: f32, v: f32, across: [f32; 2], along: [f32; 2]) -> Colour {
-        let (length_a, length_b) = (across[0].hypot(across[1]), along[0].hypot(along[1]));
+        let length = |side: [f32; 2]| (side[0] * side[0] + side[1] * side[1]).sqrt();
+        let (length_a, length_b) = (length(across), length(along));
         let (major, long) = if length_a > length_b { (across, length_a) } else { (along, length_b) };
         let area = (across[0] * along[1] - across[1] * along[0]).abs();
         let narrow = (area / long.max(1e-12)).max(long / MAX_ANISOTROPY);
-        let taps = (long / narrow.max(1e-12)).round().clamp(1.0, MAX_ANISOTROPY);
+        let taps = (long / narrow.max(1e-12) + 0.5).clamp(1.0, MAX_ANISOTROPY) as usize as f32;
         let level = (narrow * self.size() as f32).max(1.0).log2();
         let mut sum = [0.0; 3];
         for tap in 0..taps as usize {
@@ -87,13 +90,11 @@ impl Level {
     }
 
     fn bilinear(&self, u: f32, v: f32) -> Colour {
-        let (x, y) = (u * self.size as f32 - 0.5, v * self.size as f32 - 0.5);
-        let (x0, y0) = (x.floor(), y.floor());
-        let (fx, fy) = (x - x0, y - y0);
-        let mask = self.size - 1;
-        let wrap = |index: f32, step: isize| (index as isize + step) as usize & mask;
-        let (left, right) = (wrap(x0, 0), wrap(x0, 1));
-        let (top, bottom) = (wrap(y0, 0) * self.size, wrap(y0, 1) * self.size);
+        let (x0, fx) = split(u * self.size as f32 - 0.5);
+        let (y0, fy) = split(v * self.size as f32 - 0.5);
+        let wrap = |index: i32| index as usize & (self.size - 1);
+        let (left, right) = (wrap(x0), wrap(x0 + 1));
+        let (top, bottom) = (wrap(y0) * self.size, wrap(y0 + 1) * self.size);
         let sum = add_scaled([0.0; 3], self.texels[top + left], (1.0 - fx) * (1.0 - fy));
         let sum = add_scaled(sum, self.texels[top + right], fx * (1.0 - fy));
         let sum = add_scaled(sum, self.texels[bottom + left], (1.0 - fx) * fy);
