@@ -79,7 +79,7 @@ impl Settings {
 /// video from hand-held devices*, CVPR 2010, in name, kind of motion, frame size and blank rows.
 pub fn catalogue() -> Vec<Settings> {
     use Strength::{Amplitude, Displacement};
-    let shake = |highest| Motion::Shake { highest };
+    let shake = |lowest, highest| Motion::Shake { lowest, highest };
     vec![
         Settings::new("rot1_B0", Motion::SpiralRotation, Displacement(9.0)),
         Settings::new("rot1_B40", Motion::SpiralRotation, Displacement(9.0)).blank_rows(40.0),
@@ -90,17 +90,17 @@ pub fn catalogue() -> Vec<Settings> {
             readout_ratio: 0.42,
             noise: 3.0,
             frames: 30,
-            ..Settings::new("shake_g042", shake(0.4), Displacement(3.0))
+            ..Settings::new("shake_g042", shake(0.04, 0.4), Displacement(3.0))
         },
         Settings {
             readout_ratio: 0.85,
             first: FirstEdge::Bottom,
             noise: 3.0,
             frames: 30,
-            ..Settings::new("btt_g085", shake(0.15), Displacement(5.0))
+            ..Settings::new("btt_g085", shake(0.015, 0.15), Displacement(5.0))
         },
         Settings { frames: 30, ..Settings::new("vibration", Motion::Vibration, Displacement(5.0)) },
-        Settings { readout_ratio: 0.0, ..Settings::new("control_global", shake(0.4), Amplitude(1.0)) },
+        Settings { readout_ratio: 0.0, ..Settings::new("control_global", shake(0.04, 0.4), Amplitude(1.0)) },
         Settings { noise: 2.0, ..Settings::new("control_still", Motion::Still, Amplitude(0.0)) },
     ]
 }
@@ -117,7 +117,7 @@ pub fn demo() -> Settings {
         height: 720,
         frames: 135,
         noise: 1.0,
-        ..Settings::new("demo", Motion::Shake { highest: 0.13 }, Strength::Displacement(14.0))
+        ..Settings::new("demo", Motion::Shake { lowest: 0.05, highest: 0.13 }, Strength::Displacement(13.0))
     }
 }
 

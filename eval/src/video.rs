@@ -3,11 +3,11 @@
 use crate::scene::Frame;
 use anyhow::{Context, Result};
 use std::fs::File;
-use std::io::{BufWriter, Write};
+use std::io::{BufWriter, ErrorKind, Write};
 use std::path::Path;
 
 /// Writes frames as YUV4MPEG2 in 4:2:0 (BT.709, limited range) to a file, or to the standard output
-/// for `-`.
+/// for `-`, until its reader goes away.
 pub fn write(
     path: &Path,
     [width, height]: [usize; 2],
@@ -26,7 +26,11 @@ pub fn write(
         .write_header(BufWriter::new(out))?;
     for frame in frames {
         let planes = frame.planes();
-        encoder.write_frame(&y4m::Frame::new([&planes.y, &planes.u, &planes.v], None))?;
+        match encoder.write_frame(&y4m::Frame::new([&planes.y, &planes.u, &planes.v], None)) {
+            // The reader has seen enough, as `| head` has.
+            Err(y4m::Error::IoError(error)) if error.kind() == ErrorKind::BrokenPipe => break,
+            written => written?,
+        }
     }
     Ok(())
 }

@@ -40,8 +40,10 @@ pub enum Motion {
     /// [`Rotation`](Self::Rotation) and [`Translation`](Self::Translation), each with about half
     /// of the displacement.
     RotationAndTranslation,
-    /// A hand's shake: turns, and some translation, up to a frequency in cycles a frame.
+    /// A hand's shake: turns, and some translation, in a band of frequencies.
     Shake {
+        /// The lowest frequency in cycles a frame.
+        lowest: f64,
         /// The highest frequency in cycles a frame.
         highest: f64,
     },
@@ -80,13 +82,13 @@ impl Oscillations {
         match motion {
             Motion::Still => {}
             Motion::SpiralRotation => path.spiral(&mut random),
-            Motion::Rotation => path.rotate(&mut random, 1.0),
-            Motion::Translation => path.translate(&mut random, 1.0),
+            Motion::Rotation => path.rotate(&mut random),
+            Motion::Translation => path.translate(&mut random),
             Motion::RotationAndTranslation => {
-                path.rotate(&mut random, 1.0);
-                path.translate(&mut random, 1.0);
+                path.rotate(&mut random);
+                path.translate(&mut random);
             }
-            Motion::Shake { highest } => path.shake(&mut random, highest),
+            Motion::Shake { lowest, highest } => path.shake(&mut random, lowest, highest),
             Motion::Vibration => path.vibrate(&mut random),
         }
         for axis in path.rotation.iter_mut().chain(&mut path.position) {
@@ -105,24 +107,22 @@ impl Oscillations {
         self.rotation[2] = vec![Oscillation { amplitude: 0.05, frequency: 0.03, phase }];
     }
 
-    fn rotate(&mut self, random: &mut ChaCha8Rng, scale: f64) {
+    fn rotate(&mut self, random: &mut ChaCha8Rng) {
         for (axis, amplitude) in [(0, 0.05), (1, 0.07), (2, 0.08)] {
-            self.rotation[axis] = band(random, scale * amplitude, [0.015, 0.06], 3);
+            self.rotation[axis] = band(random, amplitude, [0.015, 0.06], 3);
         }
     }
 
-    fn translate(&mut self, random: &mut ChaCha8Rng, scale: f64) {
+    fn translate(&mut self, random: &mut ChaCha8Rng) {
         for (axis, amplitude) in [(0, 0.3), (1, 0.18), (2, 0.15)] {
-            self.position[axis] = band(random, scale * amplitude, [0.015, 0.045], 2);
+            self.position[axis] = band(random, amplitude, [0.015, 0.045], 2);
         }
     }
 
-    fn shake(&mut self, random: &mut ChaCha8Rng, highest: f64) {
-        for (axis, amplitude) in [(0, 0.03), (1, 0.03), (2, 0.03)] {
-            self.rotation[axis] = band(random, amplitude, [0.1 * highest, highest], 8);
-        }
-        for axis in 0..3 {
-            self.position[axis] = band(random, 0.01, [0.1 * highest, 0.5 * highest], 4);
+    fn shake(&mut self, random: &mut ChaCha8Rng, lowest: f64, highest: f64) {
+        for (turn, shift) in self.rotation.iter_mut().zip(&mut self.position) {
+            *turn = band(random, 0.03, [lowest, highest], 8);
+            *shift = band(random, 0.01, [lowest, 0.5 * (lowest + highest)], 4);
         }
     }
 
@@ -178,7 +178,7 @@ mod tests {
         let limits = [
             (Motion::Rotation, 0.06, 0.08),
             (Motion::Translation, 0.045, 0.3),
-            (Motion::Shake { highest: 0.4 }, 0.4, 0.03),
+            (Motion::Shake { lowest: 0.04, highest: 0.4 }, 0.4, 0.03),
             (Motion::Vibration, 2.5, 0.015),
         ];
         for (motion, highest, peak) in limits {
@@ -194,7 +194,7 @@ mod tests {
 
     #[test]
     fn the_seed_and_nothing_else_decides() {
-        let path = |seed| Oscillations::new(Motion::Shake { highest: 0.4 }, 1.0, 30.0, seed);
+        let path = |seed| Oscillations::new(Motion::Shake { lowest: 0.04, highest: 0.4 }, 1.0, 30.0, seed);
         assert_eq!(path(5), path(5));
         assert_ne!(path(5), path(6));
     }

@@ -174,7 +174,7 @@ fn books(noise: Noise, u: f32, v: f32, texel: f32) -> Colour {
 }
 
 fn collage(noise: Noise, u: f32, v: f32, texel: f32) -> Colour {
-    let mut colour = hue(noise.cell(0, 0), 0.5, 0.9);
+    let mut colour = hue(noise.cell(0, 0), 0.18, 0.92);
     for shape in 1..48 {
         let own = noise.fork(shape);
         let wrap = |t: f32| t - t.round();

@@ -10,6 +10,9 @@ pub type Colour = [f32; 3];
 /// The widest footprint, in multiples of the narrow side, that is sampled without blur.
 const MAX_ANISOTROPY: f32 = 4.0;
 
+/// A stored colour; the fourth number is unused and makes it as wide as a vector register.
+type Texel = [f32; 4];
+
 /// A square picture that repeats over the plane, with its halved copies.
 #[derive(Clone, Debug)]
 pub struct Texture {
@@ -19,7 +22,7 @@ pub struct Texture {
 #[derive(Clone, Debug)]
 struct Level {
     size: usize,
-    texels: Vec<Colour>,
+    texels: Vec<Texel>,
 }
 
 impl Texture {
@@ -29,6 +32,7 @@ impl Texture {
     /// If `size` is not a power of two or does not fit the number of texels.
     pub fn new(size: usize, texels: Vec<Colour>) -> Self {
         assert!(size.is_power_of_two() && texels.len() == size * size, "a texture is square, side 2^n");
+        let texels = texels.into_iter().map(|[r, g, b]| [r, g, b, 0.0]).collect();
         let mut levels = vec![Level { size, texels }];
         while let Some(level) = levels.last().filter(|level| level.size > 1) {
             let half = level.halved();
@@ -55,16 +59,17 @@ impl Texture {
         let narrow = (area / long.max(1e-12)).max(long / MAX_ANISOTROPY);
         let taps = (long / narrow.max(1e-12) + 0.5).clamp(1.0, MAX_ANISOTROPY) as usize as f32;
         let level = (narrow * self.size() as f32).max(1.0).log2();
-        let mut sum = [0.0; 3];
+        let mut sum = [0.0; 4];
         for tap in 0..taps as usize {
             let step = (tap as f32 + 0.5) / taps - 0.5;
-            let colour = self.trilinear(u + step * major[0], v + step * major[1], level);
-            sum = add_scaled(sum, colour, 1.0 / taps);
+            let texel = self.trilinear(u + step * major[0], v + step * major[1], level);
+            sum = add_scaled(sum, texel, 1.0 / taps);
         }
-        sum
+        let [r, g, b, _] = sum;
+        [r, g, b]
     }
 
-    fn trilinear(&self, u: f32, v: f32, level: f32) -> Colour {
+    fn trilinear(&self, u: f32, v: f32, level: f32) -> Texel {
         let coarsest = self.levels.len() - 1;
         let fine = (level as usize).min(coarsest);
         let share = (level - fine as f32).clamp(0.0, 1.0);
@@ -72,7 +77,7 @@ impl Texture {
         if share == 0.0 || fine == coarsest {
             return colour;
         }
-        add_scaled(add_scaled([0.0; 3], colour, 1.0 - share), self.levels[fine + 1].bilinear(u, v), share)
+        add_scaled(add_scaled([0.0; 4], colour, 1.0 - share), self.levels[fine + 1].bilinear(u, v), share)
     }
 }
 
@@ -84,27 +89,27 @@ impl Level {
             let at = |i: usize, j: usize| self.texels[(y + j) * self.size + x + i];
             [(0, 0), (1, 0), (0, 1), (1, 1)]
                 .into_iter()
-                .fold([0.0; 3], |sum, (i, j)| add_scaled(sum, at(i, j), 0.25))
+                .fold([0.0; 4], |sum, (i, j)| add_scaled(sum, at(i, j), 0.25))
         };
         Self { size, texels: (0..size * size).map(texel).collect() }
     }
 
-    fn bilinear(&self, u: f32, v: f32) -> Colour {
+    fn bilinear(&self, u: f32, v: f32) -> Texel {
         let (x0, fx) = split(u * self.size as f32 - 0.5);
         let (y0, fy) = split(v * self.size as f32 - 0.5);
         let wrap = |index: i32| index as usize & (self.size - 1);
         let (left, right) = (wrap(x0), wrap(x0 + 1));
         let (top, bottom) = (wrap(y0) * self.size, wrap(y0 + 1) * self.size);
-        let sum = add_scaled([0.0; 3], self.texels[top + left], (1.0 - fx) * (1.0 - fy));
+        let sum = add_scaled([0.0; 4], self.texels[top + left], (1.0 - fx) * (1.0 - fy));
         let sum = add_scaled(sum, self.texels[top + right], fx * (1.0 - fy));
         let sum = add_scaled(sum, self.texels[bottom + left], (1.0 - fx) * fy);
         add_scaled(sum, self.texels[bottom + right], fx * fy)
     }
 }
 
-/// sum + weight · colour.
-pub fn add_scaled(sum: Colour, colour: Colour, weight: f32) -> Colour {
-    [sum[0] + weight * colour[0], sum[1] + weight * colour[1], sum[2] + weight * colour[2]]
+/// sum + weight · value, channel by channel.
+pub fn add_scaled<const N: usize>(sum: [f32; N], value: [f32; N], weight: f32) -> [f32; N] {
+    std::array::from_fn(|channel| sum[channel] + weight * value[channel])
 }
 
 #[cfg(test)]
