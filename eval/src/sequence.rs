@@ -5,8 +5,8 @@ use crate::scene::{FirstEdge, Frame, Pinhole, Renderer, RollingCamera, Scene, Sh
 use crate::truth::Truth;
 use std::sync::Arc;
 
-/// Focal length in frame widths: a field of view of 60° across.
-const FOCAL: f64 = 0.866;
+/// Focal length in frame widths: a field of view of 53° across.
+const FOCAL: f64 = 1.0;
 
 /// How strong the motion is.
 #[derive(Clone, Copy, Debug, PartialEq)]

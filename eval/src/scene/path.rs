@@ -102,7 +102,7 @@ impl Oscillations {
         let phase: f64 = random.random();
         for (axis, quarter) in [(0, 0.25), (1, 0.0)] {
             let circle = |amplitude, frequency| Oscillation { amplitude, frequency, phase: phase + quarter };
-            self.rotation[axis] = vec![circle(0.1, 0.055), circle(0.04, 0.037)];
+            self.rotation[axis] = vec![circle(0.1, 0.048), circle(0.04, 0.032)];
         }
         self.rotation[2] = vec![Oscillation { amplitude: 0.05, frequency: 0.03, phase }];
     }
