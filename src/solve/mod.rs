@@ -16,7 +16,7 @@ mod start;
 pub mod window;
 
 pub use link::{Fit, Link};
-pub use window::{Candidate, Window};
+pub use window::{Candidate, Origin, Window};
 
 #[cfg(test)]
 mod tests;

@@ -36,8 +36,7 @@ impl Renderer<'_> {
     fn render(&self, time: impl Fn(Vector2<f64>) -> f64 + Sync) -> Picture {
         let lens = self.camera.lens;
         let by_rows = self.camera.shutter.first.is_by_rows();
-        let (length, lines) =
-            if by_rows { (lens.width, lens.height) } else { (lens.height, lens.width) };
+        let (length, lines) = if by_rows { (lens.width, lens.height) } else { (lens.height, lens.width) };
         let mut colours = vec![[0.0; 3]; length * lines];
         colours.par_chunks_mut(length).enumerate().for_each_init(Line::default, |line, (index, out)| {
             let start = Vector3::new(0.0, 0.0, 1.0);
