@@ -98,12 +98,6 @@ impl KnotTable {
         }
     }
 
-    /// First and one past the last plane column of the knots.
-    pub fn columns(&self) -> (isize, isize) {
-        let step = KNOT as isize;
-        (self.first * step, (self.first + self.columns as isize - 1) * step)
-    }
-
     /// Displacements at all knots of plane row `row`, in 1/[`ONE`] px plus `round`.
     pub fn row(&self, row: usize, round: i32, knots: &mut Vec<i32>) {
         let rows = self.values.len() / self.columns.max(1);

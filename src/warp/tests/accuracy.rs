@@ -80,7 +80,7 @@ fn largest_error(truth: &Truth, placement: Placement) -> f64 {
     let warper = truth.warper();
     let map = warper.plane_map(placement, width);
     let (mut knots, mut across, mut down) = (Vec::new(), Vec::new(), Vec::new());
-    let from = -(width as isize).next_multiple_of(16);
+    let from = -(width.next_multiple_of(16) as isize);
     let mut worst: f64 = 0.0;
     for row in (0..height).step_by(13).chain([height - 1]) {
         map.across.row(row, 0, &mut knots);
