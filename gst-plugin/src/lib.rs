@@ -34,5 +34,4 @@ mod plugin {
     );
 
     use super::plugin_init;
-    pub use plugin_desc::plugin_register_static;
 }
