@@ -199,7 +199,7 @@ fn analysis_specs() -> Vec<glib::ParamSpec> {
         glib::ParamSpecUInt64::builder("readout-time")
             .nick("Readout time")
             .blurb(
-                "Time from the first row's exposure to the last one's, in nanoseconds; wins over \
+                "Time that the readout of all rows takes, in nanoseconds; wins over \
                  inter-frame-delay; 0: unknown",
             )
             .maximum(gst::ClockTime::SECOND.nseconds())

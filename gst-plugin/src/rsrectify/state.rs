@@ -62,12 +62,16 @@ impl State {
         if self.is_passthrough() {
             return gst::ClockTime::ZERO;
         }
-        let frames = self.analysis.lookahead as u64;
         let fps = self.layout.info().fps();
-        let (num, den) = (u64::try_from(fps.numer()).unwrap_or(0), u64::try_from(fps.denom()).unwrap_or(0));
-        // Nothing is known with a variable frame rate: 0 / 1.
-        let time = (frames * den).mul_div_ceil(gst::ClockTime::SECOND.nseconds(), num);
-        gst::ClockTime::from_nseconds(time.unwrap_or(0))
+        match (u64::try_from(fps.numer()), u64::try_from(fps.denom())) {
+            (Ok(num), Ok(den)) if num > 0 => {
+                let frames = self.analysis.lookahead as u64;
+                let time = (frames * den).mul_div_ceil(gst::ClockTime::SECOND.nseconds(), num);
+                gst::ClockTime::from_nseconds(time.unwrap_or(0))
+            }
+            // The frame rate varies, nothing is known.
+            _ => gst::ClockTime::ZERO,
+        }
     }
 
     /// Frames that are held at most.
