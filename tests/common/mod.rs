@@ -119,9 +119,9 @@ impl Log {
     pub fn new(harness: &Harness) -> Self {
         let log = Self::default();
         let entries = log.0.clone();
-        let mask = gst::PadProbeType::BUFFER | gst::PadProbeType::EVENT_DOWNSTREAM;
+        let events = gst::PadProbeType::EVENT_DOWNSTREAM | gst::PadProbeType::EVENT_FLUSH;
         let pad = harness.element().unwrap().static_pad("src").unwrap();
-        pad.add_probe(mask, move |_, info| {
+        pad.add_probe(gst::PadProbeType::BUFFER | events, move |_, info| {
             let entry = match &info.data {
                 Some(gst::PadProbeData::Buffer(buffer)) => {
                     format!("frame {}", numbers(std::slice::from_ref(buffer))[0])
@@ -159,4 +159,19 @@ pub fn bus(harness: &Harness) -> gst::Bus {
 /// The types of messages on a bus.
 pub fn messages(bus: &gst::Bus, kind: gst::MessageType) -> Vec<gst::Message> {
     std::iter::from_fn(|| bus.pop_filtered(&[kind])).collect()
+}
+
+/// Plays a pipeline to its end.
+pub fn run_to_eos(pipeline: &gst::Pipeline) {
+    pipeline.set_state(gst::State::Playing).unwrap();
+    wait_for(pipeline, gst::MessageType::Eos);
+}
+
+/// Waits for a message; an error message fails the test.
+pub fn wait_for(pipeline: &gst::Pipeline, kind: gst::MessageType) -> gst::Message {
+    let bus = pipeline.bus().unwrap();
+    let message = bus.timed_pop_filtered(gst::ClockTime::from_seconds(60), &[kind, gst::MessageType::Error]);
+    let message = message.expect("nothing happened for a minute");
+    assert_ne!(message.type_(), gst::MessageType::Error, "{message:?}");
+    message
 }
