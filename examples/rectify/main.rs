@@ -4,137 +4,23 @@
 //! cargo run --release -p gst-plugin-rsrectify --example rectify -- IN.mov OUT.mp4
 //! ```
 //!
-//! Frames are rectified as the sensor delivered them and turned upright only afterwards, by the
-//! player or, in a comparison, here: a portrait clip of a phone has its rows read top to bottom
-//! before it is rotated.
+//! Frames are rectified as the sensor delivered them and turned upright only afterwards: the rows of
+//! a phone's portrait clip are read top to bottom before it is rotated.
+
+mod options;
 
 use anyhow::{Context, Result, anyhow, bail};
-use clap::{Args, Parser, ValueEnum};
+use clap::Parser;
 use gst::prelude::*;
 use indicatif::{ProgressBar, ProgressStyle};
+use options::{Audio, Options};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
 
-/// Takes rolling-shutter distortion out of a video file.
-#[derive(Parser)]
-struct Options {
-    /// Any video file that GStreamer can decode.
-    input: PathBuf,
-    /// The MP4 file to write.
-    output: PathBuf,
-    /// Shows the clip before and after, side by side.
-    #[arg(long)]
-    compare: bool,
-    /// Replaces OUTPUT if it is there.
-    #[arg(long)]
-    overwrite: bool,
-    /// Constant quality of the H.264 encoder: 0 is lossless, 18 hard to tell from it, 51 worst.
-    #[arg(long, default_value_t = 18, value_parser = clap::value_parser!(u32).range(0..=50))]
-    quality: u32,
-    /// Bit rate in kbit/s instead of a constant quality.
-    #[arg(long, value_parser = clap::value_parser!(u32).range(1..=2_048_000))]
-    bitrate: Option<u32>,
-    /// What becomes of the audio. What MP4 cannot hold is encoded even if it is to be copied.
-    #[arg(long, value_enum, default_value_t = Audio::Copy)]
-    audio: Audio,
-    #[command(flatten)]
-    rectifier: RectifierOptions,
-}
-
-#[derive(Clone, Copy, PartialEq, ValueEnum)]
-enum Audio {
-    Copy,
-    Aac,
-    None,
-}
-
-/// Properties of the element; those not given keep its defaults.
-#[derive(Args)]
-#[command(next_help_heading = "Rectifier")]
-struct RectifierOptions {
-    /// Readout time of the sensor in milliseconds, if known.
-    #[arg(long, value_name = "MS", value_parser = milliseconds)]
-    readout_time: Option<f64>,
-    /// Blank time between two frames in rows; -1 where it is not known.
-    #[arg(long, value_name = "ROWS", allow_negative_numbers = true)]
-    inter_frame_delay: Option<f64>,
-    /// Edge of the frame, as it is stored, that is read first.
-    #[arg(long, value_name = "DIRECTION",
-          value_parser = ["auto", "top-to-bottom", "bottom-to-top", "left-to-right", "right-to-left"])]
-    readout_direction: Option<String>,
-    /// Frames looked ahead.
-    #[arg(long, value_name = "FRAMES", value_parser = clap::value_parser!(u32).range(0..=64))]
-    lookahead: Option<u32>,
-    /// Columns of the grid of correspondences.
-    #[arg(long, value_name = "N")]
-    grid_columns: Option<u32>,
-    /// Rows of the grid of correspondences.
-    #[arg(long, value_name = "N")]
-    grid_rows: Option<u32>,
-    /// Share of the readout whose instant is shown: 0 first read, 1 last read.
-    #[arg(long, value_name = "SHARE", value_parser = share)]
-    reference_row: Option<f64>,
-    /// How samples between pixels are made.
-    #[arg(long, value_parser = ["nearest", "linear", "cubic", "lanczos"])]
-    interpolation: Option<String>,
-    /// What is shown where the frame saw nothing.
-    #[arg(long, value_name = "MODE", value_parser = ["replicate", "mirror", "constant", "crop"])]
-    border_mode: Option<String>,
-    /// How much of the correction is applied, 0 to 1.
-    #[arg(long, value_name = "SHARE", value_parser = share)]
-    strength: Option<f64>,
-    /// Threads of the rectifier; 0 for one a core.
-    #[arg(long, value_name = "N")]
-    threads: Option<u32>,
-}
-
-fn milliseconds(text: &str) -> Result<f64, String> {
-    in_range(text, 0.0..=1e6)
-}
-
-fn share(text: &str) -> Result<f64, String> {
-    in_range(text, 0.0..=1.0)
-}
-
-fn in_range(text: &str, range: std::ops::RangeInclusive<f64>) -> Result<f64, String> {
-    let value: f64 = text.parse().map_err(|_| "not a number".to_owned())?;
-    if range.contains(&value) {
-        Ok(value)
-    } else {
-        Err(format!("not between {} and {}", range.start(), range.end()))
-    }
-}
-
-impl RectifierOptions {
-    /// Sets the properties that were given.
-    fn apply(&self, rectifier: &gst::Element) -> Result<()> {
-        let nanoseconds = self.readout_time.map(|ms| (ms * 1e6).round() as u64);
-        let given = [
-            ("readout-time", nanoseconds.map(|v| v.to_string())),
-            ("inter-frame-delay", self.inter_frame_delay.map(|v| v.to_string())),
-            ("readout-direction", self.readout_direction.clone()),
-            ("lookahead", self.lookahead.map(|v| v.to_string())),
-            ("grid-columns", self.grid_columns.map(|v| v.to_string())),
-            ("grid-rows", self.grid_rows.map(|v| v.to_string())),
-            ("reference-row", self.reference_row.map(|v| v.to_string())),
-            ("interpolation", self.interpolation.clone()),
-            ("border-mode", self.border_mode.clone()),
-            ("strength", self.strength.map(|v| v.to_string())),
-            ("threads", self.threads.map(|v| v.to_string())),
-        ];
-        for (name, value) in given {
-            let Some(value) = value else { continue };
-            let spec = rectifier.find_property(name).with_context(|| format!("rsrectify has no {name}"))?;
-            let value = gst::glib::Value::deserialize_with_pspec(&value, &spec)
-                .map_err(|_| anyhow!("{value} is not a value of --{name}"))?;
-            rectifier.set_property_from_value(name, &value);
-        }
-        Ok(())
-    }
-}
-
+/// Turns frames as the clip's rotation tag says.
+const UPRIGHT: &str = "videoconvert ! videoflip video-direction=auto";
 /// What MP4 players show: 4:2:0, at 8 or 10 bits as the clip has it.
 const ENCODED_FORMATS: &str = "video/x-raw,format={I420,YV12,NV12,I420_10LE}";
 /// The encoder holds back dozens of frames; audio that waits for them must not fill its queue,
@@ -143,16 +29,17 @@ const BOUNDLESS_QUEUE: &str = "queue max-size-buffers=0 max-size-bytes=0 max-siz
 
 /// Decoded video → H.264.
 fn video_branch(options: &Options) -> Result<gst::Bin> {
-    let before = if options.compare {
-        "queue ! videoconvert ! tee name=both \
-         both. ! queue name=original ! videoconvert ! videoflip video-direction=auto ! side. \
-         both. ! rsrectify name=rectifier ! queue ! videoconvert ! videoflip video-direction=auto ! side. \
-         compositor name=side background=black"
+    let rectified = format!("rsrectify name=rectifier ! queue ! {UPRIGHT}");
+    let shown = if options.compare {
+        format!(
+            "tee name=both  both. ! queue name=original ! {UPRIGHT} ! side.  both. ! {rectified} ! side. \
+             compositor name=side background=black"
+        )
     } else {
-        "queue ! videoconvert ! rsrectify name=rectifier ! queue"
+        rectified
     };
     let bin = parse(&format!(
-        "{before} ! videoconvert ! {ENCODED_FORMATS} ! x264enc name=encoder ! h264parse"
+        "queue ! videoconvert ! {shown} ! videoconvert ! {ENCODED_FORMATS} ! x264enc name=encoder ! h264parse"
     ))?;
     let rectifier = named(&bin, "rectifier")?;
     options.rectifier.apply(&rectifier)?;
@@ -182,7 +69,7 @@ fn video_branch(options: &Options) -> Result<gst::Bin> {
 fn place_side_by_side(compositor: &gst::Element) -> Result<()> {
     let pad = compositor.static_pad("sink_1").context("compositor has no second pad")?;
     pad.add_probe(gst::PadProbeType::EVENT_DOWNSTREAM, |pad, info| {
-        if let Some(gst::EventView::Caps(caps)) = info.event().map(gst::EventRef::view)
+        if let Some(gst::EventView::Caps(caps)) = info.event().map(|event| event.view())
             && let Some(width) = caps.caps().structure(0).and_then(|s| s.get::<i32>("width").ok())
         {
             pad.set_property("xpos", width);
@@ -294,7 +181,7 @@ impl Linker {
 
     fn report(&self, error: &anyhow::Error) {
         if let Some(pipeline) = self.pipeline.upgrade() {
-            gst::element_error!(pipeline, gst::StreamError::Failed, ["{error:#}"]);
+            gst::element_error!(pipeline, gst::StreamError::Failed, ("{error:#}"));
         }
     }
 }
