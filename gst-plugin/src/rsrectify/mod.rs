@@ -1,0 +1,26 @@
+//! The element `rsrectify`.
+
+use gst::glib;
+use gst::prelude::*;
+
+mod enums;
+mod formats;
+mod imp;
+mod properties;
+mod queue;
+mod report;
+mod state;
+
+pub use enums::{BorderMode, Estimator, Interpolation, Model, ReadoutDirection};
+
+glib::wrapper! {
+    /// The element `rsrectify`: a video filter that holds `lookahead` frames back.
+    pub struct RsRectify(ObjectSubclass<imp::RsRectify>)
+        @extends gst_video::VideoFilter, gst_base::BaseTransform, gst::Element, gst::Object,
+        @implements gst::Preset;
+}
+
+/// Registers the element with `plugin`. It is never plugged in on its own: its rank is none.
+pub fn register(plugin: &gst::Plugin) -> Result<(), glib::BoolError> {
+    gst::Element::register(Some(plugin), "rsrectify", gst::Rank::NONE, RsRectify::static_type())
+}

@@ -1,0 +1,337 @@
+//! The element's settings and their property descriptions.
+//!
+//! Names, types and defaults are stored in project files and presets: never change one.
+
+use super::enums::{BorderMode, Estimator, Interpolation, Model, ReadoutDirection};
+use gst::glib;
+use gst::prelude::*;
+use rsrectify::motion::MotionPath;
+use rsrectify::readout::ReadoutTime;
+use rsrectify::{rectifier, warp};
+use std::sync::LazyLock;
+
+const DEFAULT_GRID_COLUMNS: u32 = 32;
+const DEFAULT_GRID_ROWS: u32 = 24;
+const DEFAULT_INTER_FRAME_DELAY: f64 = -1.0;
+const DEFAULT_LOOKAHEAD: u32 = 4;
+const DEFAULT_REFERENCE_ROW: f64 = 0.5;
+const DEFAULT_BORDER_COLOR: u32 = 0xff00_0000;
+const DEFAULT_CROP: f64 = 5.0;
+const DEFAULT_STRENGTH: f64 = 1.0;
+
+/// What the user has set.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Settings {
+    grid_columns: u32,
+    grid_rows: u32,
+    inter_frame_delay: f64,
+    readout_time: u64,
+    readout_direction: ReadoutDirection,
+    lookahead: u32,
+    estimator: Estimator,
+    model: Model,
+    reference_row: f64,
+    interpolation: Interpolation,
+    border_mode: BorderMode,
+    /// Colour of `border-mode=constant`, 0xAARRGGBB.
+    pub border_color: u32,
+    crop: f64,
+    strength: f64,
+    /// Worker threads; 0: as many as there are cores.
+    pub threads: u32,
+    /// Whether each frame's motion is posted on the bus.
+    pub post_messages: bool,
+}
+
+impl Default for Settings {
+    fn default() -> Self {
+        Self {
+            grid_columns: DEFAULT_GRID_COLUMNS,
+            grid_rows: DEFAULT_GRID_ROWS,
+            inter_frame_delay: DEFAULT_INTER_FRAME_DELAY,
+            readout_time: 0,
+            readout_direction: ReadoutDirection::default(),
+            lookahead: DEFAULT_LOOKAHEAD,
+            estimator: Estimator::default(),
+            model: Model::default(),
+            reference_row: DEFAULT_REFERENCE_ROW,
+            interpolation: Interpolation::default(),
+            border_mode: BorderMode::default(),
+            border_color: DEFAULT_BORDER_COLOR,
+            crop: DEFAULT_CROP,
+            strength: DEFAULT_STRENGTH,
+            threads: 0,
+            post_messages: false,
+        }
+    }
+}
+
+impl Settings {
+    /// How the stream is analysed.
+    ///
+    /// What is known for certain wins: a readout time, else a delay, else the whole frame period.
+    pub fn analysis(&self) -> rectifier::Settings {
+        let readout_time = if self.readout_time != 0 {
+            ReadoutTime::Seconds(self.readout_time as f64 * 1e-9)
+        } else if self.inter_frame_delay >= 0.0 {
+            ReadoutTime::DelayRows(self.inter_frame_delay)
+        } else {
+            ReadoutTime::WholePeriod
+        };
+        rectifier::Settings {
+            grid_columns: self.grid_columns as usize,
+            grid_rows: self.grid_rows as usize,
+            lookahead: self.lookahead as usize,
+            direction: self.readout_direction.into(),
+            readout_time,
+        }
+    }
+
+    /// How a frame is rectified.
+    pub fn warp(&self) -> warp::WarpSettings {
+        let zoom = match self.border_mode {
+            BorderMode::Crop => 1.0 / (1.0 - self.crop / 100.0),
+            _ => 1.0,
+        };
+        warp::WarpSettings {
+            interpolation: self.interpolation.into(),
+            border: self.border_mode.into(),
+            reference_row: self.reference_row,
+            strength: self.strength,
+            zoom,
+        }
+    }
+
+    /// Whether a frame with this motion comes out as it went in.
+    pub fn leaves_untouched(&self, path: &MotionPath) -> bool {
+        (path.is_still() || self.strength == 0.0) && self.warp().zoom == 1.0
+    }
+
+    /// The value of a property; `None` for a name that is not a setting.
+    pub fn get(&self, name: &str) -> Option<glib::Value> {
+        Some(match name {
+            "grid-columns" => self.grid_columns.to_value(),
+            "grid-rows" => self.grid_rows.to_value(),
+            "inter-frame-delay" => self.inter_frame_delay.to_value(),
+            "readout-time" => self.readout_time.to_value(),
+            "readout-direction" => self.readout_direction.to_value(),
+            "lookahead" => self.lookahead.to_value(),
+            "estimator" => self.estimator.to_value(),
+            "model" => self.model.to_value(),
+            "reference-row" => self.reference_row.to_value(),
+            "interpolation" => self.interpolation.to_value(),
+            "border-mode" => self.border_mode.to_value(),
+            "border-color" => self.border_color.to_value(),
+            "crop" => self.crop.to_value(),
+            "strength" => self.strength.to_value(),
+            "threads" => self.threads.to_value(),
+            "post-messages" => self.post_messages.to_value(),
+            _ => return None,
+        })
+    }
+
+    /// Sets a property; its type and range have been checked against its description.
+    pub fn set(&mut self, name: &str, value: &glib::Value) {
+        match name {
+            "grid-columns" => assign(&mut self.grid_columns, value),
+            "grid-rows" => assign(&mut self.grid_rows, value),
+            "inter-frame-delay" => assign(&mut self.inter_frame_delay, value),
+            "readout-time" => assign(&mut self.readout_time, value),
+            "readout-direction" => assign(&mut self.readout_direction, value),
+            "lookahead" => assign(&mut self.lookahead, value),
+            "estimator" => assign(&mut self.estimator, value),
+            "model" => assign(&mut self.model, value),
+            "reference-row" => assign(&mut self.reference_row, value),
+            "interpolation" => assign(&mut self.interpolation, value),
+            "border-mode" => assign(&mut self.border_mode, value),
+            "border-color" => assign(&mut self.border_color, value),
+            "crop" => assign(&mut self.crop, value),
+            "strength" => assign(&mut self.strength, value),
+            "threads" => assign(&mut self.threads, value),
+            "post-messages" => assign(&mut self.post_messages, value),
+            _ => (),
+        }
+    }
+}
+
+fn assign<'a, T: glib::value::FromValue<'a>>(setting: &mut T, value: &'a glib::Value) {
+    if let Ok(value) = value.get() {
+        *setting = value;
+    }
+}
+
+/// The description of every property.
+pub fn specs() -> &'static [glib::ParamSpec] {
+    static SPECS: LazyLock<Vec<glib::ParamSpec>> =
+        LazyLock::new(|| [analysis_specs(), warp_specs(), running_specs()].concat());
+    &SPECS
+}
+
+fn analysis_specs() -> Vec<glib::ParamSpec> {
+    vec![
+        glib::ParamSpecUInt::builder("grid-columns")
+            .nick("Grid columns")
+            .blurb("Columns of the grid of points that are followed from frame to frame")
+            .minimum(2)
+            .maximum(256)
+            .default_value(DEFAULT_GRID_COLUMNS)
+            .mutable_ready()
+            .build(),
+        glib::ParamSpecUInt::builder("grid-rows")
+            .nick("Grid rows")
+            .blurb("Rows of the grid of points that are followed from frame to frame")
+            .minimum(2)
+            .maximum(256)
+            .default_value(DEFAULT_GRID_ROWS)
+            .mutable_ready()
+            .build(),
+        glib::ParamSpecDouble::builder("inter-frame-delay")
+            .nick("Inter-frame delay")
+            .blurb(
+                "Blank time between a frame's last row and the next frame's first, in rows (columns where the \
+                 sensor is read sideways); -1: unknown, taken as 0",
+            )
+            .minimum(-1.0)
+            .maximum(1e9)
+            .default_value(DEFAULT_INTER_FRAME_DELAY)
+            .mutable_playing()
+            .build(),
+        glib::ParamSpecUInt64::builder("readout-time")
+            .nick("Readout time")
+            .blurb(
+                "Time from the first row's exposure to the last one's, in nanoseconds; wins over \
+                 inter-frame-delay; 0: unknown",
+            )
+            .maximum(gst::ClockTime::SECOND.nseconds())
+            .mutable_playing()
+            .build(),
+        glib::ParamSpecEnum::builder_with_default("readout-direction", ReadoutDirection::default())
+            .nick("Readout direction")
+            .blurb("Which edge of the frame, as it arrives here, the sensor reads first")
+            .mutable_playing()
+            .build(),
+        glib::ParamSpecUInt::builder("lookahead")
+            .nick("Lookahead")
+            .blurb("Frames waited for before a frame is given out: the element's latency, in frames")
+            .maximum(64)
+            .default_value(DEFAULT_LOOKAHEAD)
+            .mutable_ready()
+            .build(),
+        glib::ParamSpecEnum::builder_with_default("estimator", Estimator::default())
+            .nick("Estimator")
+            .blurb("How the motion of the frames is estimated")
+            .mutable_playing()
+            .build(),
+        glib::ParamSpecEnum::builder_with_default("model", Model::default())
+            .nick("Model")
+            .blurb("What motion a frame can have while it is read out")
+            .mutable_playing()
+            .build(),
+    ]
+}
+
+fn warp_specs() -> Vec<glib::ParamSpec> {
+    vec![
+        glib::ParamSpecDouble::builder("reference-row")
+            .nick("Reference row")
+            .blurb(
+                "The instant that the output shows, as a share of the readout: 0 is the row read first, 1 the \
+                 last",
+            )
+            .minimum(0.0)
+            .maximum(1.0)
+            .default_value(DEFAULT_REFERENCE_ROW)
+            .mutable_playing()
+            .build(),
+        glib::ParamSpecEnum::builder_with_default("interpolation", Interpolation::default())
+            .nick("Interpolation")
+            .blurb("How samples between pixels are made")
+            .mutable_playing()
+            .build(),
+        glib::ParamSpecEnum::builder_with_default("border-mode", BorderMode::default())
+            .nick("Border mode")
+            .blurb("What is shown where the frame saw nothing")
+            .mutable_playing()
+            .build(),
+        glib::ParamSpecUInt::builder("border-color")
+            .nick("Border colour")
+            .blurb("Colour of border-mode=constant, as 0xAARRGGBB")
+            .default_value(DEFAULT_BORDER_COLOR)
+            .mutable_playing()
+            .build(),
+        glib::ParamSpecDouble::builder("crop")
+            .nick("Crop")
+            .blurb("Share of the width and height that border-mode=crop cuts away, in per cent")
+            .minimum(0.0)
+            .maximum(50.0)
+            .default_value(DEFAULT_CROP)
+            .mutable_playing()
+            .build(),
+        glib::ParamSpecDouble::builder("strength")
+            .nick("Strength")
+            .blurb("How much of the correction is applied: 0 none (the latency stays), 1 all")
+            .minimum(0.0)
+            .maximum(1.0)
+            .default_value(DEFAULT_STRENGTH)
+            .mutable_playing()
+            .controllable()
+            .build(),
+    ]
+}
+
+fn running_specs() -> Vec<glib::ParamSpec> {
+    vec![
+        glib::ParamSpecUInt::builder("threads")
+            .nick("Threads")
+            .blurb("Worker threads; 0: one for each core, shared with all elements of this kind")
+            .maximum(256)
+            .mutable_playing()
+            .build(),
+        glib::ParamSpecBoolean::builder("post-messages")
+            .nick("Post messages")
+            .blurb("Post an element message \"rsrectify\" with the motion and confidence of each frame")
+            .mutable_playing()
+            .build(),
+        glib::ParamSpecBoxed::builder::<gst::Structure>("stats")
+            .nick("Statistics")
+            .blurb("Frames so far, what was found in the last one, and mean milliseconds per stage")
+            .read_only()
+            .build(),
+    ]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_known_readout_time_wins_over_a_delay() {
+        let mut settings = Settings::default();
+        assert_eq!(settings.analysis().readout_time, ReadoutTime::WholePeriod);
+        settings.inter_frame_delay = 40.0;
+        assert_eq!(settings.analysis().readout_time, ReadoutTime::DelayRows(40.0));
+        settings.readout_time = 33_000_000;
+        assert_eq!(settings.analysis().readout_time, ReadoutTime::Seconds(0.033));
+    }
+
+    #[test]
+    fn crop_enlarges_in_its_own_mode_only() {
+        let mut settings = Settings { crop: 20.0, ..Settings::default() };
+        assert_eq!(settings.warp().zoom, 1.0);
+        assert!(settings.leaves_untouched(&MotionPath::STILL));
+        settings.border_mode = BorderMode::Crop;
+        assert_eq!(settings.warp().zoom, 1.25);
+        assert!(!settings.leaves_untouched(&MotionPath::STILL));
+    }
+
+    #[test]
+    fn every_setting_can_be_read_and_written() {
+        let mut settings = Settings::default();
+        for spec in specs().iter().filter(|spec| spec.name() != "stats") {
+            let default = settings.get(spec.name()).expect("a setting");
+            assert_eq!(format!("{default:?}"), format!("{:?}", spec.default_value()), "{}", spec.name());
+            settings.set(spec.name(), &default);
+        }
+        assert_eq!(settings, Settings::default());
+    }
+}
