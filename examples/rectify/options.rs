@@ -79,7 +79,7 @@ pub struct RectifierOptions {
 }
 
 fn milliseconds(text: &str) -> Result<f64, String> {
-    in_range(text, 0.0..=1e6)
+    in_range(text, 0.0..=1e3)
 }
 
 fn share(text: &str) -> Result<f64, String> {
