@@ -7,7 +7,7 @@
 //! one); where the whole part varies inside a block, the vectors of the next whole part are
 //! blended in.
 
-use super::{Horizontal, Interpolation, Kernel, Vertical};
+use super::{Horizontal, Interpolation, Kernel, Vertical, scalar};
 use crate::warp::blocks::{BLOCK, Block};
 use crate::warp::weights::{Cubic, FRACTION_BITS, Linear, Nearest, ONE, WEIGHT_BITS};
 use std::arch::x86_64::*;
@@ -223,6 +223,16 @@ fn scatter(block: &[u8], step: usize, task: &Horizontal<'_, i16>, pixel: usize, 
     for (out, samples) in pixels.zip(block.chunks_exact(step).take(BLOCK)) {
         out[..output.channels].copy_from_slice(&samples[..output.channels]);
     }
+}
+
+/// As [`scalar::knots`], and the same code.
+pub(super) fn knots(nodes: &[f32], weights: [f32; 4], round: f32, knots: &mut [i32]) {
+    #[target_feature(enable = "avx2")]
+    fn compiled(nodes: &[f32], weights: [f32; 4], round: f32, knots: &mut [i32]) {
+        scalar::knots(nodes, weights, round, knots);
+    }
+    // SAFETY: a level of AVX2 is only chosen where the CPU has it.
+    unsafe { compiled(nodes, weights, round, knots) }
 }
 
 /// The vertical pass; false, with nothing done, where there is no kernel for it.

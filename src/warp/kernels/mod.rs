@@ -203,6 +203,16 @@ pub(super) fn reach(interpolation: Interpolation) -> (isize, isize, i32) {
     with_kernel!(interpolation, K => (K::FIRST, K::FIRST + K::TAPS as isize - 1, K::ROUND))
 }
 
+/// Σ weight · node + round, rounded to integers, for four rows of `nodes` as long as `knots`.
+pub(super) fn knots(level: CpuLevel, nodes: &[f32], weights: [f32; 4], round: f32, knots: &mut [i32]) {
+    #[cfg(target_arch = "x86_64")]
+    if level >= CpuLevel::Avx2 {
+        return avx2::knots(nodes, weights, round, knots);
+    }
+    let _ = level;
+    scalar::knots(nodes, weights, round, knots);
+}
+
 /// Vertical pass of a row of 8-bit samples; `middle` is given the size it needs.
 pub(super) fn vertical_u8(
     level: CpuLevel,
