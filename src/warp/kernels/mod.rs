@@ -21,6 +21,8 @@
 
 #[cfg(target_arch = "x86_64")]
 mod avx2;
+#[cfg(target_arch = "x86_64")]
+mod avx2_words;
 mod scalar;
 
 use super::BorderMode;
@@ -123,6 +125,12 @@ impl Vertical<'_> {
         let layout = self.plane.layout();
         let (step, own) = (out.len() / BLOCK, layout.channels * layout.format.bytes());
         let row = resolve(row, layout.height, self.border).map(|row| self.plane.row(row));
+        if let (Some(row), Ok(left)) = (row, usize::try_from(left)) {
+            if let Some(pixels) = row.get(left * step..(left + BLOCK) * step) {
+                out.copy_from_slice(pixels);
+                return;
+            }
+        }
         for (column, out) in (left..).zip(out.chunks_exact_mut(step)) {
             match (row, resolve(column, layout.width, self.border)) {
                 (Some(row), Some(column)) => {
@@ -252,6 +260,10 @@ pub(super) fn vertical_u16(
     patch: &mut Vec<u8>,
     middle: &mut Vec<f32>,
 ) {
+    #[cfg(target_arch = "x86_64")]
+    if level >= CpuLevel::Avx2 && avx2_words::vertical_u16(interpolation, task, patch, middle) {
+        return;
+    }
     let _ = level;
     with_kernel!(interpolation, K => scalar::vertical::<scalar::Float, K>(task, patch, middle));
 }
@@ -263,6 +275,10 @@ pub(super) fn horizontal_u16(
     task: &Horizontal<'_, f32>,
     row: &mut [u8],
 ) {
+    #[cfg(target_arch = "x86_64")]
+    if level >= CpuLevel::Avx2 && avx2_words::horizontal_u16(interpolation, task, row) {
+        return;
+    }
     let _ = level;
     with_kernel!(interpolation, K => scalar::horizontal::<scalar::Float, K>(task, row));
 }
