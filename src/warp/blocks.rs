@@ -9,6 +9,7 @@
 //! vectors as there are taps and whole parts, never gathers.
 
 use super::inverse::Field;
+use super::kernels::{self, CpuLevel};
 use super::weights::{FRACTION_BITS, ONE};
 use super::Placement;
 
@@ -99,32 +100,33 @@ impl KnotTable {
     }
 
     /// Displacements at all knots of plane row `row`, in 1/[`ONE`] px plus `round`.
-    pub fn row(&self, row: usize, round: i32, knots: &mut Vec<i32>) {
+    pub fn row(&self, level: CpuLevel, row: usize, round: i32, knots: &mut Vec<i32>) {
         let rows = self.values.len() / self.columns.max(1);
         let (node, weights) = cubic((row as f64 - self.origin) / self.spacing, rows);
-        let values = &self.values[node * self.columns..];
-        let (a, rest) = values.split_at(self.columns);
-        let (b, rest) = rest.split_at(self.columns);
-        let (c, d) = rest.split_at(self.columns);
-        let [wa, wb, wc, wd] = weights.map(|weight| weight * ONE as f32);
-        let round = round as f32 + 0.5;
-        knots.clear();
-        knots.extend(a.iter().zip(b).zip(c).zip(d).map(|(((a, b), c), d)| {
-            let value = wa * a + wb * b + wc * c + wd * d + round;
-            // 2³⁰ in these units is half a million pixels.
-            value.clamp(-1.0e9, 1.0e9).floor() as i32
-        }));
+        let nodes = &self.values[node * self.columns..(node + 4) * self.columns];
+        knots.resize(self.columns, 0);
+        kernels::knots(level, nodes, weights.map(|weight| weight * ONE as f32), round as f32, knots);
     }
 
     /// The blocks of plane columns `from` (a multiple of 16) to `to`, from the knots of a row. Where
     /// the table does not reach, its last displacement goes on.
     pub fn blocks(&self, knots: &[i32], from: isize, to: isize, blocks: &mut Vec<Block>) {
+        let (from, to) = (from.div_euclid(BLOCK as isize), to.div_euclid(BLOCK as isize));
         let last = knots.len() as isize - 1;
-        let knot = |index: isize| knots[(index - self.first).clamp(0, last) as usize];
+        let knot = |index: isize| knots[index.clamp(0, last) as usize];
+        // Blocks before, within and past the table.
+        let known = (knots.len() - 1) / 2;
+        let first = from * 2 - self.first;
+        let outside = |index: isize| Block::new([knot(index), knot(index + 1), knot(index + 2)]);
+        let before = (-first / 2).clamp(0, to - from + 1);
         blocks.clear();
-        blocks.extend((from.div_euclid(16)..=to.div_euclid(16)).map(|block| {
-            Block::new([knot(2 * block), knot(2 * block + 1), knot(2 * block + 2)])
-        }));
+        blocks.extend((0..before).map(|block| outside(first + 2 * block)));
+        let start = (first.max(0) / 2) as usize;
+        let count = known.saturating_sub(start).min((to - from + 1 - before) as usize);
+        if let Some(inside) = knots.get(2 * start..) {
+            blocks.extend(inside.windows(3).step_by(2).take(count).map(|k| Block::new([k[0], k[1], k[2]])));
+        }
+        blocks.extend((blocks.len() as isize..=to - from).map(|block| outside(first + 2 * block)));
     }
 }
 

@@ -82,7 +82,11 @@ impl InverseMap {
     pub fn solve(&mut self, readout: &Readout, path: &MotionPath, settings: &WarpSettings) {
         let correction = Correction::new(readout, path, settings);
         let size = [readout.width as f64, readout.height as f64];
-        let spacing = if size[0].min(size[1]) < 512.0 { 8.0 } else { 32.0 };
+        let spacing = match readout.width.min(readout.height) {
+            ..400 => 8.0,
+            400..1000 => 32.0,
+            _ => 64.0,
+        };
         let rows = [0.0, size[1] - 1.0];
         self.across.fill([0.0, size[0] - 1.0], rows, spacing, |y, x, step, values| {
             correction.across(y, x, step, values);

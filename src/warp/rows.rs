@@ -69,11 +69,11 @@ impl PlaneTask<'_> {
     fn row(&self, index: usize, output: Output, row: &mut [u8], scratch: &mut Scratch) {
         let layout = self.source.layout();
         let (first, last, round) = kernels::reach(self.interpolation);
-        self.across.row(index, round, &mut scratch.knots);
+        self.across.row(self.level, index, round, &mut scratch.knots);
         self.across.blocks(&scratch.knots, 0, layout.width as isize - 1, &mut scratch.across);
         let (from, to) = columns_read(&scratch.across);
         let from = (from + first).div_euclid(BLOCK as isize) * BLOCK as isize;
-        self.down.row(index, round, &mut scratch.knots);
+        self.down.row(self.level, index, round, &mut scratch.knots);
         self.down.blocks(&scratch.knots, from, to + last, &mut scratch.down);
 
         let vertical = Vertical {

@@ -7,17 +7,17 @@
 //! one); where the whole part varies inside a block, the vectors of the next whole part are
 //! blended in.
 
-use super::{Horizontal, Interpolation, Kernel, Vertical};
+use super::{Horizontal, Interpolation, Kernel, Vertical, scalar};
 use crate::warp::blocks::{BLOCK, Block};
 use crate::warp::weights::{Cubic, FRACTION_BITS, Linear, Nearest, ONE, WEIGHT_BITS};
 use std::arch::x86_64::*;
 
 /// The largest step that is served.
-const MAX_STEP: usize = 4;
+pub(super) const MAX_STEP: usize = 4;
 
 /// Where the 16 lanes of one vector of a block lie.
 #[repr(C, align(32))]
-struct Lanes {
+pub(super) struct Lanes {
     /// Byte shuffle that gives each lane the start of its half of the block.
     start: [u8; 32],
     /// The same for the change.
@@ -27,7 +27,7 @@ struct Lanes {
 }
 
 /// `LANES[step − 1][vector]`.
-static LANES: [[Lanes; MAX_STEP]; MAX_STEP] = [lanes(1), lanes(2), lanes(3), lanes(4)];
+pub(super) static LANES: [[Lanes; MAX_STEP]; MAX_STEP] = [lanes(1), lanes(2), lanes(3), lanes(4)];
 
 const fn lanes(step: usize) -> [Lanes; MAX_STEP] {
     const EMPTY: Lanes = Lanes { start: [0; 32], change: [0; 32], ramp: [0; 16] };
@@ -128,19 +128,31 @@ impl Taps for Pixels {
     }
 }
 
+/// Displacements of the 16 lanes less the block's first whole one, in 1/[`ONE`] px.
+///
+/// # Safety
+/// The CPU must have AVX2.
+#[inline(always)]
+pub(super) unsafe fn positions(block: &Block, lanes: &Lanes) -> __m256i {
+    // SAFETY: the block's first 8 bytes are its starts and changes; lanes are aligned to 32 bytes.
+    unsafe {
+        let halves = _mm256_set1_epi64x(std::ptr::from_ref(block).cast::<i64>().read_unaligned());
+        let start = _mm256_shuffle_epi8(halves, _mm256_load_si256(lanes.start.as_ptr().cast()));
+        let change = _mm256_shuffle_epi8(halves, _mm256_load_si256(lanes.change.as_ptr().cast()));
+        let ramp = _mm256_load_si256(lanes.ramp.as_ptr().cast());
+        _mm256_add_epi16(start, _mm256_mulhrs_epi16(change, ramp))
+    }
+}
+
 /// The sum of weight × sample for 16 lanes of a block.
 ///
 /// # Safety
 /// `taps` 0 to `K::TAPS − 1 + span` must be readable, and the CPU must have AVX2.
 #[inline(always)]
 unsafe fn sum<K: VectorKernel>(taps: impl Taps, block: &Block, lanes: &Lanes) -> __m256i {
-    // SAFETY: the block's first 8 bytes are its starts and changes; the rest is the caller's promise.
+    // SAFETY: the caller's promise.
     unsafe {
-        let halves = _mm256_set1_epi64x(std::ptr::from_ref(block).cast::<i64>().read_unaligned());
-        let start = _mm256_shuffle_epi8(halves, _mm256_load_si256(lanes.start.as_ptr().cast()));
-        let change = _mm256_shuffle_epi8(halves, _mm256_load_si256(lanes.change.as_ptr().cast()));
-        let ramp = _mm256_load_si256(lanes.ramp.as_ptr().cast());
-        let position = _mm256_add_epi16(start, _mm256_mulhrs_epi16(change, ramp));
+        let position = positions(block, lanes);
         let weights = K::weights(_mm256_and_si256(position, _mm256_set1_epi16(ONE as i16 - 1)));
 
         let mut samples = [_mm256_setzero_si256(); 4];
@@ -222,6 +234,38 @@ fn scatter(block: &[u8], step: usize, task: &Horizontal<'_, i16>, pixel: usize, 
     let pixels = row[pixel * output.step..].chunks_mut(output.step).take(task.width - pixel);
     for (out, samples) in pixels.zip(block.chunks_exact(step).take(BLOCK)) {
         out[..output.channels].copy_from_slice(&samples[..output.channels]);
+    }
+}
+
+/// As [`scalar::knots`], eight knots at a time and the rest there.
+pub(super) fn knots(nodes: &[f32], weights: [f32; 4], round: f32, knots: &mut [i32]) {
+    let columns = knots.len();
+    assert!(nodes.len() >= 4 * columns);
+    // SAFETY: a level of AVX2 is only chosen where the CPU has it, and there are four rows of nodes.
+    unsafe { eight_knots(nodes, weights, round, knots) };
+    for column in columns / 8 * 8..columns {
+        let four = [0, 1, 2, 3].map(|row| nodes[row * columns + column]);
+        scalar::knots(&four, weights, round, &mut knots[column..column + 1]);
+    }
+}
+
+/// # Safety
+/// The CPU must have AVX2, and `nodes` four rows as long as `knots`.
+#[target_feature(enable = "avx2")]
+unsafe fn eight_knots(nodes: &[f32], weights: [f32; 4], round: f32, knots: &mut [i32]) {
+    let columns = knots.len();
+    for (index, knots) in knots.chunks_exact_mut(8).enumerate() {
+        // SAFETY: columns 8 · index to 8 · index + 7 exist in all four rows and in `knots`.
+        unsafe {
+            let row = |row: usize| {
+                let node = _mm256_loadu_ps(nodes.as_ptr().add(row * columns + 8 * index));
+                _mm256_mul_ps(_mm256_set1_ps(weights[row]), node)
+            };
+            let sum = _mm256_add_ps(_mm256_add_ps(_mm256_add_ps(row(0), row(1)), row(2)), row(3));
+            let sum = _mm256_add_ps(sum, _mm256_set1_ps(round));
+            let sum = _mm256_min_ps(_mm256_max_ps(sum, _mm256_set1_ps(-1.0e9)), _mm256_set1_ps(1.0e9));
+            _mm256_storeu_si256(knots.as_mut_ptr().cast(), _mm256_cvtps_epi32(sum));
+        }
     }
 }
 

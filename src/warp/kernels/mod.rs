@@ -21,6 +21,8 @@
 
 #[cfg(target_arch = "x86_64")]
 mod avx2;
+#[cfg(target_arch = "x86_64")]
+mod avx2_words;
 mod scalar;
 
 use super::BorderMode;
@@ -123,6 +125,12 @@ impl Vertical<'_> {
         let layout = self.plane.layout();
         let (step, own) = (out.len() / BLOCK, layout.channels * layout.format.bytes());
         let row = resolve(row, layout.height, self.border).map(|row| self.plane.row(row));
+        if let (Some(row), Ok(left)) = (row, usize::try_from(left)) {
+            if let Some(pixels) = row.get(left * step..(left + BLOCK) * step) {
+                out.copy_from_slice(pixels);
+                return;
+            }
+        }
         for (column, out) in (left..).zip(out.chunks_exact_mut(step)) {
             match (row, resolve(column, layout.width, self.border)) {
                 (Some(row), Some(column)) => {
@@ -203,6 +211,16 @@ pub(super) fn reach(interpolation: Interpolation) -> (isize, isize, i32) {
     with_kernel!(interpolation, K => (K::FIRST, K::FIRST + K::TAPS as isize - 1, K::ROUND))
 }
 
+/// Σ weight · node + round, rounded to integers, for four rows of `nodes` as long as `knots`.
+pub(super) fn knots(level: CpuLevel, nodes: &[f32], weights: [f32; 4], round: f32, knots: &mut [i32]) {
+    #[cfg(target_arch = "x86_64")]
+    if level >= CpuLevel::Avx2 {
+        return avx2::knots(nodes, weights, round, knots);
+    }
+    let _ = level;
+    scalar::knots(nodes, weights, round, knots);
+}
+
 /// Vertical pass of a row of 8-bit samples; `middle` is given the size it needs.
 pub(super) fn vertical_u8(
     level: CpuLevel,
@@ -242,6 +260,10 @@ pub(super) fn vertical_u16(
     patch: &mut Vec<u8>,
     middle: &mut Vec<f32>,
 ) {
+    #[cfg(target_arch = "x86_64")]
+    if level >= CpuLevel::Avx2 && avx2_words::vertical_u16(interpolation, task, patch, middle) {
+        return;
+    }
     let _ = level;
     with_kernel!(interpolation, K => scalar::vertical::<scalar::Float, K>(task, patch, middle));
 }
@@ -253,6 +275,10 @@ pub(super) fn horizontal_u16(
     task: &Horizontal<'_, f32>,
     row: &mut [u8],
 ) {
+    #[cfg(target_arch = "x86_64")]
+    if level >= CpuLevel::Avx2 && avx2_words::horizontal_u16(interpolation, task, row) {
+        return;
+    }
     let _ = level;
     with_kernel!(interpolation, K => scalar::horizontal::<scalar::Float, K>(task, row));
 }

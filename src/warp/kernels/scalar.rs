@@ -107,3 +107,16 @@ pub(super) fn horizontal<A: Arithmetic, K: Kernel>(task: &Horizontal<'_, A::Numb
         }
     }
 }
+
+/// Knots of a row from those of four rows of nodes.
+pub(super) fn knots(nodes: &[f32], weights: [f32; 4], round: f32, knots: &mut [i32]) {
+    let (a, rest) = nodes.split_at(knots.len());
+    let (b, rest) = rest.split_at(knots.len());
+    let (c, d) = rest.split_at(knots.len());
+    let nodes = a.iter().zip(b).zip(c.iter().zip(d));
+    for (((a, b), (c, d)), knot) in nodes.zip(knots) {
+        let value = weights[0] * a + weights[1] * b + weights[2] * c + weights[3] * d + round;
+        // 2³⁰ units are half a million pixels.
+        *knot = value.clamp(-1.0e9, 1.0e9).round_ties_even() as i32;
+    }
+}

@@ -83,9 +83,9 @@ fn largest_error(truth: &Truth, placement: Placement) -> f64 {
     let from = -(width.next_multiple_of(16) as isize);
     let mut worst: f64 = 0.0;
     for row in (0..height).step_by(13).chain([height - 1]) {
-        map.across.row(row, 0, &mut knots);
+        map.across.row(CpuLevel::Scalar, row, 0, &mut knots);
         map.across.blocks(&knots, 0, width as isize - 1, &mut across);
-        map.down.row(row, 0, &mut knots);
+        map.down.row(CpuLevel::Scalar, row, 0, &mut knots);
         map.down.blocks(&knots, from, 2 * width as isize, &mut down);
         for column in (0..width).step_by(11).chain([width - 1]) {
             let x = position(&across, 0, column as isize);
@@ -167,7 +167,7 @@ fn the_row_at_the_reference_stays() {
     let map = warper.plane_map(Placement::FULL, 640);
     let (mut knots, mut blocks) = (Vec::new(), Vec::new());
     for table in [&map.across, &map.down] {
-        table.row(100, 0, &mut knots);
+        table.row(CpuLevel::Scalar, 100, 0, &mut knots);
         table.blocks(&knots, 0, 639, &mut blocks);
         for column in 0..640 {
             let (whole, fraction) = blocks[column / 16].at(column % 16);
