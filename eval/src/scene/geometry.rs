@@ -1,5 +1,6 @@
 //! Textured rectangles in space. World axes: x right, y down, z ahead; metres.
 
+use super::noise::mix;
 use super::texture::Texture;
 use nalgebra::{Matrix3, Vector2, Vector3};
 
@@ -54,6 +55,12 @@ impl Surface {
         };
         self.light = [light(0.0, 0.0), light(1.0, 0.0), light(0.0, 1.0), light(1.0, 1.0)];
         self
+    }
+
+    /// Brightness at (u, v).
+    pub fn light_at(&self, u: f32, v: f32) -> f32 {
+        let [a, b, c, d] = self.light;
+        mix(mix(a, b, u), mix(c, d, u), v)
     }
 
     /// The point at (u, v).
