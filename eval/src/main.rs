@@ -110,7 +110,9 @@ fn measure(names: &[String], lookahead: usize, changes: &Changes) -> Result<()> 
     } else {
         names.iter().map(|name| find(name)).collect::<Result<_>>()?
     };
-    println!("| sequence | uncorrected px (p95) | delay 0: left px (p95) | share | true delay: left px (p95) | share |");
+    println!(
+        "| sequence | uncorrected px (p95) | delay 0: left px (p95) | share | true delay: left px (p95) | share |"
+    );
     println!("|---|---|---|---|---|---|");
     let seed = changes.seed.unwrap_or(1);
     let scene = Arc::new(room::room(seed));

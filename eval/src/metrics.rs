@@ -43,10 +43,7 @@ pub fn distances<'a>(
 
 /// The displacement left in one frame: |x_cor − x_true| over its samples, where `corrected` takes
 /// a pixel of the frame as it arrived to its place at the reference instant.
-pub fn displacement_left(
-    samples: &[Sample],
-    corrected: impl Fn(Vector2<f64>) -> Vector2<f64>,
-) -> Stats {
+pub fn displacement_left(samples: &[Sample], corrected: impl Fn(Vector2<f64>) -> Vector2<f64>) -> Stats {
     Stats::of(distances(samples, corrected).collect())
 }
 

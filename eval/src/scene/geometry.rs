@@ -89,14 +89,8 @@ impl Surface {
     pub fn view(&self, from: Vector3<f64>, rays: &Matrix3<f64>) -> Matrix3<f64> {
         let corner = self.origin - from;
         let w = rays.tr_mul(&self.normal) / self.normal.dot(&corner);
-        let along = |edge: &Vector3<f64>| {
-            (rays.tr_mul(edge) - w * edge.dot(&corner)) / edge.norm_squared()
-        };
-        Matrix3::from_rows(&[
-            along(&self.edge_u).transpose(),
-            along(&self.edge_v).transpose(),
-            w.transpose(),
-        ])
+        let along = |edge: &Vector3<f64>| (rays.tr_mul(edge) - w * edge.dot(&corner)) / edge.norm_squared();
+        Matrix3::from_rows(&[along(&self.edge_u).transpose(), along(&self.edge_v).transpose(), w.transpose()])
     }
 }
 

@@ -166,9 +166,8 @@ mod tests {
     #[test]
     fn the_spiral_goes_round_with_a_changing_radius() {
         let path = Oscillations::new(Motion::SpiralRotation, 1.0, 30.0, 3);
-        let radii: Vec<f64> = (0..2000)
-            .map(|i| path.pose(f64::from(i) / 60.0).rotation.scaled_axis().xy().norm())
-            .collect();
+        let radii: Vec<f64> =
+            (0..2000).map(|i| path.pose(f64::from(i) / 60.0).rotation.scaled_axis().xy().norm()).collect();
         let (low, high) = radii.iter().fold((1.0f64, 0.0f64), |(l, h), r| (l.min(*r), h.max(*r)));
         assert!((low - 0.06).abs() < 2e-3 && (high - 0.14).abs() < 2e-3, "{low} {high}");
     }

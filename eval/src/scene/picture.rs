@@ -58,8 +58,7 @@ impl Picture {
             let mut random = ChaCha8Rng::seed_from_u64(seed);
             random.set_stream(row as u64);
             for (byte, value) in bytes.iter_mut().zip(colours.as_flattened()) {
-                let noise: f32 =
-                    if sigma > 0.0 { StandardNormal.sample(&mut random) } else { 0.0 };
+                let noise: f32 = if sigma > 0.0 { StandardNormal.sample(&mut random) } else { 0.0 };
                 *byte = (255.0 * value + sigma * noise).round() as u8;
             }
         });

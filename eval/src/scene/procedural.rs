@@ -127,7 +127,8 @@ fn planks(noise: Noise, u: f32, v: f32, texel: f32) -> Colour {
     let grain = noise.fork(board as u32).gradient(u * 128.0, v * 8.0, [128, 8])
         + 0.6 * noise.gradient(u * 256.0, v * 16.0, [256, 16]);
     let tone = noise.cell(board, 10 + plank);
-    let wood = blend([0.42, 0.25, 0.13], [0.82, 0.6, 0.36], (0.5 * tone + 0.25 + 0.3 * grain).clamp(0.0, 1.0));
+    let wood =
+        blend([0.42, 0.25, 0.13], [0.82, 0.6, 0.36], (0.5 * tone + 0.25 + 0.3 * grain).clamp(0.0, 1.0));
     let gap = edge(u * boards, boards).min(edge((v + start) * 2.0, 2.0)) - 0.0025;
     blend([0.12, 0.08, 0.05], wood, inside(gap, texel))
 }

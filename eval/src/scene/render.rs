@@ -38,8 +38,7 @@ impl Renderer<'_> {
     fn render(&self, time: impl Fn(Vector2<f64>) -> f64 + Sync) -> Picture {
         let lens = self.camera.lens;
         let by_rows = self.camera.shutter.first.is_by_rows();
-        let (length, lines) =
-            if by_rows { (lens.width, lens.height) } else { (lens.height, lens.width) };
+        let (length, lines) = if by_rows { (lens.width, lens.height) } else { (lens.height, lens.width) };
         let mut colours = vec![[0.0; 3]; length * lines];
         colours.par_chunks_mut(length).enumerate().for_each_init(Line::default, |line, (index, out)| {
             let start = Vector3::new(0.0, 0.0, 1.0);
@@ -179,4 +178,100 @@ fn visible_stretch(start: &Vector3<f64>, slope: &Vector3<f64>, count: usize) -> 
     }
     // The negation also catches NaN from a surface seen exactly edge on.
     if !(low <= high) { (0, 0) } else { (low.ceil() as usize, high.floor() as usize + 1) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::path::{Motion, Oscillations};
+    use super::super::{FirstEdge, Pinhole, Shutter, room};
+    use super::*;
+
+    const WIDTH: usize = 160;
+    const HEIGHT: usize = 120;
+
+    fn camera(scale: usize, first: FirstEdge, readout: f64, motion: Motion) -> RollingCamera {
+        let (width, height) = (WIDTH * scale, HEIGHT * scale);
+        RollingCamera {
+            lens: Pinhole { width, height, focal: width as f64 },
+            shutter: Shutter { first, readout },
+            path: Box::new(Oscillations::new(motion, 1.0, 30.0, 4)),
+        }
+    }
+
+    fn psnr(a: &[f32], b: &[f32]) -> f32 {
+        let squares: f32 = a.iter().zip(b).map(|(a, b)| (a - b).powi(2)).sum();
+        10.0 * (255.0f32.powi(2) * a.len() as f32 / squares).log10()
+    }
+
+    /// Means of squares of `side` pixels.
+    fn shrunk(picture: &Picture, side: usize) -> Vec<f32> {
+        let grey = picture.grey();
+        let width = picture.width / side;
+        let mean = |index: usize| {
+            let (x, y) = (side * (index % width), side * (index / width));
+            let rows = (y..y + side).map(|row| &grey[row * picture.width + x..][..side]);
+            rows.flatten().sum::<f32>() / (side * side) as f32
+        };
+        (0..width * picture.height / side).map(mean).collect()
+    }
+
+    #[test]
+    fn is_anti_aliased() {
+        let scene = room::room(1);
+        let fine = camera(8, FirstEdge::Top, 0.0, Motion::Still);
+        let fine = Renderer { scene: &scene, camera: &fine, samples: 2 }.global(0.0);
+        let truth = shrunk(&fine, 8);
+        let coarse = camera(1, FirstEdge::Top, 0.0, Motion::Still);
+        let coarse = Renderer { scene: &scene, camera: &coarse, samples: 2 }.global(0.0);
+        let smooth = psnr(&coarse.grey(), &truth);
+        let grey = fine.grey();
+        let points: Vec<f32> = (0..WIDTH * HEIGHT)
+            .map(|i| grey[(8 * (i / WIDTH) + 4) * fine.width + 8 * (i % WIDTH) + 4])
+            .collect();
+        let aliased = psnr(&points, &truth);
+        assert!(smooth > 30.0 && smooth > aliased + 8.0, "{smooth} dB, point samples {aliased} dB");
+    }
+
+    #[test]
+    fn each_line_of_a_rolling_frame_is_a_line_of_a_global_one() {
+        let scene = room::room(1);
+        for first in [FirstEdge::Top, FirstEdge::Bottom, FirstEdge::Left, FirstEdge::Right] {
+            let camera = camera(1, first, 0.03, Motion::Shake { lowest: 0.1, highest: 0.4 });
+            let renderer = Renderer { scene: &scene, camera: &camera, samples: 1 };
+            let rolling = renderer.rolling(0.2);
+            for (x, y) in [(20, 10), (140, 100)] {
+                let share = match first {
+                    FirstEdge::Top => (y as f64 + 0.5) / HEIGHT as f64,
+                    FirstEdge::Bottom => 1.0 - (y as f64 + 0.5) / HEIGHT as f64,
+                    FirstEdge::Left => (x as f64 + 0.5) / WIDTH as f64,
+                    FirstEdge::Right => 1.0 - (x as f64 + 0.5) / WIDTH as f64,
+                };
+                let global = renderer.global(0.2 + 0.03 * share);
+                let index = y * WIDTH + x;
+                for (a, b) in rolling.colours[index].iter().zip(global.colours[index]) {
+                    assert!((a - b).abs() < 0.01, "{first:?} {x} {y}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn detail_is_everywhere() {
+        let scene = room::room(1);
+        let camera = camera(2, FirstEdge::Top, 0.0, Motion::Still);
+        let picture = Renderer { scene: &scene, camera: &camera, samples: 2 }.global(0.0);
+        let grey = picture.grey();
+        let block = 20;
+        let flat =
+            (0..picture.height / block).flat_map(|row| (0..picture.width / block).map(move |c| (c, row)));
+        let flat = flat.filter(|(column, row)| {
+            let pixels: Vec<f32> = (0..block * block)
+                .map(|i| grey[(row * block + i / block) * picture.width + column * block + i % block])
+                .collect();
+            let mean = pixels.iter().sum::<f32>() / pixels.len() as f32;
+            let variance = pixels.iter().map(|p| (p - mean).powi(2)).sum::<f32>() / pixels.len() as f32;
+            variance.sqrt() < 4.0
+        });
+        assert_eq!(flat.count(), 0, "blocks without texture");
+    }
 }
