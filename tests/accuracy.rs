@@ -13,7 +13,7 @@ fn share_left(name: &str) -> f64 {
     let truth = sequence.truth();
     let samples: Vec<_> = (0..frames.len()).map(|k| truth.samples(k, 8)).collect();
     let left = product::displacement_left(&samples, &solutions);
-    left.share_of(&truth.uncorrected(8)).unwrap()
+    left.share_of(&product::uncorrected(&samples)).unwrap()
 }
 
 #[test]

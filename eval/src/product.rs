@@ -62,6 +62,11 @@ pub fn corrected(solution: &FrameSolution, pixel: Vector2<f64>) -> Vector2<f64> 
     solution.path.carry(pixel - centre, share, 0.5) + centre
 }
 
+/// The displacement of a sequence as it arrives, where `samples` holds the truth of each frame.
+pub fn uncorrected(samples: &[Vec<Sample>]) -> Stats {
+    Stats::of(samples.iter().flat_map(|samples| distances(samples, |pixel| pixel)).collect())
+}
+
 /// The displacement left over a sequence, where `samples` holds the truth of each frame.
 pub fn displacement_left(samples: &[Vec<Sample>], solutions: &[FrameSolution]) -> Stats {
     let pairs = samples.iter().zip(solutions);
