@@ -176,8 +176,8 @@ fn visible_stretch(start: &Vector3<f64>, slope: &Vector3<f64>, count: usize) -> 
             return (0, 0);
         }
     }
-    // The negation also catches NaN from a surface seen exactly edge on.
-    if !(low <= high) { (0, 0) } else { (low.ceil() as usize, high.floor() as usize + 1) }
+    // A surface seen exactly edge on may give NaN, which is no stretch either.
+    if low <= high { (low.ceil() as usize, high.floor() as usize + 1) } else { (0, 0) }
 }
 
 #[cfg(test)]
