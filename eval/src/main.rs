@@ -127,7 +127,7 @@ fn measured_row(sequence: &Sequence, lookahead: usize) -> Result<String> {
     let frames: Vec<Frame> = sequence.frames().collect();
     let truth = sequence.truth();
     let samples: Vec<_> = (0..frames.len()).map(|k| truth.samples(k, STEP)).collect();
-    let uncorrected = truth.uncorrected(STEP);
+    let uncorrected = product::uncorrected(&samples);
     let mut row = format!("| {} | {} |", sequence.settings.name, pixels(&uncorrected));
     for delay in [Delay::Zero, Delay::True] {
         let settings = product::settings(&sequence.settings, delay, lookahead);

@@ -62,6 +62,11 @@ pub fn corrected(solution: &FrameSolution, pixel: Vector2<f64>) -> Vector2<f64> 
     solution.path.carry(pixel - centre, share, 0.5) + centre
 }
 
+/// The displacement of a sequence as it arrives, where `samples` holds the truth of each frame.
+pub fn uncorrected(samples: &[Vec<Sample>]) -> Stats {
+    Stats::of(samples.iter().flat_map(|samples| distances(samples, |pixel| pixel)).collect())
+}
+
 /// The displacement left over a sequence, where `samples` holds the truth of each frame.
 pub fn displacement_left(samples: &[Vec<Sample>], solutions: &[FrameSolution]) -> Stats {
     let pairs = samples.iter().zip(solutions);
@@ -70,4 +75,50 @@ pub fn displacement_left(samples: &[Vec<Sample>], solutions: &[FrameSolution]) -
             .flat_map(|(samples, solution)| distances(samples, |pixel| corrected(solution, pixel)))
             .collect(),
     )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::metrics::displacement_left as left_in_frame;
+    use rsrectify::motion::{MotionPath, Twist};
+    use rsrectify::readout::Readout;
+    use rsrectify::rectifier::Origin;
+
+    #[test]
+    fn a_known_path_carries_to_the_middle_of_the_readout() {
+        let time = ReadoutTime::Seconds(0.02);
+        let readout = Readout::new(64, 48, ReadoutDirection::BottomToTop, time, 0.04);
+        let path = MotionPath { twist: Twist::new(0.0, 100.0, 0.0), readout_time: 0.02 };
+        let solution = FrameSolution {
+            readout,
+            path,
+            confidence: 1.0,
+            origin: Origin::Initial,
+            correspondences: 0,
+            inliers: 0,
+            residual: 0.0,
+        };
+        // Row 0 is read last, at share 1 − 0.5/48: half a readout (1 px) back, less half a row.
+        let seen = Vector2::new(10.0, 0.0);
+        let truth = Vector2::new(10.0 - 2.0 * (0.5 - 0.5 / 48.0), 0.0);
+        let samples = [Sample { seen, truth }];
+        assert!(left_in_frame(&samples, |x| corrected(&solution, x)).rms < 1e-12);
+        assert!(displacement_left(&[samples.to_vec()], &[solution]).rms < 1e-12);
+    }
+
+    #[test]
+    fn every_frame_gets_its_motion() {
+        let settings =
+            sequence::Settings { width: 160, height: 120, frames: 5, ..sequence::named("btt_g085").unwrap() };
+        let sequence = Sequence::new(settings);
+        let frames: Vec<Frame> = sequence.frames().collect();
+        for lookahead in [0, 3, 12] {
+            let settings = super::settings(&sequence.settings, Delay::True, lookahead);
+            let solutions = solve(&sequence, &frames, settings).unwrap();
+            assert_eq!(solutions.len(), 5);
+            assert!((solutions[2].readout.time - 0.85 / 30.0).abs() < 1e-12);
+            assert_eq!(solutions[2].readout.direction, ReadoutDirection::BottomToTop);
+        }
+    }
 }

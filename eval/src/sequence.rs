@@ -205,3 +205,75 @@ fn camera(settings: &Settings, amplitude: f64) -> RollingCamera {
         path: Box::new(Oscillations::new(settings.motion, amplitude, settings.fps, settings.seed)),
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use nalgebra::Vector2;
+
+    fn small(name: &str) -> Settings {
+        Settings { width: 320, height: 240, frames: 4, noise: 0.0, ..named(name).unwrap() }
+    }
+
+    #[test]
+    fn every_sequence_reaches_its_displacement() {
+        let scene = Arc::new(room::room(1));
+        for settings in catalogue() {
+            let Strength::Displacement(target) = settings.strength else { continue };
+            let name = settings.name.clone();
+            let reached = Sequence::in_scene(settings, scene.clone()).truth().uncorrected(8).rms;
+            assert!((reached - target).abs() < 0.03 * target, "{name}: {reached} px for {target} px");
+        }
+    }
+
+    #[test]
+    fn controls_are_without_displacement() {
+        for name in ["control_global", "control_still"] {
+            assert!(Sequence::new(small(name)).truth().uncorrected(16).rms < 1e-9);
+        }
+    }
+
+    #[test]
+    fn a_still_camera_repeats_its_frame_and_a_shaken_one_does_not() {
+        let still = Sequence::new(small("control_still"));
+        assert_eq!(still.frame(0), still.frame(3));
+        let shaken = Sequence::new(small("control_global"));
+        assert_ne!(shaken.frame(0), shaken.frame(3));
+    }
+
+    #[test]
+    fn the_seed_decides() {
+        let frame = |seed| Sequence::new(Settings { seed, noise: 2.0, ..small("rot2_B40") }).frame(1);
+        assert_eq!(frame(1), frame(1));
+        assert_ne!(frame(1), frame(2));
+    }
+
+    /// Linear interpolation in a grey picture.
+    fn at(grey: &[f32], width: usize, x: Vector2<f64>) -> f64 {
+        let (x0, y0) = (x.x as usize, x.y as usize);
+        let (fx, fy) = (x.x - x0 as f64, x.y - y0 as f64);
+        let pixel = |i: usize, j: usize| f64::from(grey[((y0 + j) * width + x0 + i).min(grey.len() - 1)]);
+        (pixel(0, 0) * (1.0 - fx) + pixel(1, 0) * fx) * (1.0 - fy)
+            + (pixel(0, 1) * (1.0 - fx) + pixel(1, 1) * fx) * fy
+    }
+
+    #[test]
+    fn the_truth_takes_rolling_frames_to_global_ones() {
+        for name in ["rot1_B0", "trans_rot1_B40", "btt_g085"] {
+            let sequence = Sequence::new(small(name));
+            let truth = sequence.truth();
+            let rolling = sequence.renderer().rolling(sequence.start(2)).grey();
+            let global = sequence.renderer().global(truth.reference(2)).grey();
+            let (mut moved, mut left, mut count) = (0.0, 0.0, 0.0);
+            for sample in truth.samples(2, 3) {
+                let seen = at(&rolling, 320, sample.seen);
+                left += (seen - at(&global, 320, sample.truth)).powi(2);
+                moved += (seen - at(&global, 320, sample.seen)).powi(2);
+                count += 1.0;
+            }
+            let psnr = |squares: f64| 10.0 * (255.0f64.powi(2) * count / squares).log10();
+            let (moved, left) = (psnr(moved), psnr(left));
+            assert!(left > 28.0 && left > moved + 8.0, "{name}: {moved:.1} dB → {left:.1} dB");
+        }
+    }
+}

@@ -1,5 +1,6 @@
 //! Textured rectangles in space. World axes: x right, y down, z ahead; metres.
 
+use super::noise::mix;
 use super::texture::Texture;
 use nalgebra::{Matrix3, Vector2, Vector3};
 
@@ -56,22 +57,27 @@ impl Surface {
         self
     }
 
+    /// Brightness at (u, v).
+    pub fn light_at(&self, u: f32, v: f32) -> f32 {
+        let [a, b, c, d] = self.light;
+        mix(mix(a, b, u), mix(c, d, u), v)
+    }
+
     /// The point at (u, v).
     pub fn point(&self, u: f64, v: f64) -> Vector3<f64> {
         self.origin + self.edge_u * u + self.edge_v * v
     }
 
-    /// Distance along a ray (in lengths of `direction`) to the rectangle; `None` where it is missed.
-    pub fn hit(&self, from: Vector3<f64>, direction: Vector3<f64>) -> Option<f64> {
-        let slope = self.normal.dot(&direction);
-        let distance = self.normal.dot(&(self.origin - from)) / slope;
-        if !(distance.is_finite() && distance > 0.0) {
+    /// Distance along a ray (in lengths of `direction`) to the rectangle, if it is met nearer than
+    /// `limit`.
+    pub fn hit(&self, from: Vector3<f64>, direction: Vector3<f64>, limit: f64) -> Option<f64> {
+        let distance = self.normal.dot(&(self.origin - from)) / self.normal.dot(&direction);
+        if !(distance > 0.0 && distance < limit) {
             return None;
         }
         let local = from + direction * distance - self.origin;
-        let u = local.dot(&self.edge_u) / self.edge_u.norm_squared();
-        let v = local.dot(&self.edge_v) / self.edge_v.norm_squared();
-        ((0.0..=1.0).contains(&u) && (0.0..=1.0).contains(&v)).then_some(distance)
+        let within = |edge: &Vector3<f64>| (0.0..=edge.norm_squared()).contains(&local.dot(edge));
+        (within(&self.edge_u) && within(&self.edge_v)).then_some(distance)
     }
 
     /// The homography from a pixel (x, y, 1) to (u·w, v·w, w) as seen from `from`, where `rays`
@@ -110,10 +116,13 @@ pub struct Scene {
 impl Scene {
     /// The nearest surface on a ray.
     pub fn hit(&self, from: Vector3<f64>, direction: Vector3<f64>) -> Option<Hit> {
-        let hits = self.surfaces.iter().enumerate().filter_map(|(surface, rectangle)| {
-            rectangle.hit(from, direction).map(|distance| (surface, distance))
-        });
-        let (surface, distance) = hits.min_by(|a, b| a.1.total_cmp(&b.1))?;
+        let (mut distance, mut surface) = (f64::INFINITY, None);
+        for (index, rectangle) in self.surfaces.iter().enumerate() {
+            if let Some(nearer) = rectangle.hit(from, direction, distance) {
+                (distance, surface) = (nearer, Some(index));
+            }
+        }
+        let surface = surface?;
         Some(Hit { distance, point: from + direction * distance, surface })
     }
 }
@@ -142,14 +151,15 @@ mod tests {
         let seen = surface.view(from, &rays) * pixel;
         assert!((seen.x / seen.z - 0.3).abs() < 1e-12 && (seen.y / seen.z - 0.8).abs() < 1e-12);
         assert!((1.0 / seen.z - direction.z).abs() < 1e-12);
-        assert!((surface.hit(from, direction).unwrap() - 1.0).abs() < 1e-12);
+        assert!((surface.hit(from, direction, 9.0).unwrap() - 1.0).abs() < 1e-12);
+        assert_eq!(surface.hit(from, direction, 0.9), None);
     }
 
     #[test]
     fn a_ray_beside_or_behind_misses() {
         let surface = tilted();
-        assert_eq!(surface.hit(Vector3::zeros(), Vector3::new(0.0, 0.0, -1.0)), None);
-        assert_eq!(surface.hit(Vector3::zeros(), Vector3::new(2.0, 0.0, 1.0)), None);
+        assert_eq!(surface.hit(Vector3::zeros(), Vector3::new(0.0, 0.0, -1.0), 9.0), None);
+        assert_eq!(surface.hit(Vector3::zeros(), Vector3::new(2.0, 0.0, 1.0), 9.0), None);
     }
 
     #[test]

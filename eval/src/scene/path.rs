@@ -37,8 +37,7 @@ pub enum Motion {
     Rotation,
     /// Translations along all three axes, mostly sideways.
     Translation,
-    /// [`Rotation`](Self::Rotation) and [`Translation`](Self::Translation), each with about half
-    /// of the displacement.
+    /// [`Rotation`](Self::Rotation) and [`Translation`](Self::Translation) at once.
     RotationAndTranslation,
     /// A hand's shake: turns, and some translation, in a band of frequencies.
     Shake {

@@ -3,14 +3,16 @@
 //! Along a line of pixels the plane of a surface is a quotient of linear functions (the homography
 //! of [`Surface::view`](super::geometry::Surface::view)), so that the stretch of the line in which
 //! a surface is seen is an intersection of half-lines, and the nearest surface the largest linear
-//! function. Cost for each subsample: two or three surfaces compared, one texture lookup.
+//! function. Cost: two or three surfaces compared a subsample, one texture lookup a pixel, and one
+//! a subsample where surfaces meet.
 
 use super::camera::{Pose, RollingCamera};
-use super::geometry::{Scene, Surface};
+use super::geometry::Scene;
 use super::picture::Picture;
 use super::texture::{Colour, add_scaled};
 use nalgebra::{Matrix3, Vector2, Vector3};
 use rayon::prelude::*;
+use std::ops::Range;
 
 /// Renders frames of a scene.
 pub struct Renderer<'a> {
@@ -18,7 +20,7 @@ pub struct Renderer<'a> {
     pub scene: &'a Scene,
     /// Who sees it.
     pub camera: &'a RollingCamera,
-    /// Rays along each side of a pixel: 2 means 4 rays a pixel.
+    /// Rays along each side of a pixel, which smooth the edges of surfaces: 2 means 4 rays a pixel.
     pub samples: usize,
 }
 
@@ -84,41 +86,73 @@ impl Line {
         self.views.extend(scene.surfaces.iter().map(|surface| surface.view(pose.position, &rays)));
     }
 
-    /// Fills `out` with the mean of each pixel's subsamples.
+    /// Fills `out` with the colour of each pixel: one lookup where all its subsamples see the same
+    /// surface, else the mean of theirs.
     fn draw(&mut self, scene: &Scene, track: &Track, out: &mut [Colour]) {
-        let step = 1.0 / track.samples as f64;
-        let weight = (step * step) as f32;
-        for sub in 0..track.samples {
-            let offset = |index: usize| (index as f64 + 0.5) * step - 0.5;
+        let samples = track.samples;
+        let step = 1.0 / samples as f64;
+        let offset = |index: usize| (index as f64 + 0.5) * step - 0.5;
+        let count = out.len() * samples;
+        self.nearness.clear();
+        self.nearness.resize(count * samples, 0.0);
+        self.nearest.clear();
+        self.nearest.resize(count * samples, usize::MAX);
+        for sub in 0..samples {
             let first = track.origin + track.across * offset(sub) + track.along * offset(0);
-            self.find_nearest(&first, &(track.along * step), out.len() * track.samples);
-            for (index, &surface) in self.nearest.iter().enumerate() {
-                let Some(rectangle) = scene.surfaces.get(surface) else { continue };
-                let pixel = first + track.along * (index as f64 * step);
-                let colour = shade(scene, rectangle, &self.views[surface], pixel, step as f32);
-                let pixel = &mut out[index / track.samples];
-                *pixel = add_scaled(*pixel, colour, weight);
+            self.find_nearest(&first, &(track.along * step), sub * count..(sub + 1) * count);
+        }
+        for (index, colour) in out.iter_mut().enumerate() {
+            let centre = track.origin + track.along * index as f64;
+            let seen = |sub: usize| &self.nearest[sub * count + index * samples..][..samples];
+            let surface = seen(0)[0];
+            if (0..samples).all(|sub| seen(sub).iter().all(|other| *other == surface)) {
+                *colour = self.shade(scene, surface, centre, 1.0);
+                continue;
+            }
+            for (sub, along) in (0..samples * samples).map(|i| (i / samples, i % samples)) {
+                let pixel = centre + track.across * offset(sub) + track.along * offset(along);
+                let part = self.shade(scene, seen(sub)[along], pixel, step);
+                *colour = add_scaled(*colour, part, (step * step) as f32);
             }
         }
     }
 
-    /// For each of `count` subsamples the surface with the largest 1/distance.
-    fn find_nearest(&mut self, first: &Vector3<f64>, step: &Vector3<f64>, count: usize) {
-        self.nearness.clear();
-        self.nearness.resize(count, 0.0);
-        self.nearest.clear();
-        self.nearest.resize(count, usize::MAX);
+    /// For each subsample of a stretch of the buffers the surface with the largest 1/distance.
+    fn find_nearest(&mut self, first: &Vector3<f64>, step: &Vector3<f64>, stretch: Range<usize>) {
+        let nearness = &mut self.nearness[stretch.clone()];
+        let nearest = &mut self.nearest[stretch];
         for (surface, view) in self.views.iter().enumerate() {
             let (start, slope) = (view * first, view * step);
-            let (low, high) = visible_stretch(&start, &slope, count);
+            let (low, high) = visible_stretch(&start, &slope, nearness.len());
             for index in low..high {
-                let nearness = start.z + slope.z * index as f64;
-                if nearness > self.nearness[index] {
-                    self.nearness[index] = nearness;
-                    self.nearest[index] = surface;
+                let near = start.z + slope.z * index as f64;
+                if near > nearness[index] {
+                    nearness[index] = near;
+                    nearest[index] = surface;
                 }
             }
         }
+    }
+
+    /// The colour of a surface in a square of side `step` pixels about `pixel`; black for none.
+    fn shade(&self, scene: &Scene, surface: usize, pixel: Vector3<f64>, step: f64) -> Colour {
+        let Some((rectangle, view)) = scene.surfaces.get(surface).zip(self.views.get(surface)) else {
+            return [0.0; 3];
+        };
+        let seen = view * pixel;
+        let (u, v) = (seen.x / seen.z, seen.y / seen.z);
+        let scale = step / seen.z;
+        let slope = |axis: usize| {
+            let du = (view[(0, axis)] - u * view[(2, axis)]) * scale;
+            let dv = (view[(1, axis)] - v * view[(2, axis)]) * scale;
+            [du as f32 * rectangle.tiling.x, dv as f32 * rectangle.tiling.y]
+        };
+        let (u, v) = (u as f32, v as f32);
+        let x = u * rectangle.tiling.x + rectangle.shift.x;
+        let y = v * rectangle.tiling.y + rectangle.shift.y;
+        let colour = scene.textures[rectangle.texture].sample(x, y, slope(0), slope(1));
+        let light = rectangle.light_at(u, v);
+        colour.map(|channel| channel * light)
     }
 }
 
@@ -142,26 +176,102 @@ fn visible_stretch(start: &Vector3<f64>, slope: &Vector3<f64>, count: usize) -> 
             return (0, 0);
         }
     }
-    // The negation also catches NaN from a surface seen exactly edge on.
-    if !(low <= high) { (0, 0) } else { (low.ceil() as usize, high.floor() as usize + 1) }
+    // A surface seen exactly edge on may give NaN, which is no stretch either.
+    if low <= high { (low.ceil() as usize, high.floor() as usize + 1) } else { (0, 0) }
 }
 
-/// The colour of a surface in a subsample of side `step` pixels, 0 to 1.
-fn shade(scene: &Scene, surface: &Surface, view: &Matrix3<f64>, pixel: Vector3<f64>, step: f32) -> Colour {
-    let seen = view * pixel;
-    let (u, v) = (seen.x / seen.z, seen.y / seen.z);
-    let scale = f64::from(step) / seen.z;
-    let (tile_u, tile_v) = (surface.tiling.x, surface.tiling.y);
-    let slope = |axis: usize| {
-        let du = (view[(0, axis)] - u * view[(2, axis)]) * scale;
-        let dv = (view[(1, axis)] - v * view[(2, axis)]) * scale;
-        [du as f32 * tile_u, dv as f32 * tile_v]
-    };
-    let (u, v) = (u as f32, v as f32);
-    let texture = &scene.textures[surface.texture];
-    let (x, y) = (u * tile_u + surface.shift.x, v * tile_v + surface.shift.y);
-    let colour = texture.sample(x, y, slope(0), slope(1));
-    let [a, b, c, d] = surface.light;
-    let light = (a + (b - a) * u) * (1.0 - v) + (c + (d - c) * u) * v;
-    colour.map(|channel| channel * light)
+#[cfg(test)]
+mod tests {
+    use super::super::path::{Motion, Oscillations};
+    use super::super::{FirstEdge, Pinhole, Shutter, room};
+    use super::*;
+
+    const WIDTH: usize = 160;
+    const HEIGHT: usize = 120;
+
+    fn camera(scale: usize, first: FirstEdge, readout: f64, motion: Motion) -> RollingCamera {
+        let (width, height) = (WIDTH * scale, HEIGHT * scale);
+        RollingCamera {
+            lens: Pinhole { width, height, focal: width as f64 },
+            shutter: Shutter { first, readout },
+            path: Box::new(Oscillations::new(motion, 1.0, 30.0, 4)),
+        }
+    }
+
+    fn psnr(a: &[f32], b: &[f32]) -> f32 {
+        let squares: f32 = a.iter().zip(b).map(|(a, b)| (a - b).powi(2)).sum();
+        10.0 * (255.0f32.powi(2) * a.len() as f32 / squares).log10()
+    }
+
+    /// Means of squares of `side` pixels.
+    fn shrunk(picture: &Picture, side: usize) -> Vec<f32> {
+        let grey = picture.grey();
+        let width = picture.width / side;
+        let mean = |index: usize| {
+            let (x, y) = (side * (index % width), side * (index / width));
+            let rows = (y..y + side).map(|row| &grey[row * picture.width + x..][..side]);
+            rows.flatten().sum::<f32>() / (side * side) as f32
+        };
+        (0..width * picture.height / side).map(mean).collect()
+    }
+
+    #[test]
+    fn is_anti_aliased() {
+        let scene = room::room(1);
+        let fine = camera(8, FirstEdge::Top, 0.0, Motion::Still);
+        let fine = Renderer { scene: &scene, camera: &fine, samples: 2 }.global(0.0);
+        let truth = shrunk(&fine, 8);
+        let coarse = camera(1, FirstEdge::Top, 0.0, Motion::Still);
+        let coarse = Renderer { scene: &scene, camera: &coarse, samples: 2 }.global(0.0);
+        let smooth = psnr(&coarse.grey(), &truth);
+        let grey = fine.grey();
+        let points: Vec<f32> = (0..WIDTH * HEIGHT)
+            .map(|i| grey[(8 * (i / WIDTH) + 4) * fine.width + 8 * (i % WIDTH) + 4])
+            .collect();
+        let aliased = psnr(&points, &truth);
+        assert!(smooth > 30.0 && smooth > aliased + 8.0, "{smooth} dB, point samples {aliased} dB");
+    }
+
+    #[test]
+    fn each_line_of_a_rolling_frame_is_a_line_of_a_global_one() {
+        let scene = room::room(1);
+        for first in [FirstEdge::Top, FirstEdge::Bottom, FirstEdge::Left, FirstEdge::Right] {
+            let camera = camera(1, first, 0.03, Motion::Shake { lowest: 0.1, highest: 0.4 });
+            let renderer = Renderer { scene: &scene, camera: &camera, samples: 1 };
+            let rolling = renderer.rolling(0.2);
+            for (x, y) in [(20, 10), (140, 100)] {
+                let share = match first {
+                    FirstEdge::Top => (y as f64 + 0.5) / HEIGHT as f64,
+                    FirstEdge::Bottom => 1.0 - (y as f64 + 0.5) / HEIGHT as f64,
+                    FirstEdge::Left => (x as f64 + 0.5) / WIDTH as f64,
+                    FirstEdge::Right => 1.0 - (x as f64 + 0.5) / WIDTH as f64,
+                };
+                let global = renderer.global(0.2 + 0.03 * share);
+                let index = y * WIDTH + x;
+                for (a, b) in rolling.colours[index].iter().zip(global.colours[index]) {
+                    assert!((a - b).abs() < 0.01, "{first:?} {x} {y}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn detail_is_everywhere() {
+        let scene = room::room(1);
+        let camera = camera(2, FirstEdge::Top, 0.0, Motion::Still);
+        let picture = Renderer { scene: &scene, camera: &camera, samples: 2 }.global(0.0);
+        let grey = picture.grey();
+        let block = 20;
+        let flat =
+            (0..picture.height / block).flat_map(|row| (0..picture.width / block).map(move |c| (c, row)));
+        let flat = flat.filter(|(column, row)| {
+            let pixels: Vec<f32> = (0..block * block)
+                .map(|i| grey[(row * block + i / block) * picture.width + column * block + i % block])
+                .collect();
+            let mean = pixels.iter().sum::<f32>() / pixels.len() as f32;
+            let variance = pixels.iter().map(|p| (p - mean).powi(2)).sum::<f32>() / pixels.len() as f32;
+            variance.sqrt() < 4.0
+        });
+        assert_eq!(flat.count(), 0, "blocks without texture");
+    }
 }
