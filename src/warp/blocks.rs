@@ -8,10 +8,10 @@
 //! many more there are, and the rest as 16-bit numbers; a kernel reads as many neighbouring
 //! vectors as there are taps and whole parts, never gathers.
 
+use super::Placement;
 use super::inverse::Field;
 use super::kernels::{self, CpuLevel};
 use super::weights::{FRACTION_BITS, ONE};
-use super::Placement;
 
 /// Pixels in a block.
 pub(super) const BLOCK: usize = 16;
