@@ -8,10 +8,10 @@
 //! many more there are, and the rest as 16-bit numbers; a kernel reads as many neighbouring
 //! vectors as there are taps and whole parts, never gathers.
 
+use super::Placement;
 use super::inverse::Field;
 use super::kernels::{self, CpuLevel};
 use super::weights::{FRACTION_BITS, ONE};
-use super::Placement;
 
 /// Pixels in a block.
 pub(super) const BLOCK: usize = 16;
@@ -53,7 +53,7 @@ impl Block {
 
     /// Whole displacement and fraction of pixel 0 to 15.
     pub fn at(&self, pixel: usize) -> (isize, i16) {
-        let half = pixel / KNOT & 1;
+        let half = (pixel / KNOT) & 1;
         let ramp = ((pixel % KNOT) << 12) as i16;
         let value = self.start[half] + super::weights::mulhrs(self.change[half], ramp);
         let whole = self.first + i32::from(value >> FRACTION_BITS);

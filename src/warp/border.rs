@@ -26,8 +26,7 @@ mod tests {
 
     #[test]
     fn mirror_repeats_the_edge_sample() {
-        let shown: Vec<_> =
-            (-4..8).map(|index| resolve(index, 3, BorderMode::Mirror).unwrap()).collect();
+        let shown: Vec<_> = (-4..8).map(|index| resolve(index, 3, BorderMode::Mirror).unwrap()).collect();
         assert_eq!(shown, [2, 2, 1, 0, 0, 1, 2, 2, 1, 0, 0, 1]);
     }
 

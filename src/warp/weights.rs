@@ -127,7 +127,8 @@ static LANCZOS: LazyLock<LanczosTable> = LazyLock::new(|| {
 });
 
 fn lanczos(t: f64) -> [f64; MAX_TAPS] {
-    let sinc = |x: f64| if x == 0.0 { 1.0 } else { (std::f64::consts::PI * x).sin() / (std::f64::consts::PI * x) };
+    let sinc =
+        |x: f64| if x == 0.0 { 1.0 } else { (std::f64::consts::PI * x).sin() / (std::f64::consts::PI * x) };
     let weights: [f64; MAX_TAPS] = std::array::from_fn(|tap| {
         let x = tap as f64 - 2.0 - t;
         if x.abs() < 3.0 { sinc(x) * sinc(x / 3.0) } else { 0.0 }

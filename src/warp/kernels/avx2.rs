@@ -292,7 +292,11 @@ pub(super) fn vertical_u8(
 }
 
 /// The horizontal pass; false, with nothing done, where there is no kernel for it.
-pub(super) fn horizontal_u8(interpolation: Interpolation, task: &Horizontal<'_, i16>, row: &mut [u8]) -> bool {
+pub(super) fn horizontal_u8(
+    interpolation: Interpolation,
+    task: &Horizontal<'_, i16>,
+    row: &mut [u8],
+) -> bool {
     if task.step > MAX_STEP {
         return false;
     }

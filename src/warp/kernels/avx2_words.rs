@@ -165,7 +165,8 @@ unsafe fn horizontal<K: VectorKernel>(task: &Horizontal<'_, f32>, row: &mut [u8]
         let (pixel, span) = (index * BLOCK, block.span as usize);
         let at = (pixel as isize + block.first as isize + K::FIRST - task.column) as usize * step;
         let read = &task.middle[at..at + (BLOCK + K::TAPS - 1 + span) * step];
-        for (vector, (out, lanes)) in stored.chunks_exact_mut(16).zip(&LANES[step - 1]).take(step).enumerate() {
+        for (vector, (out, lanes)) in stored.chunks_exact_mut(16).zip(&LANES[step - 1]).take(step).enumerate()
+        {
             // SAFETY: `read` holds 16 · step numbers from each tap on, `out` 16 words.
             unsafe {
                 let [low, high] = halves(block, lanes);
@@ -240,7 +241,11 @@ pub(super) fn vertical_u16(
 }
 
 /// The horizontal pass; false, with nothing done, where there is no kernel for it.
-pub(super) fn horizontal_u16(interpolation: Interpolation, task: &Horizontal<'_, f32>, row: &mut [u8]) -> bool {
+pub(super) fn horizontal_u16(
+    interpolation: Interpolation,
+    task: &Horizontal<'_, f32>,
+    row: &mut [u8],
+) -> bool {
     if task.step > MAX_STEP {
         return false;
     }

@@ -5,13 +5,8 @@ use super::*;
 const INTERPOLATIONS: [Interpolation; 4] =
     [Interpolation::Nearest, Interpolation::Linear, Interpolation::Cubic, Interpolation::Lanczos];
 const BORDERS: [BorderMode; 3] = [BorderMode::Replicate, BorderMode::Mirror, BorderMode::Constant];
-const FORMATS: [SampleFormat; 5] = [
-    SampleFormat::U8,
-    SampleFormat::U10,
-    SampleFormat::U10_HIGH,
-    SampleFormat::U12,
-    SampleFormat::U16,
-];
+const FORMATS: [SampleFormat; 5] =
+    [SampleFormat::U8, SampleFormat::U10, SampleFormat::U10_HIGH, SampleFormat::U12, SampleFormat::U16];
 
 fn random_layout(random: &mut Random) -> PlaneLayout {
     let channels = 1 + random.below(4);

@@ -34,7 +34,11 @@ fn difference(out: &[u8], truth: impl Fn(f64, f64) -> f64, margin: usize) -> (f6
     (sum / count, worst)
 }
 
-fn rectified(direction: ReadoutDirection, interpolation: Interpolation, scene: fn(f64, f64) -> f64) -> Vec<u8> {
+fn rectified(
+    direction: ReadoutDirection,
+    interpolation: Interpolation,
+    scene: fn(f64, f64) -> f64,
+) -> Vec<u8> {
     let readout = readout(SIZE.0, SIZE.1, direction, 0.9);
     let path = path(&readout, 0.12, 18.0, -13.0);
     let data = distorted(&readout, &path, scene);
@@ -66,8 +70,9 @@ fn better_kernels_keep_more_of_fine_detail() {
     let error = |interpolation| {
         difference(&rectified(ReadoutDirection::TopToBottom, interpolation, chirp), chirp, 30).0
     };
-    let errors = [Interpolation::Nearest, Interpolation::Linear, Interpolation::Cubic, Interpolation::Lanczos]
-        .map(error);
+    let errors =
+        [Interpolation::Nearest, Interpolation::Linear, Interpolation::Cubic, Interpolation::Lanczos]
+            .map(error);
     assert!(errors[0] > errors[1] && errors[1] > 1.5 * errors[2] && errors[2] > errors[3], "{errors:?}");
 }
 
