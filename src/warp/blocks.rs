@@ -53,7 +53,7 @@ impl Block {
 
     /// Whole displacement and fraction of pixel 0 to 15.
     pub fn at(&self, pixel: usize) -> (isize, i16) {
-        let half = pixel / KNOT & 1;
+        let half = (pixel / KNOT) & 1;
         let ramp = ((pixel % KNOT) << 12) as i16;
         let value = self.start[half] + super::weights::mulhrs(self.change[half], ramp);
         let whole = self.first + i32::from(value >> FRACTION_BITS);

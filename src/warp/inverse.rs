@@ -12,10 +12,12 @@
 //!
 //! Together they are the inverse: output (X, Y) shows (x, Y + down(x, Y)) with x = X + across(X, Y).
 //!
-//! Both are solved exactly at nodes 32 pixels apart (8 in small frames) and interpolated by
-//! Catmull–Rom cubics, whose error is of third order: (32 px)³ · f‴/(72√3)-like, some 1e-4 px for 0.2 rad
-//! on 1080 rows. 1080p: 2 × 2200 nodes of about three carries each, 40 ns a carry: 0.5 ms on one
-//! core, spread by rows of nodes.
+//! Both are solved exactly at nodes 64 pixels apart (32 or 8 in small frames) and interpolated by
+//! Catmull–Rom cubics, whose error is of third order in the distance. With all that follows, the
+//! largest error measured is 0.007 px for 0.2 rad and 150 px a frame at 1920 × 1080.
+//!
+//! 1080p: 2 × 660 nodes of about three carries each, 40 ns a carry: 0.2 ms on one core, spread by
+//! rows of nodes.
 
 use super::WarpSettings;
 use crate::motion::{MotionPath, image_centre};

@@ -125,11 +125,10 @@ impl Vertical<'_> {
         let layout = self.plane.layout();
         let (step, own) = (out.len() / BLOCK, layout.channels * layout.format.bytes());
         let row = resolve(row, layout.height, self.border).map(|row| self.plane.row(row));
-        if let (Some(row), Ok(left)) = (row, usize::try_from(left)) {
-            if let Some(pixels) = row.get(left * step..(left + BLOCK) * step) {
-                out.copy_from_slice(pixels);
-                return;
-            }
+        let pixels = row.zip(usize::try_from(left).ok());
+        if let Some(pixels) = pixels.and_then(|(row, left)| row.get(left * step..(left + BLOCK) * step)) {
+            out.copy_from_slice(pixels);
+            return;
         }
         for (column, out) in (left..).zip(out.chunks_exact_mut(step)) {
             match (row, resolve(column, layout.width, self.border)) {
@@ -206,7 +205,7 @@ macro_rules! with_kernel {
     };
 }
 
-/// First tap, counted from the whole position, and the rounding of positions.
+/// First and last tap, counted from the whole position, and the rounding of positions.
 pub(super) fn reach(interpolation: Interpolation) -> (isize, isize, i32) {
     with_kernel!(interpolation, K => (K::FIRST, K::FIRST + K::TAPS as isize - 1, K::ROUND))
 }
