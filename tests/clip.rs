@@ -2,48 +2,11 @@
 
 mod common;
 
+use common::film::{FRAMES, Film, film, launch, shown};
 use common::*;
 use gst::prelude::*;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::sync::LazyLock;
-
-/// Frames in the clip.
-const FRAMES: usize = 60;
-
-/// A film of [`FRAMES`] numbered frames, in groups of 15 pictures, in a folder that goes with the
-/// last user of it.
-struct Film(PathBuf);
-
-impl Drop for Film {
-    fn drop(&mut self) {
-        let _ = std::fs::remove_file(&self.0);
-    }
-}
-
-fn film(test: &str) -> Film {
-    init();
-    let path = std::env::temp_dir().join(format!("rsrectify-{}-{test}.mp4", std::process::id()));
-    let pipeline = launch(&format!(
-        "appsrc name=in format=time ! videoconvert ! x264enc key-int-max=15 speed-preset=ultrafast ! mp4mux \
-         ! filesink location={}",
-        path.display()
-    ));
-    let input = pipeline.by_name("in").unwrap().downcast::<gst_app::AppSrc>().unwrap();
-    input.set_caps(Some(&numbered_caps()));
-    pipeline.set_state(gst::State::Playing).unwrap();
-    for number in 0..FRAMES {
-        input.push_buffer(numbered(number)).unwrap();
-    }
-    input.end_of_stream().unwrap();
-    wait_for(&pipeline, gst::MessageType::Eos);
-    pipeline.set_state(gst::State::Null).unwrap();
-    Film(path)
-}
-
-fn launch(description: &str) -> gst::Pipeline {
-    init();
-    gst::parse::launch(description).unwrap().downcast().unwrap()
-}
 
 /// The film decoded through `filter` into an appsink, paused at its start.
 fn player(film: &Path, filter: &str) -> (gst::Pipeline, gst_app::AppSink) {
@@ -56,13 +19,6 @@ fn player(film: &Path, filter: &str) -> (gst::Pipeline, gst_app::AppSink) {
     pipeline.set_state(gst::State::Paused).unwrap();
     wait_for(&pipeline, gst::MessageType::AsyncDone);
     (pipeline, sink)
-}
-
-/// The number that a sample shows.
-fn shown(sample: &gst::Sample) -> usize {
-    let info = gst_video::VideoInfo::from_caps(sample.caps().unwrap()).unwrap();
-    let map = sample.buffer().unwrap().map_readable().unwrap();
-    number_of(&map, info.stride()[0] as usize)
 }
 
 /// The numbers that come until the stream or segment ends.
@@ -114,8 +70,9 @@ const SEEKS: [Seek; 7] = [
     Seek { rate: -1.0, start: 500, stop: Some(1800), flags: NONE },
 ];
 
-static FILTERS: LazyLock<Vec<String>> =
-    LazyLock::new(|| [0, 4, 64].map(|n| format!("rsrectify lookahead={n}")).to_vec());
+static FILTERS: LazyLock<Vec<String>> = LazyLock::new(|| {
+    ["lookahead=0", "", "lookahead=64", "border-mode=crop"].map(|n| format!("rsrectify {n}")).to_vec()
+});
 
 #[test]
 fn a_film_from_start_to_end() {

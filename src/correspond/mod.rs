@@ -1,4 +1,43 @@
 //! Two luma planes → point correspondences.
+//!
+//! | step | file | what it does |
+//! |---|---|---|
+//! | reduce | `luma` | any luma view → grey of at most 960 pixels a side, by area average |
+//! | halve | `pyramid` | the coarser levels, and the detail image that the search looks at |
+//! | place | `grid` | the points that are measured: the middles of a uniform grid of cells |
+//! | start | `start` | exhaustive search of large regions on the coarsest level |
+//! | track | `tracker` | sub-pixel registration of one patch: inverse-compositional Lucas–Kanade |
+//! | agree | `field` | what the neighbours of a point say of its motion and its local distortion |
+//! | join | `sampler` | the order of it all, and which points are kept |
+//!
+//! Three coordinate systems occur: *full-frame* pixels, which callers see; *analysed* pixels, those
+//! of the reduced grey; and pixels of level l, each 2^l analysed pixels wide. In all of them pixel
+//! centres are integers, so that going to a system s times coarser is x ↦ (x + ½)/s − ½.
+//!
+//! # Cost
+//!
+//! For 1920×1080 in 8 bits, hence 960×540 analysed, on a grid of 32×24:
+//!
+//! | step | bytes read and written | multiply-adds |
+//! |---|---|---|
+//! | reduce | 2.1 MB + 2.1 MB | 2.1 M vertical, 0.5 M horizontal |
+//! | halve | 2.8 MB + 0.7 MB | 0.7 M |
+//! | start | in cache | 18 regions × 841 shifts × 256 = 3.9 M |
+//! | track, coarse levels | in cache | 768 points × about 10 samplings × 0.9 k = 7 M |
+//! | track, full level | in cache | 768 points × about 6 samplings × 3.3 k = 15 M, and two templates |
+
+mod field;
+mod grid;
+mod luma;
+mod pyramid;
+mod sampler;
+mod start;
+#[cfg(test)]
+mod tests;
+mod tracker;
+
+pub use pyramid::Pyramid;
+pub use sampler::Sampler;
 
 use nalgebra::Vector2;
 

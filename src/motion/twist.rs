@@ -1,6 +1,6 @@
 //! The twist: the 2D rotation of 25.2 in a form without singularities.
 
-use nalgebra::{Matrix2, Vector2, Vector3};
+use nalgebra::{Matrix2, Matrix2x3, Vector2, Vector3};
 
 /// The velocity of a rigid image motion: a rotation by ω about c = (−v_y/ω, v_x/ω).
 ///
@@ -57,6 +57,19 @@ impl Twist {
         let v = self.velocity * time;
         Rigid { cos, sin, shift: Vector2::new(along * v.x - across * v.y, across * v.x + along * v.y) }
     }
+
+    /// How the point that `point` (centred pixels) goes to after `time` seconds changes with
+    /// (ω, v_x, v_y): ∂f(x, ω·time, c)/∂(ω, v_x, v_y).
+    pub fn jacobian(&self, point: Vector2<f64>, time: f64) -> Matrix2x3<f64> {
+        let angle = self.omega * time;
+        let (sin, cos) = angle.sin_cos();
+        let (along, across) = chord(angle, sin, cos);
+        let (along_slope, across_slope) = chord_slope(angle, sin, cos);
+        let v = self.velocity * time;
+        let turn_x = -sin * point.x - cos * point.y + along_slope * v.x - across_slope * v.y;
+        let turn_y = cos * point.x - sin * point.y + across_slope * v.x + along_slope * v.y;
+        Matrix2x3::new(turn_x, along, -across, turn_y, across, along) * time
+    }
 }
 
 /// sin(a)/a and (1 − cos(a))/a, by series where the quotients lose their digits.
@@ -66,6 +79,17 @@ fn chord(angle: f64, sin: f64, cos: f64) -> (f64, f64) {
         (1.0 - square / 6.0 * (1.0 - square / 20.0), angle / 2.0 * (1.0 - square / 12.0))
     } else {
         (sin / angle, (1.0 - cos) / angle)
+    }
+}
+
+/// The derivatives of [`chord`]'s two functions of the angle.
+fn chord_slope(angle: f64, sin: f64, cos: f64) -> (f64, f64) {
+    if angle.abs() < 1e-3 {
+        let square = angle * angle;
+        (-angle / 3.0 * (1.0 - square / 10.0), 0.5 * (1.0 - square / 4.0))
+    } else {
+        let (along, across) = chord(angle, sin, cos);
+        ((cos - along) / angle, (sin - across) / angle)
     }
 }
 
@@ -140,6 +164,24 @@ mod tests {
         let at = |angle: f64| chord(angle, angle.sin(), angle.cos());
         let (below, above) = (at(1e-3 * (1.0 - 1e-12)), at(1e-3));
         assert!((below.0 - above.0).abs() < 1e-12 && (below.1 - above.1).abs() < 1e-12);
+    }
+
+    #[test]
+    fn the_jacobian_is_the_limit_of_differences() {
+        let x = Vector2::new(150.0, -210.0);
+        for twist in [Twist::ZERO, Twist::new(0.01, 30.0, -9.0), Twist::new(-4.0, 500.0, 800.0)] {
+            let jacobian = twist.jacobian(x, 0.04);
+            for (axis, step) in [(0, 1e-4), (1, 1e-2), (2, 1e-2)] {
+                let at = |sign: f64| {
+                    let mut vector = twist.to_vector();
+                    vector[axis] += sign * step;
+                    Twist::from_vector(vector).after(0.04).apply(x)
+                };
+                let difference = (at(1.0) - at(-1.0)) / (2.0 * step);
+                let error = (jacobian.column(axis) - difference).norm();
+                assert!(error < 1e-6, "{twist:?}, axis {axis}: {error}");
+            }
+        }
     }
 
     #[test]

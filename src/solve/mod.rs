@@ -1,1 +1,22 @@
 //! Correspondences of a window → a motion path for each frame.
+//!
+//! | file | the paper's |
+//! |---|---|
+//! | [`measurement`] | measurement constraint 25.4 and its sparse Levenberg–Marquardt |
+//! | `start` | (a start that survives outliers; the paper has none) |
+//! | [`link`] | one pair: uniform rotation 25.6, sequential steps 25.7–25.10 |
+//! | [`window`] | least E over the window, both directions, final choice 25.4.1.3 |
+//!
+//! The only clock is the exposure time t = t_k + T·s, so that any frame rate, dropped frame or
+//! reverse playback is right; see the [`readout`](crate::readout).
+
+pub mod link;
+pub mod measurement;
+mod start;
+pub mod window;
+
+pub use link::{Fit, Link};
+pub use window::{Candidate, Origin, Window};
+
+#[cfg(test)]
+mod tests;

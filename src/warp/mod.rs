@@ -1,8 +1,30 @@
 //! A frame's motion path and a plane → the rectified plane.
+//!
+//! The frame shows the point x (centred pixels, exposed at share s) at x; the rectified frame shows it
+//! at z · carry(x, s, s + α·(ref − s)): 25.11 with a strength α and a zoom z. [`Warper::prepare`]
+//! inverts this map once a frame, [`Warper::warp`] samples any of the frame's planes by it, in
+//! two passes: first down the columns, then along the rows (see `kernels`).
+//!
+//! Positions are right to 0.01 px: the map is solved at nodes, interpolated between them, and
+//! rounded to 1/2048 px.
+
+mod blocks;
+mod border;
+mod inverse;
+mod kernels;
+mod rows;
+#[cfg(test)]
+mod tests;
+mod weights;
+
+pub use kernels::CpuLevel;
 
 use crate::motion::MotionPath;
-use crate::plane::{Plane, PlaneMut};
+use crate::plane::{Plane, PlaneLayout, PlaneMut};
 use crate::readout::Readout;
+use blocks::KnotTable;
+use inverse::InverseMap;
+use std::sync::{Arc, Mutex, PoisonError};
 use thiserror::Error;
 
 /// How samples between pixels are made.
@@ -85,24 +107,74 @@ pub enum WarpError {
 }
 
 /// Rectifies the planes of one frame after another; keeps its buffers.
+///
+/// Rows are spread over the thread pool of rayon in which [`prepare`](Self::prepare) and
+/// [`warp`](Self::warp) are called.
+#[derive(Debug)]
+pub struct Warper {
+    level: CpuLevel,
+    settings: WarpSettings,
+    identity: bool,
+    map: InverseMap,
+    /// Knots of the planes seen since `prepare`; the first `used` are valid, the others memory.
+    planes: Mutex<PlaneMaps>,
+}
+
+/// The inverse map at the knots of one kind of plane.
+#[derive(Clone, Debug, Default)]
+struct PlaneMap {
+    across: KnotTable,
+    down: KnotTable,
+}
+
 #[derive(Debug, Default)]
-pub struct Warper {}
+struct PlaneMaps {
+    used: Vec<(Placement, usize, Arc<PlaneMap>)>,
+    spare: Vec<Arc<PlaneMap>>,
+}
+
+impl Default for Warper {
+    fn default() -> Self {
+        Self::new()
+    }
+}
 
 impl Warper {
-    /// A warper with empty buffers.
+    /// A warper with empty buffers, for the instructions that this machine has.
     pub fn new() -> Self {
-        Self::default()
+        Self::with_cpu(CpuLevel::detect())
+    }
+
+    /// A warper that uses at most the instructions of `level`.
+    pub fn with_cpu(level: CpuLevel) -> Self {
+        Self {
+            level: level.available(),
+            settings: WarpSettings::default(),
+            identity: true,
+            map: InverseMap::default(),
+            planes: Mutex::default(),
+        }
     }
 
     /// Computes the inverse map of one frame; [`warp`](Self::warp) then serves all its planes.
+    ///
+    /// Settings out of range count as the nearest in range; a zoom of more than 8 as 8.
     pub fn prepare(&mut self, readout: &Readout, path: &MotionPath, settings: &WarpSettings) {
-        let _ = (readout, path, settings);
+        self.settings = *settings;
+        let unmoved = path.is_still() || settings.strength <= 0.0;
+        self.identity = unmoved && settings.zoom <= 1.0;
+        let planes = self.planes.get_mut().unwrap_or_else(PoisonError::into_inner);
+        planes.spare.extend(planes.used.drain(..).map(|(_, _, map)| map));
+        if !self.identity {
+            self.map.solve(readout, path, settings);
+        }
     }
 
-    /// Fills `dst` with the rectified `src`.
+    /// Fills `dst` with the rectified `src`; before the first [`prepare`](Self::prepare), with its copy.
     ///
     /// `fill` holds one sample value a channel (before the format's shift) for
-    /// [`BorderMode::Constant`].
+    /// [`BorderMode::Constant`]. The steps of the two planes may differ; samples between the pixels'
+    /// own are not written.
     pub fn warp(
         &self,
         src: &Plane<'_>,
@@ -110,7 +182,53 @@ impl Warper {
         placement: Placement,
         fill: [u16; 4],
     ) -> Result<(), WarpError> {
-        let _ = (src, dst, placement, fill);
+        let key = |layout: &PlaneLayout| (layout.width, layout.height, layout.channels, layout.format);
+        if key(src.layout()) != key(dst.layout()) {
+            return Err(WarpError::Mismatch);
+        }
+        if src.layout().width == 0 || src.layout().height == 0 {
+            return Ok(());
+        }
+        if self.identity {
+            rows::copy(src, dst);
+            return Ok(());
+        }
+        let map = self.plane_map(placement, src.layout().width);
+        let task = rows::PlaneTask {
+            level: self.level,
+            interpolation: self.settings.interpolation,
+            border: self.settings.border,
+            fill,
+            across: &map.across,
+            down: &map.down,
+            source: *src,
+        };
+        task.run(dst);
         Ok(())
+    }
+
+    /// The knots of planes of this placement and width, made on first use.
+    fn plane_map(&self, placement: Placement, width: usize) -> Arc<PlaneMap> {
+        let mut planes = self.planes.lock().unwrap_or_else(PoisonError::into_inner);
+        let known = planes.used.iter().find(|(at, columns, _)| *at == placement && *columns == width);
+        if let Some((_, _, map)) = known {
+            return map.clone();
+        }
+        let mut map = planes.spare.pop().unwrap_or_default();
+        Arc::make_mut(&mut map).fill(&self.map, &placement, width);
+        planes.used.push((placement, width, map.clone()));
+        map
+    }
+}
+
+impl PlaneMap {
+    fn fill(&mut self, map: &InverseMap, placement: &Placement, width: usize) {
+        let last = width as isize - 1;
+        self.across.fill(&map.across, placement, 0, 0, last);
+        let down = &map.down;
+        let column = |x: f64| ((x - placement.offset[0]) / placement.scale[0]) as isize;
+        let from = column(down.origin[0]).clamp(-2 * last - 2, 0);
+        let to = column(down.origin[0] + down.spacing * down.columns as f64).clamp(last, 3 * last + 3);
+        self.down.fill(down, placement, 1, from, to);
     }
 }

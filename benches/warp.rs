@@ -1,0 +1,98 @@
+//! Rectifying one 1080p frame: the inverse map alone, a luma plane, all planes of I420.
+//!
+//! `RAYON_NUM_THREADS` sets the threads.
+
+use criterion::{Criterion, Throughput, criterion_group, criterion_main};
+use rsrectify::motion::{MotionPath, Twist};
+use rsrectify::plane::{Plane, PlaneLayout, PlaneMut, SampleFormat};
+use rsrectify::readout::{Readout, ReadoutDirection, ReadoutTime};
+use rsrectify::warp::{CpuLevel, Interpolation, Placement, WarpSettings, Warper};
+use std::hint::black_box;
+
+const CHROMA: Placement = Placement { scale: [2.0, 2.0], offset: [0.0, 0.5] };
+
+/// A picture with detail everywhere.
+fn samples(layout: &PlaneLayout) -> Vec<u8> {
+    let bytes = layout.stride * layout.height;
+    (0..bytes).map(|index| (index.wrapping_mul(2_654_435_761) >> 13) as u8).collect()
+}
+
+struct Image {
+    layout: PlaneLayout,
+    placement: Placement,
+    source: Vec<u8>,
+    target: Vec<u8>,
+}
+
+impl Image {
+    fn new(layout: PlaneLayout, placement: Placement) -> Self {
+        let source = samples(&layout);
+        Self { layout, placement, target: vec![0; source.len()], source }
+    }
+
+    fn warp(&mut self, warper: &Warper) {
+        let source = Plane::new(&self.source, self.layout).expect("a plane");
+        let mut target = PlaneMut::new(&mut self.target, self.layout).expect("a plane");
+        warper.warp(&source, &mut target, self.placement, [0; 4]).expect("planes of one kind");
+        black_box(&self.target);
+    }
+}
+
+fn one_channel(scale: usize, format: SampleFormat) -> PlaneLayout {
+    PlaneLayout::packed(1920 / scale, 1080 / scale, format)
+}
+
+fn formats() -> Vec<(&'static str, Vec<Image>)> {
+    let planes = |format| {
+        vec![
+            Image::new(one_channel(1, format), Placement::FULL),
+            Image::new(one_channel(2, format), CHROMA),
+            Image::new(one_channel(2, format), CHROMA),
+        ]
+    };
+    let pairs = PlaneLayout { step: 2, channels: 2, stride: 1920, ..one_channel(2, SampleFormat::U8) };
+    let rgbx = PlaneLayout { step: 4, channels: 4, stride: 7680, ..one_channel(1, SampleFormat::U8) };
+    let nv12 = vec![Image::new(one_channel(1, SampleFormat::U8), Placement::FULL), Image::new(pairs, CHROMA)];
+    vec![
+        ("y", vec![Image::new(one_channel(1, SampleFormat::U8), Placement::FULL)]),
+        ("i420", planes(SampleFormat::U8)),
+        ("nv12", nv12),
+        ("i420_10le", planes(SampleFormat::U10)),
+        ("rgba", vec![Image::new(rgbx, Placement::FULL)]),
+    ]
+}
+
+fn warp(criterion: &mut Criterion) {
+    let readout = Readout::new(1920, 1080, ReadoutDirection::TopToBottom, ReadoutTime::Seconds(1.0), 1.0);
+    let motions = [("gentle", Twist::new(0.01, 12.0, -6.0)), ("strong", Twist::new(0.1, 80.0, 40.0))];
+    let mut formats = formats();
+    for (motion, twist) in motions {
+        let path = MotionPath { twist, readout_time: readout.time };
+        let mut group = criterion.benchmark_group(format!("warp/{motion}"));
+        group.sample_size(30);
+        for level in CpuLevel::ALL.into_iter().filter(|level| level.available() == *level) {
+            for interpolation in [Interpolation::Linear, Interpolation::Cubic, Interpolation::Lanczos] {
+                let settings = WarpSettings { interpolation, ..WarpSettings::default() };
+                let mut warper = Warper::with_cpu(level);
+                warper.prepare(&readout, &path, &settings);
+                for (name, images) in &mut formats {
+                    let samples: usize =
+                        images.iter().map(|i| i.layout.width * i.layout.height * i.layout.channels).sum();
+                    group.throughput(Throughput::Elements(samples as u64));
+                    group.bench_function(format!("{name}/{interpolation:?}/{level:?}"), |bencher| {
+                        bencher.iter(|| images.iter_mut().for_each(|image| image.warp(&warper)));
+                    });
+                }
+            }
+        }
+        group.throughput(Throughput::Elements(1));
+        let mut warper = Warper::new();
+        group.bench_function("prepare", |bencher| {
+            bencher.iter(|| warper.prepare(&readout, black_box(&path), &WarpSettings::default()));
+        });
+        group.finish();
+    }
+}
+
+criterion_group!(benches, warp);
+criterion_main!(benches);

@@ -1,0 +1,144 @@
+//! The command line of the evaluation.
+
+use anyhow::{Context, Result};
+use clap::{Args, Parser, Subcommand};
+use rsrectify_eval::metrics::Stats;
+use rsrectify_eval::product::{self, Delay};
+use rsrectify_eval::scene::{Frame, room};
+use rsrectify_eval::sequence::{self, Sequence, Settings};
+use rsrectify_eval::video;
+use std::path::PathBuf;
+use std::sync::Arc;
+
+/// Truth is sampled every so many pixels.
+const STEP: usize = 8;
+
+/// Renders rolling-shutter sequences with exact truth and judges rsrectify on them.
+#[derive(Parser)]
+struct Cli {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Subcommand)]
+enum Command {
+    /// Renders a named sequence.
+    Render {
+        /// Its name, one of those that `list` prints.
+        #[arg(long)]
+        sequence: String,
+        /// The YUV4MPEG2 file to write; `-` is the standard output.
+        #[arg(long)]
+        out: PathBuf,
+        #[command(flatten)]
+        changes: Changes,
+    },
+    /// Renders a strongly shaken clip in colour.
+    Demo {
+        /// The YUV4MPEG2 file to write; `-` is the standard output.
+        #[arg(long)]
+        out: PathBuf,
+        #[command(flatten)]
+        changes: Changes,
+    },
+    /// Measures the displacement the library leaves.
+    Measure {
+        /// Names of sequences; all without it.
+        #[arg(long)]
+        sequence: Vec<String>,
+        /// Frames the library may look ahead.
+        #[arg(long, default_value_t = 12)]
+        lookahead: usize,
+        #[command(flatten)]
+        changes: Changes,
+    },
+    /// Prints the names of the sequences.
+    List,
+}
+
+/// What may be changed of a sequence.
+#[derive(Args)]
+struct Changes {
+    /// Number of frames.
+    #[arg(long)]
+    frames: Option<usize>,
+    /// Frame width in pixels.
+    #[arg(long)]
+    width: Option<usize>,
+    /// Frame height in pixels.
+    #[arg(long)]
+    height: Option<usize>,
+    /// Seed of path, textures and noise.
+    #[arg(long)]
+    seed: Option<u64>,
+}
+
+impl Changes {
+    fn apply(&self, mut settings: Settings) -> Settings {
+        settings.frames = self.frames.unwrap_or(settings.frames);
+        settings.width = self.width.unwrap_or(settings.width);
+        settings.height = self.height.unwrap_or(settings.height);
+        settings.seed = self.seed.unwrap_or(settings.seed);
+        settings
+    }
+}
+
+fn main() -> Result<()> {
+    match Cli::parse().command {
+        Command::Render { sequence, out, changes } => render(changes.apply(find(&sequence)?), &out),
+        Command::Demo { out, changes } => render(changes.apply(sequence::demo()), &out),
+        Command::Measure { sequence, lookahead, changes } => measure(&sequence, lookahead, &changes),
+        Command::List => {
+            sequence::catalogue().iter().for_each(|settings| println!("{}", settings.name));
+            Ok(())
+        }
+    }
+}
+
+fn find(name: &str) -> Result<Settings> {
+    sequence::named(name).with_context(|| format!("no sequence is named {name}; `list` prints the names"))
+}
+
+fn render(settings: Settings, out: &std::path::Path) -> Result<()> {
+    let (size, fps) = ([settings.width, settings.height], settings.fps);
+    video::write(out, size, fps, Sequence::new(settings).frames())
+}
+
+fn measure(names: &[String], lookahead: usize, changes: &Changes) -> Result<()> {
+    let settings: Vec<Settings> = if names.is_empty() {
+        sequence::catalogue()
+    } else {
+        names.iter().map(|name| find(name)).collect::<Result<_>>()?
+    };
+    println!(
+        "| sequence | uncorrected px (p95) | delay 0: left px (p95) | share | true delay: left px (p95) | share |"
+    );
+    println!("|---|---|---|---|---|---|");
+    let seed = changes.seed.unwrap_or(1);
+    let scene = Arc::new(room::room(seed));
+    for settings in settings {
+        let sequence = Sequence::in_scene(changes.apply(settings), scene.clone());
+        println!("{}", measured_row(&sequence, lookahead)?);
+    }
+    Ok(())
+}
+
+fn measured_row(sequence: &Sequence, lookahead: usize) -> Result<String> {
+    let frames: Vec<Frame> = sequence.frames().collect();
+    let truth = sequence.truth();
+    let samples: Vec<_> = (0..frames.len()).map(|k| truth.samples(k, STEP)).collect();
+    let uncorrected = truth.uncorrected(STEP);
+    let mut row = format!("| {} | {} |", sequence.settings.name, pixels(&uncorrected));
+    for delay in [Delay::Zero, Delay::True] {
+        let settings = product::settings(&sequence.settings, delay, lookahead);
+        let solutions = product::solve(sequence, &frames, settings)?;
+        let left = product::displacement_left(&samples, &solutions);
+        let share = left.share_of(&uncorrected).map_or("–".into(), |s| format!("{:.1} %", 100.0 * s));
+        row += &format!(" {} | {share} |", pixels(&left));
+    }
+    Ok(row)
+}
+
+fn pixels(stats: &Stats) -> String {
+    format!("{:.2} ({:.2})", stats.rms, stats.p95)
+}

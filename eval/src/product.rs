@@ -1,0 +1,73 @@
+//! The library under test, called as any program would call it.
+
+use crate::metrics::{Stats, distances};
+use crate::scene::{FirstEdge, Frame};
+use crate::sequence::{self, Sequence};
+use crate::truth::Sample;
+use anyhow::{Context, Result};
+use nalgebra::Vector2;
+use rsrectify::motion::image_centre;
+use rsrectify::plane::{Luma, Plane, PlaneLayout, SampleFormat};
+use rsrectify::readout::{ReadoutDirection, ReadoutTime};
+use rsrectify::rectifier::{FrameSolution, Rectifier, Settings};
+
+/// What the product is told of the readout time.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Delay {
+    /// Nothing: it takes the inter-frame delay as 0.
+    Zero,
+    /// The truth.
+    True,
+}
+
+/// The library's settings for a sequence.
+pub fn settings(sequence: &sequence::Settings, delay: Delay, lookahead: usize) -> Settings {
+    let direction = match sequence.first {
+        FirstEdge::Top => ReadoutDirection::TopToBottom,
+        FirstEdge::Bottom => ReadoutDirection::BottomToTop,
+        FirstEdge::Left => ReadoutDirection::LeftToRight,
+        FirstEdge::Right => ReadoutDirection::RightToLeft,
+    };
+    let readout_time = match delay {
+        Delay::Zero => ReadoutTime::WholePeriod,
+        Delay::True => ReadoutTime::Seconds(sequence.readout_time()),
+    };
+    Settings { lookahead, direction, readout_time, ..Settings::default() }
+}
+
+/// Pushes the frames of a sequence and collects the motion of each.
+pub fn solve(sequence: &Sequence, frames: &[Frame], settings: Settings) -> Result<Vec<FrameSolution>> {
+    let (width, height) = (sequence.settings.width, sequence.settings.height);
+    let period = Some(1.0 / sequence.settings.fps);
+    let mut rectifier = Rectifier::new(settings, width, height, period);
+    let mut solutions = Vec::with_capacity(frames.len());
+    for (k, frame) in frames.iter().enumerate() {
+        let luma = frame.luma();
+        let plane = Plane::new(&luma, PlaneLayout::packed(width, height, SampleFormat::U8))?;
+        rectifier.push(&Luma::from(plane), Some(sequence.start(k)), false);
+        solutions.extend(std::iter::from_fn(|| rectifier.pop()));
+    }
+    rectifier.drain();
+    solutions.extend(std::iter::from_fn(|| rectifier.pop()));
+    (solutions.len() == frames.len())
+        .then_some(solutions)
+        .context("the rectifier gave out another number of motions than it was given frames")
+}
+
+/// Where a solution takes a pixel: to the middle of the readout.
+pub fn corrected(solution: &FrameSolution, pixel: Vector2<f64>) -> Vector2<f64> {
+    let readout = &solution.readout;
+    let centre = image_centre(readout.width, readout.height);
+    let share = readout.share(pixel.x, pixel.y);
+    solution.path.carry(pixel - centre, share, 0.5) + centre
+}
+
+/// The displacement left over a sequence, where `samples` holds the truth of each frame.
+pub fn displacement_left(samples: &[Vec<Sample>], solutions: &[FrameSolution]) -> Stats {
+    let pairs = samples.iter().zip(solutions);
+    Stats::of(
+        pairs
+            .flat_map(|(samples, solution)| distances(samples, |pixel| corrected(solution, pixel)))
+            .collect(),
+    )
+}

@@ -1,0 +1,167 @@
+//! Textured rectangles in space. World axes: x right, y down, z ahead; metres.
+
+use super::texture::Texture;
+use nalgebra::{Matrix3, Vector2, Vector3};
+
+/// A textured rectangle: origin + u·edge_u + v·edge_v, u and v in 0..1; seen from both sides.
+#[derive(Clone, Debug)]
+pub struct Surface {
+    origin: Vector3<f64>,
+    edge_u: Vector3<f64>,
+    edge_v: Vector3<f64>,
+    normal: Vector3<f64>,
+    /// Index of the texture in the scene.
+    pub texture: usize,
+    /// Repetitions of the texture along u and v.
+    pub tiling: Vector2<f32>,
+    /// Where in the texture the corner lies, in repetitions.
+    pub shift: Vector2<f32>,
+    /// Brightness at the corners (u, v) = (0,0), (1,0), (0,1), (1,1).
+    pub light: [f32; 4],
+}
+
+impl Surface {
+    /// A rectangle with a corner and its two edges, at right angles; texture 0 once, full light.
+    pub fn new(origin: Vector3<f64>, edge_u: Vector3<f64>, edge_v: Vector3<f64>) -> Self {
+        Self {
+            origin,
+            edge_u,
+            edge_v,
+            normal: edge_u.cross(&edge_v).normalize(),
+            texture: 0,
+            tiling: Vector2::new(1.0, 1.0),
+            shift: Vector2::new(0.0, 0.0),
+            light: [1.0; 4],
+        }
+    }
+
+    /// The same rectangle covered with a texture of which one repetition is `metres` wide.
+    pub fn covered(mut self, texture: usize, metres: f64, shift: Vector2<f32>) -> Self {
+        self.texture = texture;
+        self.tiling =
+            Vector2::new((self.edge_u.norm() / metres) as f32, (self.edge_v.norm() / metres) as f32);
+        self.shift = shift;
+        self
+    }
+
+    /// The same rectangle lit by a lamp: a share of ambient light, the rest by angle and distance.
+    pub fn lit(mut self, lamp: Vector3<f64>) -> Self {
+        let light = |u: f64, v: f64| {
+            let to_lamp = lamp - self.point(u, v);
+            let distance = to_lamp.norm();
+            let facing = self.normal.dot(&to_lamp).abs() / distance.max(1e-9);
+            (0.55 + 0.65 * facing / (1.0 + 0.03 * distance * distance)) as f32
+        };
+        self.light = [light(0.0, 0.0), light(1.0, 0.0), light(0.0, 1.0), light(1.0, 1.0)];
+        self
+    }
+
+    /// The point at (u, v).
+    pub fn point(&self, u: f64, v: f64) -> Vector3<f64> {
+        self.origin + self.edge_u * u + self.edge_v * v
+    }
+
+    /// Distance along a ray (in lengths of `direction`) to the rectangle; `None` where it is missed.
+    pub fn hit(&self, from: Vector3<f64>, direction: Vector3<f64>) -> Option<f64> {
+        let slope = self.normal.dot(&direction);
+        let distance = self.normal.dot(&(self.origin - from)) / slope;
+        if !(distance.is_finite() && distance > 0.0) {
+            return None;
+        }
+        let local = from + direction * distance - self.origin;
+        let u = local.dot(&self.edge_u) / self.edge_u.norm_squared();
+        let v = local.dot(&self.edge_v) / self.edge_v.norm_squared();
+        ((0.0..=1.0).contains(&u) && (0.0..=1.0).contains(&v)).then_some(distance)
+    }
+
+    /// The homography from a pixel (x, y, 1) to (u·w, v·w, w) as seen from `from`, where `rays`
+    /// takes (x, y, 1) to the ray's direction; w is one over the distance along the ray.
+    ///
+    /// With n·(o − c) = k the plane is met at distance k/(n·d), so that w = n·d/k and
+    /// u·w = (a·d − w·a·(o − c))/a², all linear in the pixel.
+    pub fn view(&self, from: Vector3<f64>, rays: &Matrix3<f64>) -> Matrix3<f64> {
+        let corner = self.origin - from;
+        let w = rays.tr_mul(&self.normal) / self.normal.dot(&corner);
+        let along = |edge: &Vector3<f64>| (rays.tr_mul(edge) - w * edge.dot(&corner)) / edge.norm_squared();
+        Matrix3::from_rows(&[along(&self.edge_u).transpose(), along(&self.edge_v).transpose(), w.transpose()])
+    }
+}
+
+/// Where a ray meets the scene.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Hit {
+    /// Distance in lengths of the ray's direction.
+    pub distance: f64,
+    /// The point met.
+    pub point: Vector3<f64>,
+    /// Index of the surface.
+    pub surface: usize,
+}
+
+/// Surfaces and what covers them.
+#[derive(Clone, Debug)]
+pub struct Scene {
+    /// The rectangles.
+    pub surfaces: Vec<Surface>,
+    /// What they are covered with.
+    pub textures: Vec<Texture>,
+}
+
+impl Scene {
+    /// The nearest surface on a ray.
+    pub fn hit(&self, from: Vector3<f64>, direction: Vector3<f64>) -> Option<Hit> {
+        let hits = self.surfaces.iter().enumerate().filter_map(|(surface, rectangle)| {
+            rectangle.hit(from, direction).map(|distance| (surface, distance))
+        });
+        let (surface, distance) = hits.min_by(|a, b| a.1.total_cmp(&b.1))?;
+        Some(Hit { distance, point: from + direction * distance, surface })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn tilted() -> Surface {
+        let (sin, cos) = 0.4f64.sin_cos();
+        Surface::new(
+            Vector3::new(-1.0, -0.5, 3.0),
+            Vector3::new(2.0 * cos, 0.0, 2.0 * sin),
+            Vector3::new(0.0, 1.5, 0.0),
+        )
+    }
+
+    #[test]
+    fn view_and_hit_agree_on_a_known_point() {
+        let surface = tilted();
+        let from = Vector3::new(0.2, -0.1, 0.3);
+        let point = surface.point(0.3, 0.8);
+        let direction = point - from;
+        let rays = Matrix3::identity();
+        let pixel = direction / direction.z;
+        let seen = surface.view(from, &rays) * pixel;
+        assert!((seen.x / seen.z - 0.3).abs() < 1e-12 && (seen.y / seen.z - 0.8).abs() < 1e-12);
+        assert!((1.0 / seen.z - direction.z).abs() < 1e-12);
+        assert!((surface.hit(from, direction).unwrap() - 1.0).abs() < 1e-12);
+    }
+
+    #[test]
+    fn a_ray_beside_or_behind_misses() {
+        let surface = tilted();
+        assert_eq!(surface.hit(Vector3::zeros(), Vector3::new(0.0, 0.0, -1.0)), None);
+        assert_eq!(surface.hit(Vector3::zeros(), Vector3::new(2.0, 0.0, 1.0)), None);
+    }
+
+    #[test]
+    fn the_nearest_surface_wins() {
+        let far = Surface::new(
+            Vector3::new(-1.0, -1.0, 5.0),
+            Vector3::new(2.0, 0.0, 0.0),
+            Vector3::new(0.0, 2.0, 0.0),
+        );
+        let scene = Scene { surfaces: vec![far, tilted()], textures: Vec::new() };
+        let hit = scene.hit(Vector3::zeros(), Vector3::new(0.0, 0.0, 1.0)).unwrap();
+        assert_eq!(hit.surface, 1);
+        assert!(hit.point.z < 5.0 && (hit.point.z - hit.distance).abs() < 1e-12);
+    }
+}

@@ -1,0 +1,18 @@
+//! What a camera sees: textured geometry, a camera on its path, and the frames it takes.
+//!
+//! This part knows nothing of the library under test, so that its truth is independent.
+
+pub mod camera;
+pub mod geometry;
+mod noise;
+pub mod path;
+pub mod picture;
+pub mod procedural;
+pub mod render;
+pub mod room;
+pub mod texture;
+
+pub use camera::{CameraPath, FirstEdge, Pinhole, Pose, RollingCamera, Shutter};
+pub use geometry::{Scene, Surface};
+pub use picture::{Frame, Picture};
+pub use render::Renderer;

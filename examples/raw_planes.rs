@@ -1,0 +1,106 @@
+//! The library alone, on planes in memory: luma in, motions out, planes rectified.
+//!
+//! ```text
+//! cargo run --release --example raw_planes                            a picture that sways
+//! cargo run --release --example raw_planes -- FRAMES.i420 640 480 30  8-bit 4:2:0 planes from a file
+//! ```
+
+use rsrectify::plane::{Luma, Plane, PlaneLayout, PlaneMut, SampleFormat};
+use rsrectify::rectifier::Settings;
+use rsrectify::warp::{Placement, WarpSettings};
+use rsrectify::{Rectifier, Warper};
+use std::collections::VecDeque;
+use std::error::Error;
+
+/// A frame of 8-bit 4:2:0 video: luma, then two chroma planes of half the size.
+struct Frame {
+    planes: [Vec<u8>; 3],
+    time: f64,
+}
+
+fn main() -> Result<(), Box<dyn Error>> {
+    let arguments: Vec<String> = std::env::args().skip(1).collect();
+    let (width, height, rate, frames) = match arguments.as_slice() {
+        [] => (640, 480, 30.0, swaying_picture(640, 480, 30.0, 24)),
+        [file, width, height, rate] => {
+            let (width, height, rate) = (width.parse()?, height.parse()?, rate.parse()?);
+            (width, height, rate, frames_of_file(&std::fs::read(file)?, width, height, rate))
+        }
+        _ => return Err("give no argument, or FILE WIDTH HEIGHT FRAMES_PER_SECOND".into()),
+    };
+
+    let mut rectifier = Rectifier::new(Settings::default(), width, height, Some(1.0 / rate));
+    let mut warper = Warper::new();
+    let mut waiting = VecDeque::new();
+    for frame in frames {
+        let luma = Plane::new(&frame.planes[0], PlaneLayout::packed(width, height, SampleFormat::U8))?;
+        rectifier.push(&Luma::from(luma), Some(frame.time), false);
+        waiting.push_back(frame);
+        give_out(&mut rectifier, &mut warper, &mut waiting, (width, height))?;
+    }
+    rectifier.drain();
+    give_out(&mut rectifier, &mut warper, &mut waiting, (width, height))
+}
+
+/// Rectifies the frames whose motion is known by now.
+fn give_out(
+    rectifier: &mut Rectifier,
+    warper: &mut Warper,
+    waiting: &mut VecDeque<Frame>,
+    (width, height): (usize, usize),
+) -> Result<(), Box<dyn Error>> {
+    while let Some(solution) = rectifier.pop() {
+        let Some(frame) = waiting.pop_front() else { return Err("a motion without a frame".into()) };
+        let twist = solution.path.twist;
+        println!(
+            "{:7.3} s: turns {:+.3} rad/s, moves ({:+7.1}, {:+7.1}) px/s, confidence {:.2}",
+            frame.time, twist.omega, twist.velocity.x, twist.velocity.y, solution.confidence
+        );
+        warper.prepare(&solution.readout, &solution.path, &WarpSettings::default());
+        // Chroma of 4:2:0 lies on every other luma column and between two luma rows (MPEG-2 siting).
+        let half = Placement { scale: [2.0, 2.0], offset: [0.0, 0.5] };
+        let chroma = PlaneLayout::packed(width.div_ceil(2), height.div_ceil(2), SampleFormat::U8);
+        let luma = PlaneLayout::packed(width, height, SampleFormat::U8);
+        let placed = [(luma, Placement::FULL, 16), (chroma, half, 128), (chroma, half, 128)];
+        for (plane, (layout, placement, black)) in frame.planes.iter().zip(placed) {
+            let mut rectified = vec![0; plane.len()];
+            let source = Plane::new(plane, layout)?;
+            warper.warp(&source, &mut PlaneMut::new(&mut rectified, layout)?, placement, [black; 4])?;
+            // `rectified` would go to a screen or an encoder here.
+        }
+    }
+    Ok(())
+}
+
+fn frames_of_file(bytes: &[u8], width: usize, height: usize, rate: f64) -> Vec<Frame> {
+    let (luma, chroma) = (width * height, width.div_ceil(2) * height.div_ceil(2));
+    let frames = bytes.chunks_exact((luma + 2 * chroma).max(1)).enumerate();
+    frames
+        .map(|(k, frame)| {
+            let (y, uv) = frame.split_at(luma);
+            let (u, v) = uv.split_at(chroma);
+            Frame { planes: [y.to_vec(), u.to_vec(), v.to_vec()], time: k as f64 / rate }
+        })
+        .collect()
+}
+
+/// What a camera that sways sideways at 1.5 Hz records of a textured wall when its rows are read
+/// one after another through the whole frame period.
+fn swaying_picture(width: usize, height: usize, rate: f64, count: usize) -> Vec<Frame> {
+    let sway = |time: f64| 30.0 * (1.5 * std::f64::consts::TAU * time).sin();
+    let wall = |x: f64, y: f64| {
+        let value =
+            (x * 0.11).sin() * (y * 0.13).cos() + (x * 0.031 + y * 0.047).sin() + (x * 0.27 - y * 0.2).cos();
+        (128.0 + 36.0 * value) as u8
+    };
+    let frame = |k: usize| {
+        let time = k as f64 / rate;
+        let row = |y: usize| {
+            let exposed = time + (y as f64 + 0.5) / height as f64 / rate;
+            (0..width).map(move |x| wall(x as f64 - sway(exposed), y as f64))
+        };
+        let grey = vec![128; width.div_ceil(2) * height.div_ceil(2)];
+        Frame { planes: [(0..height).flat_map(row).collect(), grey.clone(), grey], time }
+    };
+    (0..count).map(frame).collect()
+}

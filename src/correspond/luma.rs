@@ -1,0 +1,273 @@
+//! Any luma view → reduced grey in 0 to 255, by area average.
+//!
+//! One pass over the source: the rows under an output row are weighted and summed (vectorised, the
+//! sample format and channel weights folded into one factor), then the sum is reduced along the
+//! row. Reads each byte ⌈s⌉/s to (⌈s⌉ + 1)/s times for a ratio s, 1 time where s is whole.
+
+use crate::plane::{Luma, PlaneLayout};
+use rayon::prelude::*;
+
+/// The longer side of what is analysed, at most, in pixels.
+const LONGEST_SIDE: usize = 960;
+
+/// Bands of output rows, each with its own accumulator; more than there are cores, so that a core
+/// that comes late does not hold up the rest.
+const BANDS: usize = 16;
+
+/// The reduction of frames of one size.
+#[derive(Debug)]
+pub(super) struct Reduction {
+    full: (usize, usize),
+    columns: Taps,
+    rows: Taps,
+    scale: f64,
+}
+
+impl Reduction {
+    /// For full frames of `width` × `height`.
+    pub(super) fn new(width: usize, height: usize) -> Self {
+        let scale = (width.max(height) as f64 / LONGEST_SIDE as f64).max(1.0);
+        Self {
+            full: (width, height),
+            columns: Taps::new(width, scale),
+            rows: Taps::new(height, scale),
+            scale,
+        }
+    }
+
+    /// Full-frame pixels per analysed pixel, at least 1; the same along both axes.
+    pub(super) fn scale(&self) -> f64 {
+        self.scale
+    }
+
+    /// Width and height of the analysed grey.
+    pub(super) fn size(&self) -> (usize, usize) {
+        (self.columns.outputs(), self.rows.outputs())
+    }
+
+    /// Reduces `luma` into `grey` (row by row, of `size`) with `scratch` for the sums; false, and
+    /// nothing done, where the luma is not of the full frame's size.
+    pub(super) fn reduce(&self, luma: &Luma<'_>, grey: &mut Vec<f32>, scratch: &mut Vec<f32>) -> bool {
+        let layout = luma.plane.layout();
+        let (width, height) = self.size();
+        if (layout.width, layout.height) != self.full || width == 0 || height == 0 {
+            return false;
+        }
+        grey.resize(width * height, 0.0);
+        let band = height.div_ceil(BANDS);
+        scratch.resize(self.full.0 * height.div_ceil(band), 0.0);
+        grey.par_chunks_mut(width * band).zip(scratch.par_chunks_mut(self.full.0)).enumerate().for_each(
+            |(index, (rows, sums))| {
+                for (offset, row) in rows.chunks_exact_mut(width).enumerate() {
+                    self.reduce_row(luma, index * band + offset, row, sums);
+                }
+            },
+        );
+        true
+    }
+
+    fn reduce_row(&self, luma: &Luma<'_>, y: usize, out: &mut [f32], sums: &mut [f32]) {
+        let (first, weights) = self.rows.of(y);
+        sums.fill(0.0);
+        for (k, &weight) in weights.iter().enumerate() {
+            add_row(luma, first + k, weight, sums);
+        }
+        self.columns.apply(sums, out);
+    }
+}
+
+/// A one-dimensional reduction: `count` weights for each output, from input `first` on.
+#[derive(Debug)]
+struct Taps {
+    first: Vec<usize>,
+    weights: Vec<f32>,
+    count: usize,
+    whole: bool,
+}
+
+impl Taps {
+    /// Reduces `inputs` samples by `scale`; a remainder under one output sample is left out.
+    ///
+    /// Whole ratios take the plain mean. Others take the mean of the *linear interpolant* over the
+    /// output pixel: the mean of the stepwise constant picture has its centre of mass off the
+    /// pixel's centre by up to 1/(8s) input pixels, with a sign that changes along the row, and
+    /// that would be measured as motion.
+    fn new(inputs: usize, scale: f64) -> Self {
+        let outputs = (inputs as f64 / scale + 1e-9).floor() as usize;
+        let whole = scale.fract() == 0.0;
+        let count = if whole { scale as usize } else { (scale.ceil() as usize + 2).min(inputs) };
+        let mut taps = Self { first: Vec::with_capacity(outputs), weights: Vec::new(), count, whole };
+        for output in 0..outputs {
+            let start = output as f64 * scale;
+            let reach = if whole { start } else { start - 0.5 };
+            let first = (reach.floor().max(0.0) as usize).min(inputs - count);
+            taps.first.push(first);
+            let weights = taps.weights.len();
+            taps.weights.resize(weights + count, 1.0 / count as f32);
+            if !whole {
+                interpolant_means(start - 0.5, scale, first, inputs, &mut taps.weights[weights..]);
+            }
+        }
+        taps
+    }
+
+    fn outputs(&self) -> usize {
+        self.first.len()
+    }
+
+    /// The first input of an output, and the weights from there on.
+    fn of(&self, output: usize) -> (usize, &[f32]) {
+        (self.first[output], &self.weights[output * self.count..][..self.count])
+    }
+
+    fn apply(&self, input: &[f32], out: &mut [f32]) {
+        match (self.whole, self.count) {
+            (true, 1) => out.copy_from_slice(&input[..out.len()]),
+            (true, 2) => mean_of::<2>(input, out),
+            (true, 4) => mean_of::<4>(input, out),
+            (false, 4) => self.apply_fixed::<4>(input, out),
+            _ => {
+                for (x, out) in out.iter_mut().enumerate() {
+                    let (first, weights) = self.of(x);
+                    *out = weights.iter().zip(&input[first..]).map(|(w, v)| w * v).sum();
+                }
+            }
+        }
+    }
+
+    fn apply_fixed<const K: usize>(&self, input: &[f32], out: &mut [f32]) {
+        let (weights, _) = self.weights.as_chunks::<K>();
+        for ((out, &first), weights) in out.iter_mut().zip(&self.first).zip(weights) {
+            let input = &input[first..first + K];
+            *out = (0..K).map(|k| weights[k] * input[k]).sum();
+        }
+    }
+}
+
+fn mean_of<const K: usize>(input: &[f32], out: &mut [f32]) {
+    for (out, values) in out.iter_mut().zip(input.as_chunks::<K>().0) {
+        *out = values.iter().sum::<f32>() * (1.0 / K as f32);
+    }
+}
+
+/// Weights of inputs `first…` in the mean over [start, start + length] (pixel centres at integers)
+/// of the linear interpolant, whose ends go on as constants.
+fn interpolant_means(start: f64, length: f64, first: usize, inputs: usize, weights: &mut [f32]) {
+    // The integral of the hat function of an input up to a distance d past its centre.
+    let hat = |d: f64| {
+        let d = d.clamp(-1.0, 1.0);
+        0.5 + d - 0.5 * d * d.abs()
+    };
+    let mass = |from: f64, to: f64| (hat(to) - hat(from)) / length;
+    let mut weight_of = vec![0.0; weights.len()];
+    for (k, weight) in weight_of.iter_mut().enumerate() {
+        let centre = (first + k) as f64;
+        *weight = mass(start - centre, start + length - centre);
+    }
+    let outside_left = mass(start + 1.0, start + length + 1.0);
+    let outside_right = mass(start - inputs as f64, start + length - inputs as f64);
+    weight_of[0] += outside_left;
+    if let Some(last) = weight_of.last_mut() {
+        *last += outside_right;
+    }
+    for (weight, value) in weights.iter_mut().zip(weight_of) {
+        *weight = value as f32;
+    }
+}
+
+/// Adds `weight` times the grey of row `y` to `sums`.
+fn add_row(luma: &Luma<'_>, y: usize, weight: f32, sums: &mut [f32]) {
+    let layout = luma.plane.layout();
+    let row = luma.plane.row(y);
+    let factor = weight * 255.0 / f32::from(layout.format.max_value());
+    for (channel, channel_weight) in luma.weights.iter().enumerate().take(layout.channels) {
+        let factor = factor * channel_weight;
+        if factor != 0.0 {
+            add_channel(row, layout, channel, factor, sums);
+        }
+    }
+}
+
+fn add_channel(row: &[u8], layout: &PlaneLayout, channel: usize, factor: f32, sums: &mut [f32]) {
+    if layout.format.bytes() == 1 {
+        let row = row.get(channel..).unwrap_or(&[]);
+        match layout.step {
+            1 => add_bytes(row.iter(), factor, sums),
+            2 => add_bytes(row.iter().step_by(2), factor, sums),
+            4 => add_bytes(row.iter().step_by(4), factor, sums),
+            step => add_bytes(row.iter().step_by(step), factor, sums),
+        }
+    } else {
+        let (words, _) = row.as_chunks::<2>();
+        let words = words.get(channel..).unwrap_or(&[]);
+        let shift = layout.format.shift();
+        match layout.step {
+            1 => add_words(words.iter(), shift, factor, sums),
+            step => add_words(words.iter().step_by(step), shift, factor, sums),
+        }
+    }
+}
+
+fn add_bytes<'a>(samples: impl Iterator<Item = &'a u8>, factor: f32, sums: &mut [f32]) {
+    for (sum, &sample) in sums.iter_mut().zip(samples) {
+        *sum += factor * f32::from(sample);
+    }
+}
+
+fn add_words<'a>(samples: impl Iterator<Item = &'a [u8; 2]>, shift: u32, factor: f32, sums: &mut [f32]) {
+    for (sum, &sample) in sums.iter_mut().zip(samples) {
+        *sum += factor * f32::from(u16::from_le_bytes(sample) >> shift);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::plane::{Plane, SampleFormat};
+
+    #[test]
+    fn every_ratio_keeps_lines_straight() {
+        for (width, height) in [(1920, 1080), (1280, 720), (1024, 577), (3000, 1001), (961, 5), (720, 1280)] {
+            let reduction = Reduction::new(width, height);
+            let (columns, rows) = reduction.size();
+            assert!(columns.max(rows) <= 960);
+            let ramp: Vec<f32> = (0..width).map(|x| x as f32 * 0.125).collect();
+            let mut out = vec![0.0; columns];
+            reduction.columns.apply(&ramp, &mut out);
+            for (x, value) in out.iter().enumerate().skip(1).take(columns.saturating_sub(2)) {
+                let exact = ((x as f64 + 0.5) * reduction.scale() - 0.5) * 0.125;
+                assert!((f64::from(*value) - exact).abs() < 1e-3, "{width}: {x}: {value} is not {exact}");
+            }
+        }
+    }
+
+    #[test]
+    fn weights_of_one_output_sum_to_one() {
+        for inputs in [961, 1000, 1441, 2879] {
+            let taps = Taps::new(inputs, inputs as f64 / 960.0);
+            for output in 0..taps.outputs() {
+                let sum: f32 = taps.of(output).1.iter().sum();
+                assert!((sum - 1.0).abs() < 1e-5, "{inputs} → 960, output {output}: {sum}");
+            }
+        }
+    }
+
+    #[test]
+    fn two_to_one_is_the_mean_of_four() {
+        let (width, height) = (1922, 4);
+        let data: Vec<u8> = (0..width * height).map(|i| (i * 37 % 251) as u8).collect();
+        let plane = Plane::new(&data, PlaneLayout::packed(width, height, SampleFormat::U8)).unwrap();
+        // 1922 is no whole multiple of 960: this frame takes the general way.
+        assert!(!Reduction::new(width, height).columns.whole);
+        let narrow = PlaneLayout { width: 1920, ..*plane.layout() };
+        let plane = Plane::new(&data, narrow).unwrap();
+        let reduction = Reduction::new(1920, height);
+        let (mut grey, mut scratch) = (Vec::new(), Vec::new());
+        assert!(reduction.reduce(&plane.into(), &mut grey, &mut scratch));
+        for (y, x) in [(0, 0), (1, 0), (0, 959), (1, 480)] {
+            let at = |dx, dy| u32::from(data[(2 * y + dy) * width + 2 * x + dx]);
+            let mean = (at(0, 0) + at(1, 0) + at(0, 1) + at(1, 1)) as f32 / 4.0;
+            assert!((grey[y * 960 + x] - mean).abs() < 1e-4);
+        }
+    }
+}

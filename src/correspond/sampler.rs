@@ -1,0 +1,329 @@
+//! The order of the steps, and which points are kept.
+
+use super::Correspondence;
+use super::field::{Agreement, Motion, agreement};
+use super::grid::{Grid, centre};
+use super::luma::Reduction;
+use super::pyramid::{Level, Pyramid};
+use super::start::Search;
+use super::tracker::{COARSE, CoarseTemplate, Effort, FINE, FineTemplate, Match};
+use crate::plane::Luma;
+use nalgebra::{Matrix2, Vector2};
+use rayon::prelude::*;
+
+/// Points whose texture (squared grey levels) is less are not kept.
+const LEAST_TEXTURE: f32 = 3.0;
+
+/// Points whose patches correlate less are not kept.
+const LEAST_CORRELATION: f32 = 0.8;
+
+/// Points that do not come back to where they started within this many pixels are not kept.
+const MOST_RETURN_ERROR: f32 = 0.3;
+
+/// Coarse motions whose patches correlate less have no say among neighbours.
+const LEAST_COARSE_CORRELATION: f32 = 0.7;
+
+/// Squared grey levels added to the eigenvalues on coarse levels.
+const COARSE_DAMPING: f32 = 1.0;
+
+/// Starts closer to each other than this many pixels of a level are one.
+const SAME_START: f32 = 1.0;
+
+/// A later candidate replaces an earlier one if it explains this share less of the patch.
+const CLEARLY_BETTER: f32 = 0.7;
+
+/// A point further than this from where its neighbours have it tries their motion too, pixels.
+const DISAGREEMENT: f32 = 1.0;
+
+const COARSE_EFFORT: Effort = Effort { iterations: 4, tolerance: 0.1 };
+const FINE_EFFORT: Effort = Effort { iterations: 8, tolerance: 0.02 };
+
+/// Measures correspondences between frames of one size on a uniform grid.
+#[derive(Debug)]
+pub struct Sampler {
+    reduction: Reduction,
+    grid: Grid,
+    search: Search,
+    motions: Vec<Option<Motion>>,
+    found: Vec<Option<Correspondence>>,
+}
+
+impl Sampler {
+    /// For frames of `width` × `height` pixels and a grid of cells, one point in each.
+    ///
+    /// Any size will do; frames (or grids) too small for a single patch yield no correspondences.
+    pub fn new(width: usize, height: usize, grid_columns: usize, grid_rows: usize) -> Self {
+        let reduction = Reduction::new(width, height);
+        let grid = Grid::new(reduction.size(), grid_columns, grid_rows);
+        let cells = grid.len();
+        Self {
+            reduction,
+            grid,
+            search: Search::default(),
+            motions: vec![None; cells],
+            found: vec![None; cells],
+        }
+    }
+
+    /// Full-frame pixels per analysed pixel, at least 1.
+    pub fn pixel_scale(&self) -> f64 {
+        self.reduction.scale()
+    }
+
+    /// Reduces `luma` into `pyramid` and makes the coarser levels.
+    ///
+    /// A luma that is not of the sampler's size leaves the pyramid empty: nothing can be seen.
+    pub fn build(&self, luma: &Luma<'_>, pyramid: &mut Pyramid) {
+        pyramid.fill(self.reduction.size(), |grey, scratch| self.reduction.reduce(luma, grey, scratch));
+    }
+
+    /// Measures the correspondences of `first` with `second` into `out`, in the order of the grid.
+    ///
+    /// `predict` says where a point (full-frame pixels) of the first frame is expected in the
+    /// second, from the motion of the pair before; the identity where nothing is known. It speeds
+    /// nothing up: it is one more start to try, and decides between equals in repeated textures.
+    pub fn correspond(
+        &mut self,
+        first: &Pyramid,
+        second: &Pyramid,
+        predict: impl Fn(Vector2<f64>) -> Vector2<f64> + Sync,
+        out: &mut Vec<Correspondence>,
+    ) {
+        out.clear();
+        let pair = Pair { first: first.levels(), second: second.levels() };
+        let size = self.reduction.size();
+        if !pair.is_usable(size) {
+            return;
+        }
+        let scale = self.reduction.scale();
+        let expected = |at: Vector2<f32>| expected_shift(&predict, at, scale);
+        let top = pair.first.len() - 1;
+        let unit = level_scale(top);
+        self.search.run(first.detail(), second.detail(), |at| expected(to_fine(at, top)) / unit);
+        let (grid, search) = (&self.grid, &self.search);
+        self.motions.par_iter_mut().enumerate().with_min_len(16).for_each(|(index, motion)| {
+            *motion = grid.corner(index).and_then(|corner| {
+                let at = centre::<FINE>(Vector2::new(corner.0 as f32, corner.1 as f32));
+                coarse_motion(&pair, at, starts(search, at, top, expected(at)))
+            });
+        });
+        let motions = &self.motions;
+        self.found.par_iter_mut().enumerate().with_min_len(16).for_each(|(index, found)| {
+            *found = grid.corner(index).and_then(|corner| {
+                let at = centre::<FINE>(Vector2::new(corner.0 as f32, corner.1 as f32));
+                let around = agreement(motions, grid.columns, index, at);
+                let own = motions.get(index).copied().flatten().map(|motion| motion.shift);
+                fine_correspondence(&pair, corner, own, &around, scale)
+            });
+        });
+        out.extend(self.found.iter().flatten());
+    }
+
+    /// How much two frames differ: the highest mean absolute grey difference (0 to 255) of any
+    /// block of 16 × 16 analysed pixels, each taken as 8 × 8 means of 2 × 2.
+    ///
+    /// The highest block, not the mean of the frame, so that something small that moves a little
+    /// in a still scene shows; means of 2 × 2, so that the noise of encoding again does not add up.
+    /// An exact duplicate has 0, one encoded again about 1 or less; an object of 12 pixels and a
+    /// contrast of 50 grey levels that moves by one pixel has about 3. Infinite where a pyramid is
+    /// empty or their sizes differ.
+    pub fn difference(&self, first: &Pyramid, second: &Pyramid) -> f64 {
+        let pair = Pair { first: first.levels(), second: second.levels() };
+        if !pair.is_usable(self.reduction.size()) {
+            return f64::INFINITY;
+        }
+        let level = 1.min(pair.first.len() - 1);
+        block_difference(&pair.first[level], &pair.second[level])
+    }
+}
+
+/// The levels of two frames.
+#[derive(Clone, Copy)]
+struct Pair<'a> {
+    first: &'a [Level],
+    second: &'a [Level],
+}
+
+impl Pair<'_> {
+    /// Whether both hold a frame of `size`.
+    fn is_usable(&self, size: (usize, usize)) -> bool {
+        let fits = |levels: &[Level]| levels.first().is_some_and(|l| (l.width, l.height) == size);
+        fits(self.first) && fits(self.second)
+    }
+
+    fn reversed(self) -> Self {
+        Self { first: self.second, second: self.first }
+    }
+}
+
+fn level_scale(level: usize) -> f32 {
+    (1u32 << level) as f32
+}
+
+fn to_fine(at: Vector2<f32>, level: usize) -> Vector2<f32> {
+    at.add_scalar(0.5) * level_scale(level) - Vector2::repeat(0.5)
+}
+
+fn to_level(at: Vector2<f32>, level: usize) -> Vector2<f32> {
+    at.add_scalar(0.5) / level_scale(level) - Vector2::repeat(0.5)
+}
+
+/// The expected motion at a point, analysed pixels; none where the prediction is not finite.
+fn expected_shift(
+    predict: &impl Fn(Vector2<f64>) -> Vector2<f64>,
+    at: Vector2<f32>,
+    scale: f64,
+) -> Vector2<f32> {
+    let full = to_full(at, scale);
+    let shift = ((predict(full) - full) / scale).map(|value| value as f32);
+    if shift.iter().all(|value| value.is_finite()) { shift } else { Vector2::zeros() }
+}
+
+fn to_full(at: Vector2<f32>, scale: f64) -> Vector2<f64> {
+    at.map(f64::from).add_scalar(0.5) * scale - Vector2::repeat(0.5)
+}
+
+/// Motions a point may have, the likeliest first, in analysed pixels.
+fn starts(search: &Search, at: Vector2<f32>, top: usize, expected: Vector2<f32>) -> [Vector2<f32>; 5] {
+    let (coarse, unit) = (to_level(at, top), level_scale(top));
+    [
+        search.interpolated(coarse) * unit,
+        expected,
+        search.nearest(coarse) * unit,
+        search.common() * unit,
+        Vector2::zeros(),
+    ]
+}
+
+/// Follows a point down the coarser levels from the best of its starts.
+fn coarse_motion(pair: &Pair<'_>, at: Vector2<f32>, starts: [Vector2<f32>; 5]) -> Option<Motion> {
+    let top = pair.first.len() - 1;
+    let mut shift = starts[0];
+    let mut correlation = 1.0;
+    // The search has done the coarsest level.
+    let begin = top.saturating_sub(1).max(1);
+    for level in (1..=begin.min(top)).rev() {
+        let candidates = if level == begin { &starts[..] } else { std::slice::from_ref(&shift) };
+        if let Some((best, found)) = best_of(pair, level, at, candidates) {
+            (shift, correlation) = (best, found.correlation);
+        } else {
+            correlation = 0.0;
+        }
+    }
+    (correlation >= LEAST_COARSE_CORRELATION).then_some(Motion { at, shift })
+}
+
+/// The candidate (analysed pixels) that explains a patch of a coarse level best.
+fn best_of(
+    pair: &Pair<'_>,
+    level: usize,
+    at: Vector2<f32>,
+    candidates: &[Vector2<f32>],
+) -> Option<(Vector2<f32>, Match)> {
+    let unit = level_scale(level);
+    let mut best: Option<(Vector2<f32>, Match)> = None;
+    for (index, candidate) in candidates.iter().enumerate() {
+        if candidates[..index].iter().any(|other| (other - candidate).norm() < SAME_START * unit) {
+            continue;
+        }
+        let Some((shift, found)) = coarse_match(pair, level, at, candidate / unit) else { continue };
+        let unexplained = |found: &Match| 1.0 - found.correlation * found.correlation;
+        if best.is_none_or(|(_, best)| unexplained(&found) < CLEARLY_BETTER * unexplained(&best)) {
+            best = Some((shift * unit, found));
+        }
+    }
+    best
+}
+
+/// Follows the patch nearest to a point that is inside both frames, from `shift` (pixels of the
+/// level); `None` where there is none within a patch's reach.
+fn coarse_match(
+    pair: &Pair<'_>,
+    level: usize,
+    at: Vector2<f32>,
+    shift: Vector2<f32>,
+) -> Option<(Vector2<f32>, Match)> {
+    let (first, second) = (pair.first.get(level)?, pair.second.get(level)?);
+    let wanted = to_level(at, level).add_scalar(-0.5 * (COARSE as f32 - 1.0));
+    // Two pixels of margin: one for the gradients and the kernel, one for the steps to come.
+    let inside = |wanted: f32, shift: f32, length: usize| {
+        let least = 2.0 + (-shift).max(0.0);
+        let most = length as f32 - (COARSE + 2) as f32 - shift.max(0.0);
+        let corner = wanted.max(least.ceil()).min(most.floor()).round();
+        (least <= most && (corner - wanted).abs() <= COARSE as f32).then_some(corner)
+    };
+    let corner = (inside(wanted.x, shift.x, first.width)?, inside(wanted.y, shift.y, first.height)?);
+    let template = CoarseTemplate::new(first, (corner.0 as usize, corner.1 as usize), COARSE_DAMPING)?;
+    let from = Vector2::new(corner.0, corner.1);
+    let found = template.find(second, from + shift, COARSE_EFFORT)?;
+    Some((found.corner - from, found))
+}
+
+/// Measures a point on the finest level, forth and back.
+fn fine_correspondence(
+    pair: &Pair<'_>,
+    corner: (usize, usize),
+    own: Option<Vector2<f32>>,
+    around: &Agreement,
+    scale: f64,
+) -> Option<Correspondence> {
+    let from = Vector2::new(corner.0 as f32, corner.1 as f32);
+    let back = around.distortion.try_inverse()?;
+    let template = FineTemplate::distorted(pair.first.first()?, corner, back)?;
+    if template.texture.is_nan() || template.texture < LEAST_TEXTURE {
+        return None;
+    }
+    let others = around.shift.filter(|shift| own.is_none_or(|own| (own - shift).norm() > DISAGREEMENT));
+    let candidates = own.into_iter().chain(others);
+    let found = candidates
+        .filter_map(|shift| template.find(pair.second.first()?, from + shift, FINE_EFFORT))
+        .filter(|found| found.step < FINE_EFFORT.tolerance && found.correlation >= LEAST_CORRELATION)
+        .max_by(|a, b| a.correlation.total_cmp(&b.correlation))?;
+    let error = return_error(&pair.reversed(), from, found.corner, around.distortion)?;
+    (error <= MOST_RETURN_ERROR).then(|| Correspondence {
+        from: to_full(centre::<FINE>(from), scale),
+        to: to_full(centre::<FINE>(found.corner), scale),
+        texture: template.texture,
+        residual: found.residual,
+    })
+}
+
+/// How far from `from` a point found at `to` is found back, in pixels.
+///
+/// The patch that goes back is the one on whole pixels next to `to`, a new template with its own
+/// gradients; where it must come out differs from `from` by that offset, undistorted.
+fn return_error(
+    pair: &Pair<'_>,
+    from: Vector2<f32>,
+    to: Vector2<f32>,
+    distortion: Matrix2<f32>,
+) -> Option<f32> {
+    let nearest = to.map(f32::round);
+    let expected = from + distortion.try_inverse()? * (nearest - to);
+    let corner = (nearest.x as usize, nearest.y as usize);
+    let template = FineTemplate::distorted(pair.first.first()?, corner, distortion)?;
+    let found = template.find(pair.second.first()?, expected, FINE_EFFORT)?;
+    Some((found.corner - expected).norm())
+}
+
+/// The highest mean absolute difference of any block of 8 × 8 pixels.
+fn block_difference(first: &Level, second: &Level) -> f64 {
+    const SIDE: usize = 8;
+    let band = |level: &Level| level.width * SIDE;
+    let bands = first.data.par_chunks(band(first)).zip(second.data.par_chunks(band(second)));
+    let highest = bands.map(|(a, b)| {
+        let mut highest = 0.0f32;
+        for x in (0..first.width).step_by(SIDE) {
+            let rows = a.chunks(first.width).zip(b.chunks(first.width));
+            let (mut sum, mut count) = (0.0f32, 0usize);
+            for (a, b) in rows {
+                let end = (x + SIDE).min(a.len());
+                sum += a[x..end].iter().zip(&b[x..end]).map(|(a, b)| (a - b).abs()).sum::<f32>();
+                count += end - x;
+            }
+            highest = highest.max(sum / count.max(1) as f32);
+        }
+        highest
+    });
+    f64::from(highest.reduce(|| 0.0, f32::max))
+}

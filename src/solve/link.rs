@@ -1,0 +1,189 @@
+//! One pair of successive frames: what their correspondences say of the motion.
+
+use super::measurement::{Loss, Match, Minimiser};
+use super::start::robust_start;
+use crate::correspond::Correspondence;
+use crate::motion::{Twist, image_centre};
+use crate::readout::Readout;
+use nalgebra::Vector2;
+
+/// Fewer correspondences than this say nothing.
+const MIN_MATCHES: usize = 16;
+/// E is compared over this share of the correspondences, those that fit best: a third of the points
+/// may lie on things that move on their own.
+const INLIER_SHARE: f64 = 2.0 / 3.0;
+/// A residual below this many times the noise is as good as none.
+const NOISE_REACH: f64 = 3.0;
+/// A motion must take away at least this share of the mean squared displacement.
+const LEAST_EXPLAINED: f64 = 0.75;
+
+/// A correspondence with the time of each end.
+#[derive(Clone, Copy, Debug)]
+struct TimedPair {
+    /// Centred pixels.
+    from: Vector2<f64>,
+    to: Vector2<f64>,
+    /// Seconds after the first frame's timestamp.
+    from_time: f64,
+    to_time: f64,
+}
+
+/// The correspondences between a frame and the next one that differs from it.
+#[derive(Clone, Debug)]
+pub struct Link {
+    pairs: Vec<TimedPair>,
+    /// From the first frame's timestamp to the second's, in seconds; negative in reverse playback.
+    interval: f64,
+    readout_time: f64,
+    /// Standard deviation of a measured coordinate in pixels.
+    noise: f64,
+    /// E of no motion, per inlier, in px².
+    moved: f64,
+}
+
+/// A twist and how well it fits the correspondences of one link.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Fit {
+    /// The motion.
+    pub twist: Twist,
+    /// E of 25.4 as a mean per inlier, in px², the inliers being the two thirds that fit best.
+    pub energy: f64,
+    /// Correspondences within the reach of the robust loss.
+    pub inliers: usize,
+    /// Trust in the motion, 0 to 1: the share of the displacement that it explains, and whether
+    /// there is enough to tell.
+    pub confidence: f64,
+}
+
+impl Fit {
+    /// Whether the motion is better than none.
+    pub fn is_trusted(&self) -> bool {
+        self.confidence > 0.0
+    }
+}
+
+/// Buffers of the solvers of one stream.
+#[derive(Debug, Default)]
+pub struct Scratch {
+    minimiser: Minimiser,
+    matches: Vec<Match>,
+    errors: Vec<f64>,
+}
+
+/// Which frame of a link has the known motion.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Known {
+    /// The first; the second's is sought.
+    First,
+    /// The second; the first's is sought.
+    Second,
+}
+
+impl Link {
+    /// Takes the correspondences from a frame to a frame `interval` seconds later.
+    ///
+    /// `noise` is the standard deviation of a measured coordinate in pixels.
+    pub fn new(correspondences: &[Correspondence], readout: &Readout, interval: f64, noise: f64) -> Self {
+        let centre = image_centre(readout.width, readout.height);
+        let pairs: Vec<_> = correspondences
+            .iter()
+            .map(|c| TimedPair {
+                from: c.from - centre,
+                to: c.to - centre,
+                from_time: readout.offset(c.from.x, c.from.y),
+                to_time: interval + readout.offset(c.to.x, c.to.y),
+            })
+            .collect();
+        let mut errors: Vec<_> = pairs.iter().map(|p| (p.to - p.from).norm_squared() / 2.0).collect();
+        let moved = mean_of_inliers(&mut errors);
+        Self { pairs, interval, readout_time: readout.time, noise, moved }
+    }
+
+    /// Correspondences of the link.
+    pub fn len(&self) -> usize {
+        self.pairs.len()
+    }
+
+    /// Whether the link has no correspondences.
+    pub fn is_empty(&self) -> bool {
+        self.pairs.is_empty()
+    }
+
+    /// Whether nothing moved between the two frames: such a pair fits any model and is no candidate
+    /// for the initial pair.
+    pub fn is_still(&self) -> bool {
+        self.moved < (NOISE_REACH * self.noise).powi(2)
+    }
+
+    /// Initialisation: one uniform rotation through both frames (25.6). τ is the time between the
+    /// two exposures, (N_t + r′ − r)/N_t of the interval.
+    pub fn uniform(&self, scratch: &mut Scratch) -> Option<Fit> {
+        scratch.matches.clear();
+        scratch.matches.extend(self.pairs.iter().map(|p| Match {
+            from: p.from,
+            to: p.to,
+            time: p.to_time - p.from_time,
+        }));
+        self.fit(scratch)
+    }
+
+    /// One step of the sequential computation: the motion of one frame from that of the other.
+    ///
+    /// The known frame moves during its own readout only, **the unknown frame takes the blank**:
+    /// forward in time ((N − r)/N_t)·θ(k), then ((B + r′)/N_t)·θ(k + 1) (25.7, 25.8); backward
+    /// (−r/N_t)·θ(k), then (−(N_t − r′)/N_t)·θ(k − 1) (25.9 with r for its printed r′, 25.10).
+    pub fn relay(&self, known: Known, motion: Twist, scratch: &mut Scratch) -> Option<Fit> {
+        let known_start = if known == Known::First { 0.0 } else { self.interval };
+        let unknown_is_later = (known == Known::First) == (self.interval > 0.0);
+        let border = known_start + if unknown_is_later { self.readout_time } else { 0.0 };
+        scratch.matches.clear();
+        scratch.matches.extend(self.pairs.iter().map(|p| {
+            let (near, near_time, far, far_time) = match known {
+                Known::First => (p.from, p.from_time, p.to, p.to_time),
+                Known::Second => (p.to, p.to_time, p.from, p.from_time),
+            };
+            Match { from: motion.after(border - near_time).apply(near), to: far, time: far_time - border }
+        }));
+        self.fit(scratch)
+    }
+
+    /// Fits the twist to `scratch.matches`.
+    fn fit(&self, scratch: &mut Scratch) -> Option<Fit> {
+        let Scratch { minimiser, matches, errors } = scratch;
+        if matches.len() < MIN_MATCHES {
+            return None;
+        }
+        let start = robust_start(matches, self.noise, errors)?;
+        let twist = minimiser.minimise(matches, start.twist, Loss::GemanMcClure(start.reach))?;
+        errors.clear();
+        errors.extend(matches.iter().map(|m| m.error(twist)));
+        let inliers = errors.iter().filter(|&&error| error < start.reach).count();
+        let energy = mean_of_inliers(errors);
+        let confidence = self.confidence(twist, energy);
+        energy.is_finite().then_some(Fit { twist, energy, inliers, confidence })
+    }
+
+    /// How far a twist that leaves `energy` is to be trusted: 1 where it explains all displacement,
+    /// 0 where it leaves a quarter of what was measured or of what it would itself have done to the
+    /// points (a shake that turns about between two frames shows little displacement).
+    fn confidence(&self, twist: Twist, energy: f64) -> f64 {
+        let motion = twist.after(self.interval);
+        let swept =
+            self.pairs.iter().map(|p| (motion.apply(p.from) - p.from).norm_squared() / 2.0).sum::<f64>();
+        let displaced = self.moved.max(swept / self.pairs.len().max(1) as f64);
+        let allowed = (NOISE_REACH * self.noise).powi(2) + (1.0 - LEAST_EXPLAINED) * displaced;
+        (1.0 - energy / allowed).clamp(0.0, 1.0)
+    }
+}
+
+/// The mean of the two thirds of the errors that are least; reorders them.
+fn mean_of_inliers(errors: &mut [f64]) -> f64 {
+    let count = (errors.len() as f64 * INLIER_SHARE).ceil() as usize;
+    if count == 0 {
+        return 0.0;
+    }
+    if count < errors.len() {
+        errors.select_nth_unstable_by(count, f64::total_cmp);
+    }
+    errors.iter().take(count).sum::<f64>() / count as f64
+}

@@ -1,0 +1,143 @@
+//! The inverse map as the kernels read it: blocks of 16 pixels of one row.
+//!
+//! A displacement is linear between *knots* 8 plane pixels apart. That leaves 8²/8 · f″ = 3e-3 px for
+//! 0.2 rad in 1080 rows; positions are then rounded to 1/2048 px.
+//!
+//! Along a row the position is almost "pixel + constant": inside a block the whole part of the
+//! displacement takes few values, mostly one. A block therefore holds the least whole part, how
+//! many more there are, and the rest as 16-bit numbers; a kernel reads as many neighbouring
+//! vectors as there are taps and whole parts, never gathers.
+
+use super::inverse::Field;
+use super::weights::{FRACTION_BITS, ONE};
+use super::Placement;
+
+/// Pixels in a block.
+pub(super) const BLOCK: usize = 16;
+/// Pixels between knots.
+pub(super) const KNOT: usize = 8;
+/// How far the displacement may change between two knots, in pixels: what 16 bits hold, and a
+/// little more than the largest zoom asks for (1/8 − 1 a pixel).
+const MAX_CHANGE: i32 = 7 * ONE;
+
+/// Displacements of 16 pixels. The vector kernels read `start` and `change` as its first 8 bytes.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[repr(C)]
+pub(super) struct Block {
+    /// Displacement at pixels 0 and 8 less `first`, in 1/[`ONE`] px; not negative.
+    pub start: [i16; 2],
+    /// What is added from there over 8 pixels.
+    pub change: [i16; 2],
+    /// The least whole displacement.
+    pub first: i32,
+    /// The largest whole displacement less the least.
+    pub span: i32,
+}
+
+impl Block {
+    /// The block between three knots given in 1/[`ONE`] px.
+    fn new(knots: [i32; 3]) -> Self {
+        let middle = knots[0] + (knots[1] - knots[0]).clamp(-MAX_CHANGE, MAX_CHANGE);
+        let end = middle + (knots[2] - middle).clamp(-MAX_CHANGE, MAX_CHANGE);
+        let first = knots[0].min(middle).min(end) >> FRACTION_BITS;
+        let last = knots[0].max(middle).max(end) >> FRACTION_BITS;
+        let base = first << FRACTION_BITS;
+        Self {
+            start: [(knots[0] - base) as i16, (middle - base) as i16],
+            change: [(middle - knots[0]) as i16, (end - middle) as i16],
+            first,
+            span: last - first,
+        }
+    }
+
+    /// Whole displacement and fraction of pixel 0 to 15.
+    pub fn at(&self, pixel: usize) -> (isize, i16) {
+        let half = pixel / KNOT & 1;
+        let ramp = ((pixel % KNOT) << 12) as i16;
+        let value = self.start[half] + super::weights::mulhrs(self.change[half], ramp);
+        let whole = self.first + i32::from(value >> FRACTION_BITS);
+        (whole as isize, value & (ONE as i16 - 1))
+    }
+}
+
+/// One displacement field of one plane: knots of the plane's columns at the rows of the field's nodes.
+#[derive(Clone, Debug, Default)]
+pub(super) struct KnotTable {
+    /// Index of the first knot; knot k lies at plane column 8k.
+    first: isize,
+    /// Knots in a row.
+    columns: usize,
+    /// Displacements in plane pixels, row by row.
+    values: Vec<f32>,
+    /// Plane row of node row 0.
+    origin: f64,
+    /// Plane rows between node rows.
+    spacing: f64,
+}
+
+impl KnotTable {
+    /// Resamples `field` at knots that cover plane columns `from` to `to`; `axis` is the one along
+    /// which the field displaces.
+    pub fn fill(&mut self, field: &Field, placement: &Placement, axis: usize, from: isize, to: isize) {
+        let [scale_x, scale_y] = placement.scale;
+        self.first = from.div_euclid(BLOCK as isize) * 2;
+        self.columns = (to.div_euclid(BLOCK as isize) * 2 + 3 - self.first).max(3) as usize;
+        self.origin = (field.origin[1] - placement.offset[1]) / scale_y;
+        self.spacing = field.spacing / scale_y;
+        self.values.clear();
+        self.values.resize(self.columns * field.rows(), 0.0);
+        for index in 0..self.columns {
+            let column = ((self.first + index as isize) * KNOT as isize) as f64;
+            let at = (scale_x * column + placement.offset[0] - field.origin[0]) / field.spacing;
+            let (node, weights) = cubic(at, field.columns);
+            let weights = weights.map(|weight| weight / placement.scale[axis] as f32);
+            let nodes = field.values.chunks_exact(field.columns.max(1));
+            for (row, nodes) in self.values.chunks_exact_mut(self.columns).zip(nodes) {
+                row[index] = weights.iter().zip(&nodes[node..]).map(|(w, v)| w * v).sum();
+            }
+        }
+    }
+
+    /// Displacements at all knots of plane row `row`, in 1/[`ONE`] px plus `round`.
+    pub fn row(&self, row: usize, round: i32, knots: &mut Vec<i32>) {
+        let rows = self.values.len() / self.columns.max(1);
+        let (node, weights) = cubic((row as f64 - self.origin) / self.spacing, rows);
+        let values = &self.values[node * self.columns..];
+        let (a, rest) = values.split_at(self.columns);
+        let (b, rest) = rest.split_at(self.columns);
+        let (c, d) = rest.split_at(self.columns);
+        let [wa, wb, wc, wd] = weights.map(|weight| weight * ONE as f32);
+        let round = round as f32 + 0.5;
+        knots.clear();
+        knots.extend(a.iter().zip(b).zip(c).zip(d).map(|(((a, b), c), d)| {
+            let value = wa * a + wb * b + wc * c + wd * d + round;
+            // 2³⁰ in these units is half a million pixels.
+            value.clamp(-1.0e9, 1.0e9).floor() as i32
+        }));
+    }
+
+    /// The blocks of plane columns `from` (a multiple of 16) to `to`, from the knots of a row. Where
+    /// the table does not reach, its last displacement goes on.
+    pub fn blocks(&self, knots: &[i32], from: isize, to: isize, blocks: &mut Vec<Block>) {
+        let last = knots.len() as isize - 1;
+        let knot = |index: isize| knots[(index - self.first).clamp(0, last) as usize];
+        blocks.clear();
+        blocks.extend((from.div_euclid(16)..=to.div_euclid(16)).map(|block| {
+            Block::new([knot(2 * block), knot(2 * block + 1), knot(2 * block + 2)])
+        }));
+    }
+}
+
+/// First of four nodes and their Catmull–Rom weights at position `at` among `count` ≥ 4 nodes.
+fn cubic(at: f64, count: usize) -> (usize, [f32; 4]) {
+    let at = super::inverse::within(at, 1.0, count.saturating_sub(2).max(1) as f64, 1.0);
+    let node = (at.floor() as usize).clamp(1, count.saturating_sub(3).max(1));
+    let t = at - node as f64;
+    let weights = [
+        -0.5 * t * (1.0 - t) * (1.0 - t),
+        1.0 + t * t * (1.5 * t - 2.5),
+        t * (0.5 + t * (2.0 - 1.5 * t)),
+        -0.5 * t * t * (1.0 - t),
+    ];
+    (node - 1, weights.map(|weight| weight as f32))
+}

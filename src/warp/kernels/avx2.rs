@@ -1,0 +1,265 @@
+//! Both passes with AVX2: 8-bit samples, 1 to 4 a pixel, bit for bit as in `scalar`.
+//!
+//! A block of 16 pixels with a step of n samples is n vectors of 16 samples. [`Lanes`] says for each
+//! vector which half of the block a lane belongs to and how far along it; after that all steps
+//! are the same: position → whole part and fraction → weights → taps. A tap is a vector at a
+//! constant distance from the one before (a row in the vertical pass, a pixel in the horizontal
+//! one); where the whole part varies inside a block, the vectors of the next whole part are
+//! blended in.
+
+use super::{Horizontal, Interpolation, Kernel, Vertical};
+use crate::warp::blocks::{BLOCK, Block};
+use crate::warp::weights::{Cubic, FRACTION_BITS, Linear, Nearest, ONE, WEIGHT_BITS};
+use std::arch::x86_64::*;
+
+/// The largest step that is served.
+const MAX_STEP: usize = 4;
+
+/// Where the 16 lanes of one vector of a block lie.
+#[repr(C, align(32))]
+struct Lanes {
+    /// Byte shuffle that gives each lane the start of its half of the block.
+    start: [u8; 32],
+    /// The same for the change.
+    change: [u8; 32],
+    /// How far along its half a lane lies, times 2¹⁵.
+    ramp: [i16; 16],
+}
+
+/// `LANES[step − 1][vector]`.
+static LANES: [[Lanes; MAX_STEP]; MAX_STEP] = [lanes(1), lanes(2), lanes(3), lanes(4)];
+
+const fn lanes(step: usize) -> [Lanes; MAX_STEP] {
+    const EMPTY: Lanes = Lanes { start: [0; 32], change: [0; 32], ramp: [0; 16] };
+    let mut table = [EMPTY; MAX_STEP];
+    let mut sample = 0;
+    while sample < BLOCK * step {
+        let (vector, lane, pixel) = (sample / 16, sample % 16, sample / step);
+        // A block starts with two starts and two changes, 16 bits each.
+        let start = (pixel / 8 * 2) as u8;
+        table[vector].start[2 * lane] = start;
+        table[vector].start[2 * lane + 1] = start + 1;
+        table[vector].change[2 * lane] = start + 4;
+        table[vector].change[2 * lane + 1] = start + 5;
+        table[vector].ramp[lane] = ((pixel % 8) << 12) as i16;
+        sample += 1;
+    }
+    table
+}
+
+/// A kernel whose weights are made in vectors.
+trait VectorKernel: Kernel {
+    /// As [`Kernel::fixed`], for 16 fractions.
+    fn weights(fraction: __m256i) -> [__m256i; 4];
+}
+
+impl VectorKernel for Nearest {
+    #[inline(always)]
+    fn weights(_: __m256i) -> [__m256i; 4] {
+        // SAFETY: only called from functions compiled for AVX2.
+        unsafe { [_mm256_set1_epi16(1 << WEIGHT_BITS); 4] }
+    }
+}
+
+impl VectorKernel for Linear {
+    #[inline(always)]
+    fn weights(fraction: __m256i) -> [__m256i; 4] {
+        // SAFETY: only called from functions compiled for AVX2.
+        unsafe {
+            let t = _mm256_slli_epi16::<{ (WEIGHT_BITS - FRACTION_BITS) as i32 }>(fraction);
+            [_mm256_sub_epi16(_mm256_set1_epi16(1 << WEIGHT_BITS), t), t, t, t]
+        }
+    }
+}
+
+impl VectorKernel for Cubic {
+    #[inline(always)]
+    fn weights(fraction: __m256i) -> [__m256i; 4] {
+        // SAFETY: only called from functions compiled for AVX2.
+        unsafe {
+            let t15 = _mm256_slli_epi16::<{ 15 - FRACTION_BITS as i32 }>(fraction);
+            let t14 = _mm256_slli_epi16::<{ (WEIGHT_BITS - FRACTION_BITS) as i32 }>(fraction);
+            let square = _mm256_mulhrs_epi16(t15, t15);
+            let rest = _mm256_sub_epi16(_mm256_mulhrs_epi16(square, t15), square);
+            let first = _mm256_sub_epi16(_mm256_sub_epi16(square, t15), rest);
+            let first = _mm256_srai_epi16::<2>(first);
+            let last = _mm256_srai_epi16::<2>(rest);
+            let third = _mm256_sub_epi16(_mm256_add_epi16(t14, first), _mm256_add_epi16(last, last));
+            let second = _mm256_sub_epi16(_mm256_set1_epi16(1 << WEIGHT_BITS), t14);
+            let second = _mm256_sub_epi16(second, _mm256_add_epi16(first, first));
+            [first, _mm256_add_epi16(second, last), third, last]
+        }
+    }
+}
+
+/// Vectors of 16 factors for `mulhrs`, at a constant distance from one another.
+trait Taps: Copy {
+    /// The factors of tap `index`.
+    ///
+    /// # Safety
+    /// 16 samples must be readable there, and the CPU must have AVX2.
+    unsafe fn load(self, index: usize) -> __m256i;
+}
+
+/// Rows of bytes, as factors times 2⁷.
+#[derive(Clone, Copy)]
+struct Rows(*const u8, usize);
+
+impl Taps for Rows {
+    #[inline(always)]
+    unsafe fn load(self, index: usize) -> __m256i {
+        // SAFETY: the caller's promise.
+        unsafe {
+            let bytes = _mm_loadu_si128(self.0.add(index * self.1).cast());
+            _mm256_slli_epi16::<7>(_mm256_cvtepu8_epi16(bytes))
+        }
+    }
+}
+
+/// Neighbours in the row between the passes.
+#[derive(Clone, Copy)]
+struct Pixels(*const i16, usize);
+
+impl Taps for Pixels {
+    #[inline(always)]
+    unsafe fn load(self, index: usize) -> __m256i {
+        // SAFETY: the caller's promise.
+        unsafe { _mm256_loadu_si256(self.0.add(index * self.1).cast()) }
+    }
+}
+
+/// The sum of weight × sample for 16 lanes of a block.
+///
+/// # Safety
+/// `taps` 0 to `K::TAPS − 1 + span` must be readable, and the CPU must have AVX2.
+#[inline(always)]
+unsafe fn sum<K: VectorKernel>(taps: impl Taps, block: &Block, lanes: &Lanes) -> __m256i {
+    // SAFETY: the block's first 8 bytes are its starts and changes; the rest is the caller's promise.
+    unsafe {
+        let halves = _mm256_set1_epi64x(std::ptr::from_ref(block).cast::<i64>().read_unaligned());
+        let start = _mm256_shuffle_epi8(halves, _mm256_load_si256(lanes.start.as_ptr().cast()));
+        let change = _mm256_shuffle_epi8(halves, _mm256_load_si256(lanes.change.as_ptr().cast()));
+        let ramp = _mm256_load_si256(lanes.ramp.as_ptr().cast());
+        let position = _mm256_add_epi16(start, _mm256_mulhrs_epi16(change, ramp));
+        let weights = K::weights(_mm256_and_si256(position, _mm256_set1_epi16(ONE as i16 - 1)));
+
+        let mut samples = [_mm256_setzero_si256(); 4];
+        for (tap, samples) in samples.iter_mut().enumerate().take(K::TAPS) {
+            *samples = taps.load(tap);
+        }
+        for more in 1..=block.span as usize {
+            let limit = _mm256_set1_epi16((more as i16 * ONE as i16).wrapping_sub(1));
+            let further = _mm256_cmpgt_epi16(position, limit);
+            for (tap, samples) in samples.iter_mut().enumerate().take(K::TAPS) {
+                *samples = _mm256_blendv_epi8(*samples, taps.load(tap + more), further);
+            }
+        }
+        let mut sum = _mm256_mulhrs_epi16(samples[0], weights[0]);
+        for tap in 1..K::TAPS {
+            sum = _mm256_add_epi16(sum, _mm256_mulhrs_epi16(samples[tap], weights[tap]));
+        }
+        sum
+    }
+}
+
+/// # Safety
+/// The CPU must have AVX2.
+#[target_feature(enable = "avx2")]
+unsafe fn vertical<K: VectorKernel>(task: &Vertical<'_>, patch: &mut Vec<u8>, middle: &mut Vec<i16>) {
+    let step = task.plane.layout().step;
+    middle.resize(task.blocks.len() * BLOCK * step, 0);
+    let lanes = &LANES[step - 1];
+    for (index, out) in middle.chunks_exact_mut(BLOCK * step).enumerate() {
+        let block = &task.blocks[index];
+        let window = task.window::<K>(index, patch);
+        let last = window.offset + (K::TAPS - 1 + block.span as usize) * window.stride;
+        let bytes = &window.bytes[window.offset..last + BLOCK * step];
+        for (vector, (out, lanes)) in out.chunks_exact_mut(16).zip(lanes).enumerate() {
+            // SAFETY: `bytes` holds 16 · step samples in each row of the window, `out` 16 numbers.
+            unsafe {
+                let taps = Rows(bytes.as_ptr().add(16 * vector), window.stride);
+                _mm256_storeu_si256(out.as_mut_ptr().cast(), sum::<K>(taps, block, lanes));
+            }
+        }
+    }
+}
+
+/// # Safety
+/// The CPU must have AVX2.
+#[target_feature(enable = "avx2")]
+unsafe fn horizontal<K: VectorKernel>(task: &Horizontal<'_, i16>, row: &mut [u8]) {
+    let (step, output) = (task.step, task.output);
+    let lanes = &LANES[step - 1];
+    let in_place = output.channels == step && output.step == step;
+    for (index, block) in task.blocks.iter().enumerate() {
+        let pixel = index * BLOCK;
+        let at = (pixel as isize + block.first as isize + K::FIRST - task.column) as usize * step;
+        let read = &task.middle[at..at + (BLOCK + K::TAPS - 1 + block.span as usize) * step];
+        let mut buffer = [0u8; 16 * MAX_STEP];
+        let out = match row.get_mut(pixel * step..(pixel + BLOCK) * step) {
+            Some(out) if in_place && pixel + BLOCK <= task.width => out,
+            _ => &mut buffer[..BLOCK * step],
+        };
+        for (vector, (out, lanes)) in out.chunks_exact_mut(16).zip(lanes).enumerate() {
+            // SAFETY: `read` holds 16 · step samples from each tap on, `out` 16 bytes.
+            unsafe {
+                let taps = Pixels(read.as_ptr().add(16 * vector), step);
+                let sum = _mm256_add_epi16(sum::<K>(taps, block, lanes), _mm256_set1_epi16(16));
+                let sum = _mm256_srai_epi16::<5>(sum);
+                let bytes = _mm_packus_epi16(_mm256_castsi256_si128(sum), _mm256_extracti128_si256::<1>(sum));
+                _mm_storeu_si128(out.as_mut_ptr().cast(), bytes);
+            }
+        }
+        if !in_place || pixel + BLOCK > task.width {
+            scatter(&buffer, step, task, pixel, row);
+        }
+    }
+}
+
+/// Writes the own samples of a block, 16 pixels or what is left of the row.
+fn scatter(block: &[u8], step: usize, task: &Horizontal<'_, i16>, pixel: usize, row: &mut [u8]) {
+    let output = task.output;
+    let pixels = row[pixel * output.step..].chunks_mut(output.step).take(task.width - pixel);
+    for (out, samples) in pixels.zip(block.chunks_exact(step).take(BLOCK)) {
+        out[..output.channels].copy_from_slice(&samples[..output.channels]);
+    }
+}
+
+/// The vertical pass; false, with nothing done, where there is no kernel for it.
+pub(super) fn vertical_u8(
+    interpolation: Interpolation,
+    task: &Vertical<'_>,
+    patch: &mut Vec<u8>,
+    middle: &mut Vec<i16>,
+) -> bool {
+    if task.plane.layout().step > MAX_STEP {
+        return false;
+    }
+    // SAFETY: a level of AVX2 is only chosen where the CPU has it.
+    unsafe {
+        match interpolation {
+            Interpolation::Nearest => vertical::<Nearest>(task, patch, middle),
+            Interpolation::Linear => vertical::<Linear>(task, patch, middle),
+            Interpolation::Cubic => vertical::<Cubic>(task, patch, middle),
+            Interpolation::Lanczos => return false,
+        }
+    }
+    true
+}
+
+/// The horizontal pass; false, with nothing done, where there is no kernel for it.
+pub(super) fn horizontal_u8(interpolation: Interpolation, task: &Horizontal<'_, i16>, row: &mut [u8]) -> bool {
+    if task.step > MAX_STEP {
+        return false;
+    }
+    // SAFETY: a level of AVX2 is only chosen where the CPU has it.
+    unsafe {
+        match interpolation {
+            Interpolation::Nearest => horizontal::<Nearest>(task, row),
+            Interpolation::Linear => horizontal::<Linear>(task, row),
+            Interpolation::Cubic => horizontal::<Cubic>(task, row),
+            Interpolation::Lanczos => return false,
+        }
+    }
+    true
+}

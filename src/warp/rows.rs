@@ -1,0 +1,128 @@
+//! Walks the rows of a plane in bands, one band a task of the thread pool.
+
+use super::blocks::{BLOCK, Block, KnotTable};
+use super::kernels::{self, CpuLevel, Horizontal, Output, Vertical};
+use super::{BorderMode, Interpolation};
+use crate::plane::{Plane, PlaneLayout, PlaneMut};
+use rayon::prelude::*;
+use std::cell::RefCell;
+
+/// Rows in a band: 68 bands for 1080 rows.
+const BAND: usize = 16;
+
+/// All that a plane needs to be warped.
+pub(super) struct PlaneTask<'a> {
+    pub level: CpuLevel,
+    pub interpolation: Interpolation,
+    pub border: BorderMode,
+    pub fill: [u16; 4],
+    pub across: &'a KnotTable,
+    pub down: &'a KnotTable,
+    pub source: Plane<'a>,
+}
+
+/// Buffers of one thread, kept from frame to frame.
+#[derive(Default)]
+struct Scratch {
+    knots: Vec<i32>,
+    across: Vec<Block>,
+    down: Vec<Block>,
+    patch: Vec<u8>,
+    integers: Vec<i16>,
+    floats: Vec<f32>,
+}
+
+thread_local! {
+    static SCRATCH: RefCell<Scratch> = RefCell::default();
+}
+
+/// Calls `row` with each row of `dst` (from its first sample on) and its index, in bands.
+pub(super) fn for_each_row(dst: &mut PlaneMut<'_>, row: impl Fn(usize, &mut [u8]) + Sync) {
+    let PlaneLayout { height, stride, .. } = *dst.layout();
+    // One row may have any stride.
+    let stride = if height > 1 { stride } else { dst.data_mut().len() }.max(1);
+    dst.data_mut().par_chunks_mut(BAND * stride).enumerate().for_each(|(band, bytes)| {
+        for (index, bytes) in bytes.chunks_mut(stride).enumerate() {
+            if band * BAND + index < height {
+                row(band * BAND + index, bytes);
+            }
+        }
+    });
+}
+
+impl PlaneTask<'_> {
+    /// Fills `dst`, of the source's size, channels and format.
+    pub fn run(&self, dst: &mut PlaneMut<'_>) {
+        let layout = *dst.layout();
+        let output = Output {
+            bytes: layout.format.bytes(),
+            channels: layout.channels,
+            step: layout.step,
+            max: layout.format.max_value(),
+            shift: layout.format.shift(),
+        };
+        for_each_row(dst, |index, row| {
+            SCRATCH.with_borrow_mut(|scratch| self.row(index, output, row, scratch));
+        });
+    }
+
+    fn row(&self, index: usize, output: Output, row: &mut [u8], scratch: &mut Scratch) {
+        let layout = self.source.layout();
+        let (first, last, round) = kernels::reach(self.interpolation);
+        self.across.row(index, round, &mut scratch.knots);
+        self.across.blocks(&scratch.knots, 0, layout.width as isize - 1, &mut scratch.across);
+        let (from, to) = columns_read(&scratch.across);
+        let from = (from + first).div_euclid(BLOCK as isize) * BLOCK as isize;
+        self.down.row(index, round, &mut scratch.knots);
+        self.down.blocks(&scratch.knots, from, to + last, &mut scratch.down);
+
+        let vertical = Vertical {
+            plane: self.source,
+            border: self.border,
+            fill: self.fill,
+            row: index as isize,
+            column: from,
+            blocks: &scratch.down,
+        };
+        let (step, width, blocks) = (layout.step, layout.width, scratch.across.as_slice());
+        if output.bytes == 1 {
+            let middle = &mut scratch.integers;
+            kernels::vertical_u8(self.level, self.interpolation, &vertical, &mut scratch.patch, middle);
+            let task = Horizontal { middle, column: from, step, blocks, width, output };
+            kernels::horizontal_u8(self.level, self.interpolation, &task, row);
+        } else {
+            let middle = &mut scratch.floats;
+            kernels::vertical_u16(self.level, self.interpolation, &vertical, &mut scratch.patch, middle);
+            let task = Horizontal { middle, column: from, step, blocks, width, output };
+            kernels::horizontal_u16(self.level, self.interpolation, &task, row);
+        }
+    }
+}
+
+/// First and last source column at which the pixels of these blocks lie.
+fn columns_read(blocks: &[Block]) -> (isize, isize) {
+    let mut seen = (isize::MAX, isize::MIN);
+    for (left, block) in (0..).step_by(BLOCK).zip(blocks) {
+        let first = left + block.first as isize;
+        seen = (seen.0.min(first), seen.1.max(first + (BLOCK as isize - 1) + block.span as isize));
+    }
+    seen
+}
+
+/// Copies a plane's own samples; those of other views between them stay as they are.
+pub(super) fn copy(src: &Plane<'_>, dst: &mut PlaneMut<'_>) {
+    let (from, to) = (*src.layout(), *dst.layout());
+    let bytes = to.format.bytes();
+    let own = to.channels * bytes;
+    for_each_row(dst, |index, row| {
+        let source = src.row(index);
+        if to.step == to.channels && from.step == from.channels {
+            row[..source.len()].copy_from_slice(source);
+            return;
+        }
+        let pixels = row.chunks_mut(to.step * bytes).zip(source.chunks(from.step * bytes));
+        for (out, pixel) in pixels.take(to.width) {
+            out[..own].copy_from_slice(&pixel[..own]);
+        }
+    });
+}
