@@ -43,7 +43,9 @@ fn render(plugins: &PluginFolder, film: &Film, clips: &[Range<usize>], effect: &
             command.args(["+effect", effect]);
         }
     }
-    command.args(["--track-types", "video", "--no-interactive"]);
+    // The editor's mixer takes frame 48 for 47 at 30 frames a second behind any filter that needs
+    // time, `identity sleep-time=5000` too.
+    command.args(["--track-types", "video", "--no-interactive", "--disable-mixing"]);
     command.args(["--video-caps", "video/x-raw,width=320,height=240,framerate=30/1"]);
     command.args(["-f", "video/quicktime,variant=iso:video/x-h264"]).arg("-o").arg(&out.0);
     command.env("GST_PLUGIN_PATH", &plugins.0).env("GST_REGISTRY", plugins.0.join("registry.bin"));
