@@ -386,3 +386,23 @@ fn strength_follows_its_curve_at_the_time_of_the_frame_given_out() {
         }
     }
 }
+
+#[test]
+fn a_frame_flagged_as_repeated_is_no_motion_of_its_own() {
+    let mut h = harness(2, &numbered_caps());
+    let bus = bus(&h);
+    h.element().unwrap().set_property("post-messages", true);
+    for number in 0..6 {
+        let mut frame = numbered(number);
+        if number == 3 {
+            frame.get_mut().unwrap().set_flags(gst::BufferFlags::GAP);
+        }
+        h.push(frame).unwrap();
+    }
+    h.push_event(gst::event::Eos::new());
+    let messages = messages(&bus, gst::MessageType::Element);
+    let repeated =
+        |message: &gst::Message| message.structure().unwrap().get::<&str>("origin") == Ok("repeated");
+    assert_eq!((0..6).filter(|&i| repeated(&messages[i])).collect::<Vec<_>>(), [3]);
+    assert!(arrived(&mut h)[3].flags().contains(gst::BufferFlags::GAP));
+}
