@@ -366,3 +366,43 @@ fn a_message_for_each_frame() {
     // The whole period, top to bottom, is what `auto` stands for.
     assert_eq!(stats.get::<u64>("readout-time").unwrap(), 33_333_333);
 }
+
+#[test]
+fn strength_follows_its_curve_at_the_time_of_the_frame_given_out() {
+    use gst_controller::prelude::*;
+    let mut h = harness(3, &numbered_caps());
+    let element = h.element().unwrap();
+    let curve = gst_controller::InterpolationControlSource::new();
+    curve.set_mode(gst_controller::InterpolationMode::Linear);
+    curve.set(time(0), 0.0);
+    curve.set(time(30), 1.0);
+    let binding = gst_controller::DirectControlBinding::new(&element, "strength", &curve);
+    element.add_control_binding(&binding).unwrap();
+    for number in 0..20usize {
+        h.push(numbered(number)).unwrap();
+        if let Some(out) = number.checked_sub(3) {
+            let strength: f64 = element.property("strength");
+            assert!((strength - out as f64 / 30.0).abs() < 1e-6, "frame {out}: {strength}");
+        }
+    }
+}
+
+#[test]
+fn a_frame_flagged_as_repeated_is_no_motion_of_its_own() {
+    let mut h = harness(2, &numbered_caps());
+    let bus = bus(&h);
+    h.element().unwrap().set_property("post-messages", true);
+    for number in 0..6 {
+        let mut frame = numbered(number);
+        if number == 3 {
+            frame.get_mut().unwrap().set_flags(gst::BufferFlags::GAP);
+        }
+        h.push(frame).unwrap();
+    }
+    h.push_event(gst::event::Eos::new());
+    let messages = messages(&bus, gst::MessageType::Element);
+    let repeated =
+        |message: &gst::Message| message.structure().unwrap().get::<&str>("origin") == Ok("repeated");
+    assert_eq!((0..6).filter(|&i| repeated(&messages[i])).collect::<Vec<_>>(), [3]);
+    assert!(arrived(&mut h)[3].flags().contains(gst::BufferFlags::GAP));
+}

@@ -3,6 +3,8 @@
 // Each test file uses its own part of this.
 #![allow(dead_code)]
 
+pub mod film;
+
 use gst::prelude::*;
 use gst_check::Harness;
 use std::sync::{Arc, Mutex, Once};

@@ -332,7 +332,7 @@ impl BaseTransformImpl for RsRectify {
             EventView::Caps(caps) if self.is_caps_in_use(caps.caps()) => self.parent_sink_event(event),
             EventView::Segment(_) => {
                 let _ = self.drain();
-                lock(&self.report).reset_quality();
+                lock(&self.report).start_segment();
                 self.parent_sink_event(event)
             }
             EventView::StreamStart(_)
@@ -342,7 +342,7 @@ impl BaseTransformImpl for RsRectify {
             | EventView::Eos(_) => self.drain_before(event),
             EventView::FlushStop(_) => {
                 self.flush();
-                lock(&self.report).reset_quality();
+                lock(&self.report).start_segment();
                 self.parent_sink_event(event)
             }
             _ if event.is_serialized() => self.queue_event(event),

@@ -57,6 +57,7 @@ pub struct Report {
 
 #[derive(Debug, Default)]
 struct Stats {
+    analysed: u64,
     frames: u64,
     rectified: u64,
     late: u64,
@@ -83,9 +84,10 @@ impl Report {
         });
     }
 
-    /// Forgets the sink's lateness, which was that of another segment.
-    pub fn reset_quality(&mut self) {
+    /// Forgets position and lateness: another segment begins.
+    pub fn start_segment(&mut self) {
         self.quality = None;
+        self.position = None;
     }
 
     /// The QoS message of a frame that would come too late if it were rectified.
@@ -110,6 +112,7 @@ impl Report {
 
     /// Counts the time that the analysis of a frame took.
     pub fn count_analysis(&mut self, time: Duration) {
+        self.stats.analysed += 1;
         self.stats.analysis += time;
     }
 
@@ -128,13 +131,13 @@ impl Report {
 
     /// The `stats` property.
     pub fn stats(&self) -> gst::Structure {
-        let Stats { frames, rectified, late, last, analysis, warp } = &self.stats;
+        let Stats { analysed, frames, rectified, late, last, analysis, warp } = &self.stats;
         let mean_ms = |time: &Duration, count: u64| time.as_secs_f64() * 1e3 / count.max(1) as f64;
         let mut stats = gst::Structure::builder("rsrectify-stats")
             .field("frames", *frames)
             .field("rectified", *rectified)
             .field("late", *late)
-            .field("analysis-ms", mean_ms(analysis, *frames))
+            .field("analysis-ms", mean_ms(analysis, *analysed))
             .field("warp-ms", mean_ms(warp, *rectified))
             .build();
         if let Some(solution) = last {
@@ -237,7 +240,7 @@ mod tests {
         assert!(late(180), "100 + 2 · 20 + 40 ms are past help");
         assert!(!late(181));
         assert_eq!(report.stats().get::<u64>("late").unwrap(), 1);
-        report.reset_quality();
+        report.start_segment();
         let time = FrameTime { running: Some(ms(0)), ..FrameTime::default() };
         assert!(report.late_message(&bin, &time).is_none());
     }
