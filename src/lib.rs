@@ -30,3 +30,8 @@ pub mod warp;
 pub use plane::{Plane, PlaneMut};
 pub use rectifier::Rectifier;
 pub use warp::Warper;
+
+/// The README's example is a test.
+#[cfg(doctest)]
+#[doc = include_str!("../README.md")]
+pub struct Readme;

@@ -1,0 +1,215 @@
+//! The example `rectify`, run as a user runs it, on clips made here.
+
+use gst::prelude::*;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+
+const FRAMES: usize = 30;
+const CLIP: &str = "videotestsrc num-buffers=30 pattern=gradient \
+    ! video/x-raw,format=I420,width=320,height=240,framerate=30/1 ! x264enc speed-preset=ultrafast ! mux.";
+const TONE: &str = "audiotestsrc num-buffers=40 ! audio/x-raw,rate=44100,channels=2";
+
+/// A folder of its own for each test, removed at the end.
+struct Folder(PathBuf);
+
+impl Folder {
+    fn new(name: &str) -> Self {
+        gst::init().unwrap();
+        let path = std::env::temp_dir().join(format!("rsrectify-{name}-{}", std::process::id()));
+        std::fs::create_dir_all(&path).unwrap();
+        Self(path)
+    }
+
+    fn file(&self, name: &str) -> PathBuf {
+        self.0.join(name)
+    }
+
+    /// Writes a clip: `streams` feed `mux`.
+    fn clip(&self, name: &str, muxer: &str, streams: &str) -> PathBuf {
+        let path = self.file(name);
+        let description = format!("{muxer} name=mux ! filesink name=out {streams}");
+        let pipeline = gst::parse::launch(&description).unwrap().downcast::<gst::Pipeline>().unwrap();
+        pipeline.by_name("out").unwrap().set_property("location", &path);
+        pipeline.set_state(gst::State::Playing).unwrap();
+        let last = [gst::MessageType::Eos, gst::MessageType::Error];
+        let message = pipeline.bus().unwrap().timed_pop_filtered(gst::ClockTime::NONE, &last);
+        assert_eq!(message.unwrap().type_(), gst::MessageType::Eos, "{description}");
+        pipeline.set_state(gst::State::Null).unwrap();
+        path
+    }
+
+    /// Names of all files.
+    fn names(&self) -> Vec<String> {
+        let entries = std::fs::read_dir(&self.0).unwrap();
+        let mut names: Vec<_> = entries.map(|e| e.unwrap().file_name().into_string().unwrap()).collect();
+        names.sort();
+        names
+    }
+}
+
+impl Drop for Folder {
+    fn drop(&mut self) {
+        let _ = std::fs::remove_dir_all(&self.0);
+    }
+}
+
+/// Runs the example; cargo builds it beside the tests.
+fn rectify(input: &Path, output: &Path, options: &[&str]) -> Output {
+    let test = std::env::current_exe().unwrap();
+    let program = test.parent().unwrap().parent().unwrap().join("examples/rectify");
+    Command::new(program).arg(input).arg(output).args(options).output().unwrap()
+}
+
+fn succeeds(input: &Path, output: &Path, options: &[&str]) {
+    let result = rectify(input, output, options);
+    assert!(result.status.success(), "{}", String::from_utf8_lossy(&result.stderr));
+}
+
+/// Checks that the program gives up with one line that contains `reason`.
+fn fails(input: &Path, output: &Path, reason: &str) {
+    let result = rectify(input, output, &[]);
+    let message = String::from_utf8_lossy(&result.stderr);
+    assert_eq!(result.status.code(), Some(1), "{message}");
+    assert!(message.starts_with("error: ") && message.trim_end().lines().count() == 1, "{message}");
+    assert!(message.contains(reason), "{message}");
+}
+
+/// Everything that comes out of a part of an MP4 file.
+fn samples(path: &Path, part: &str) -> Vec<gst::Sample> {
+    let description = format!("filesrc name=in ! qtdemux name=d d.{part} ! appsink name=out sync=false");
+    let pipeline = gst::parse::launch(&description).unwrap().downcast::<gst::Pipeline>().unwrap();
+    pipeline.by_name("in").unwrap().set_property("location", path);
+    pipeline.set_state(gst::State::Playing).unwrap();
+    let sink = pipeline.by_name("out").unwrap().downcast::<gst_app::AppSink>().unwrap();
+    let samples = std::iter::from_fn(|| sink.pull_sample().ok()).collect();
+    pipeline.set_state(gst::State::Null).unwrap();
+    samples
+}
+
+fn frames(path: &Path) -> Vec<gst::Sample> {
+    samples(path, "video_0 ! h264parse ! avdec_h264 ! videoconvert ! video/x-raw,format=GRAY8")
+}
+
+fn audio(path: &Path) -> (String, Vec<u8>) {
+    let samples = samples(path, "audio_0");
+    let name = samples[0].caps().unwrap().structure(0).unwrap().name().to_string();
+    let bytes = samples.iter().flat_map(|s| s.buffer().unwrap().map_readable().unwrap().to_vec()).collect();
+    (name, bytes)
+}
+
+/// When each frame is shown, in microseconds: what MP4 stores is rounded to a track's clock.
+///
+/// Encoders with B-frames shift timestamps and segment alike, so running time is compared.
+fn times(frames: &[gst::Sample]) -> Vec<Option<u64>> {
+    let running = |frame: &gst::Sample| {
+        let segment = frame.segment()?.downcast_ref::<gst::ClockTime>()?;
+        Some((segment.to_running_time(frame.buffer()?.pts())?.nseconds() + 500) / 1000)
+    };
+    frames.iter().map(running).collect()
+}
+
+fn size(frame: &gst::Sample) -> (i32, i32) {
+    let caps = frame.caps().unwrap().structure(0).unwrap();
+    (caps.get("width").unwrap(), caps.get("height").unwrap())
+}
+
+/// Mean grey level of a column.
+fn column(frame: &gst::Sample, x: usize) -> f64 {
+    let (_, height) = size(frame);
+    let data = frame.buffer().unwrap().map_readable().unwrap();
+    let stride = data.len() / height as usize;
+    data.iter().skip(x).step_by(stride).map(|&v| f64::from(v)).sum::<f64>() / f64::from(height)
+}
+
+#[test]
+fn frames_keep_their_times_and_audio_its_bytes() {
+    let folder = Folder::new("copy");
+    let output = folder.file("out.mp4");
+    for (name, encoder) in [("aac", "avenc_aac"), ("mp3", "lamemp3enc"), ("opus", "opusenc")] {
+        let tone = TONE.replace("44100", if name == "opus" { "48000" } else { "44100" });
+        let input = folder.clip("in.mp4", "mp4mux", &format!("{CLIP} {tone} ! {encoder} ! mux."));
+        succeeds(&input, &output, &["--overwrite"]);
+        let (before, after) = (frames(&input), frames(&output));
+        assert_eq!(before.len(), FRAMES);
+        assert!(times(&before).iter().all(Option::is_some));
+        assert_eq!(times(&before), times(&after), "{name}");
+        assert_eq!(size(&after[0]), (320, 240));
+        assert!(audio(&input) == audio(&output), "{name} is not copied");
+    }
+}
+
+#[test]
+fn audio_that_mp4_cannot_hold_is_encoded() {
+    let folder = Folder::new("encode");
+    let video = CLIP.replace("x264enc speed-preset=ultrafast", "x264enc speed-preset=ultrafast ! h264parse");
+    let input = folder.clip("in.mkv", "matroskamux", &format!("{video} {TONE} ! flacenc ! mux."));
+    let output = folder.file("out.mp4");
+    succeeds(&input, &output, &[]);
+    assert_eq!(audio(&output).0, "audio/mpeg");
+    assert_eq!(frames(&output).len(), FRAMES);
+}
+
+#[test]
+fn ten_bits_stay_ten_bits() {
+    let folder = Folder::new("ten");
+    let video = CLIP.replace("I420", "I420_10LE");
+    let (input, output) = (folder.clip("in.mp4", "mp4mux", &video), folder.file("out.mp4"));
+    succeeds(&input, &output, &[]);
+    let decoded = samples(&output, "video_0 ! h264parse ! avdec_h264");
+    let format: String = decoded[0].caps().unwrap().structure(0).unwrap().get("format").unwrap();
+    assert_eq!((format.as_str(), decoded.len()), ("I420_10LE", FRAMES));
+}
+
+#[test]
+fn a_comparison_shows_both_pictures() {
+    let folder = Folder::new("compare");
+    let (input, output) = (folder.clip("in.mp4", "mp4mux", CLIP), folder.file("out.mp4"));
+    succeeds(&input, &output, &["--compare", "--lookahead", "12"]);
+    let after = frames(&output);
+    assert_eq!((after.len(), size(&after[0])), (FRAMES, (640, 240)));
+    assert!((column(&after[9], 100) - column(&after[9], 420)).abs() < 2.0);
+}
+
+/// Writes the rotation of a phone's portrait clip, 90° clockwise, into the header of the first track.
+fn turn(path: &Path) {
+    let mut file = std::fs::read(path).unwrap();
+    let header = file.windows(4).position(|name| name == b"tkhd").unwrap();
+    // Name, version and flags, five words of times and ids, 16 bytes of layer, group and volume.
+    let matrix = header + 4 + 4 + 20 + 16;
+    let one = 1 << 16;
+    let values: [i32; 9] = [0, one, 0, -one, 0, 0, 240 * one, 0, 1 << 30];
+    for (word, value) in file[matrix..matrix + 36].chunks_exact_mut(4).zip(values) {
+        word.copy_from_slice(&value.to_be_bytes());
+    }
+    std::fs::write(path, file).unwrap();
+}
+
+#[test]
+fn a_portrait_clip_comes_out_upright() {
+    let folder = Folder::new("portrait");
+    let (input, output) = (folder.clip("in.mp4", "mp4mux", CLIP), folder.file("out.mp4"));
+    turn(&input);
+    for (options, width) in [(&["--overwrite"][..], 240), (&["--overwrite", "--compare"], 480)] {
+        succeeds(&input, &output, options);
+        let after = frames(&output);
+        assert_eq!(size(&after[0]), (width, 320));
+        // The gradient's dark top has gone to the right.
+        assert!(column(&after[9], 20) > column(&after[9], 220) + 100.0);
+    }
+}
+
+#[test]
+fn failures_say_why_and_leave_nothing_behind() {
+    let folder = Folder::new("fail");
+    let output = folder.file("out.mp4");
+    fails(&folder.file("none.mp4"), &output, "No such file");
+    fails(&folder.0, &output, "is a folder");
+    std::fs::write(folder.file("text.mp4"), "no video at all\n").unwrap();
+    fails(&folder.file("text.mp4"), &output, "text.mp4");
+    let sound = folder.clip("sound.mp4", "mp4mux", &format!("{TONE} ! avenc_aac ! mux."));
+    fails(&sound, &output, "no video");
+    fails(&sound, &sound, "same file");
+    fails(&sound, &folder.file("text.mp4"), "--overwrite");
+    fails(&folder.clip("in.mp4", "mp4mux", CLIP), &folder.file("none/out.mp4"), "none/out.mp4");
+    assert_eq!(folder.names(), ["in.mp4", "sound.mp4", "text.mp4"]);
+}
