@@ -191,12 +191,13 @@ fn slow_changes_of_brightness_do_not_hide_a_shift() {
         });
         128.0 + waves.sum::<f64>()
     };
-    for (width, height) in [(1280, 720), (960, 540)] {
+    // Not reduced, the same waves are longer beside a patch, and more of them are too faint to keep.
+    for (width, height, least) in [(1280, 720, 600), (960, 540, 350)] {
         let first = Frame::new(width, height, grey);
         let shift = Point::new(22.4, -9.3);
         let second = Frame::new(width, height, |x| grey(x - shift));
         let errors = errors(&measure_frames(&first, &second), |x| x + shift, width as f64 / 960.0);
-        assert_accurate("slow changes", &errors, 500, 0.03, 0.1);
+        assert_accurate("slow changes", &errors, least, 0.03, 0.1);
     }
 }
 
