@@ -70,14 +70,14 @@ fn decode(film: &Path) -> Vec<usize> {
 fn clips_have_the_frames_that_they_have_without_the_effect() {
     let film = film("editing");
     let plugins = PluginFolder::new("editing");
-    let projects: [&[Range<usize>]; 3] = [&[0..FRAMES], &[15..45], &[15..45, 5..25]];
-    for clips in projects {
-        let truth = render(&plugins, &film, clips, "");
+    let (whole, middle, early) = (0..FRAMES, 15..45, 5..25);
+    for clips in [vec![whole], vec![middle.clone()], vec![middle, early]] {
+        let truth = render(&plugins, &film, &clips, "");
         let wanted: Vec<usize> = clips.iter().cloned().flatten().collect();
         // The editor itself adds a black frame, number 0, at the end.
         assert_eq!(truth[..wanted.len()], wanted);
         for effect in ["rsrectify", "rsrectify lookahead=0", "rsrectify lookahead=64"] {
-            assert_eq!(render(&plugins, &film, clips, effect), truth, "{effect}");
+            assert_eq!(render(&plugins, &film, &clips, effect), truth, "{effect}");
         }
     }
 }
