@@ -46,7 +46,7 @@ fn a_change_of_latency_is_announced_once() {
     let mut h = gst_check::Harness::new("rsrectify");
     let bus = bus(&h);
     h.set_src_caps(at(25));
-    let mut announced = || messages(&bus, gst::MessageType::Latency).len();
+    let announced = || messages(&bus, gst::MessageType::Latency).len();
     assert_eq!(announced(), 1);
     assert!(h.push_event(gst::event::Caps::new(&at(25))));
     assert!(h.push_event(gst::event::Caps::new(&caps("I420", 64, 48, gst::Fraction::new(25, 1)))));
