@@ -1,6 +1,7 @@
 //! The lookahead queue that joins the rooms: push luma, pop motions in order, drain, reset.
 
 mod clock;
+mod duplicates;
 #[cfg(test)]
 mod tests;
 
@@ -10,6 +11,7 @@ use crate::plane::Luma;
 use crate::readout::{Readout, ReadoutDirection, ReadoutTime};
 use crate::solve::{Candidate, Link, Window};
 use clock::Clock;
+use duplicates::Duplicates;
 use nalgebra::Vector2;
 use std::collections::VecDeque;
 use std::time::{Duration, Instant};
@@ -21,13 +23,6 @@ pub use crate::solve::Origin;
 const TRACKING_NOISE: f64 = 0.1;
 /// Confidence grows with the share of grid nodes that were tracked, up to this share.
 const FULL_COVERAGE: f64 = 0.1;
-
-/// Frames that differ by no more than this many grey levels anywhere ([`Sampler::difference`]) show
-/// one and the same exposure.
-const DUPLICATE_DIFFERENCE: f64 = 0.5;
-/// More unmarked duplicates in a row than any change of frame rate makes (15 to 60 a second makes
-/// three) are a still camera.
-const MOST_DUPLICATES: usize = 3;
 
 /// How a stream is analysed.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -115,8 +110,7 @@ pub struct Rectifier {
     now: Pyramid,
     correspondences: Vec<Correspondence>,
     reference: Option<Reference>,
-    /// Frames in a row that look like the one before them.
-    alike: usize,
+    duplicates: Duplicates,
     window: Window,
     waiting: VecDeque<Waiting>,
     solved: VecDeque<FrameSolution>,
@@ -139,7 +133,7 @@ impl Rectifier {
             now: Pyramid::default(),
             correspondences: Vec::new(),
             reference: None,
-            alike: 0,
+            duplicates: Duplicates::default(),
             window: Window::default(),
             waiting: VecDeque::new(),
             solved: VecDeque::new(),
@@ -160,7 +154,8 @@ impl Rectifier {
             self.reference = None;
         }
         self.sampler.build(luma, &mut self.now);
-        let repeats = self.reference.is_some() && (duplicate || self.repeats_the_reference());
+        let repeats = self.reference.is_some()
+            && (duplicate || self.duplicates.is_repeated(self.sampler.difference(&self.before, &self.now)));
         let readout = self.readout();
         self.waiting.push_back(Waiting { readout, correspondences: 0, repeats });
         if repeats {
@@ -202,15 +197,9 @@ impl Rectifier {
     fn forget_the_past(&mut self) {
         self.window.reset();
         self.clock.restart();
+        self.duplicates = Duplicates::default();
         self.reference = None;
         self.last = None;
-    }
-
-    /// Whether the frame in `now` is an unmarked duplicate of the reference.
-    fn repeats_the_reference(&mut self) -> bool {
-        let alike = self.sampler.difference(&self.before, &self.now) <= DUPLICATE_DIFFERENCE;
-        self.alike = if alike { self.alike + 1 } else { 0 };
-        alike && self.alike <= MOST_DUPLICATES
     }
 
     fn readout(&self) -> Readout {
