@@ -30,20 +30,27 @@ def frames(path):
             ]
 
 
-def row_maps(width, height, turn, shift, scale):
-    """Where each output pixel is found, for a motion of `turn` radians and `shift` pixels a frame."""
-    rows = np.arange(height, dtype=np.float32)
-    share = (rows + 0.5) / height - 0.5
-    x = np.arange(width, dtype=np.float32)[None, :] - (width - 1) / 2
-    y = (rows - (height - 1) / 2)[:, None]
-    cos, sin = np.cos(turn * share)[:, None], np.sin(turn * share)[:, None]
-    move = share[:, None] / scale
-    map_x = cos * x - sin * y + (shift[0] * move + (width - 1) / 2)
-    map_y = sin * x + cos * y + (shift[1] * move + (height - 1) / 2)
-    return map_x.astype(np.float32), map_y.astype(np.float32)
+class RowMaps:
+    """Where each output pixel of a plane is found; keeps its buffers."""
+
+    def __init__(self, width, height):
+        self.x = np.arange(width, dtype=np.float32)[None, :] - (width - 1) / 2
+        self.y = (np.arange(height, dtype=np.float32) - (height - 1) / 2)[:, None]
+        self.centre = ((width - 1) / 2, (height - 1) / 2)
+        self.maps = np.empty((height, width), np.float32), np.empty((height, width), np.float32)
+
+    def fill(self, turn, shift):
+        """For a motion of `turn` radians and `shift` pixels of the plane a frame: a line a row."""
+        share = self.y / len(self.y)
+        cos, sin = np.cos(turn * share), np.sin(turn * share)
+        starts = -sin * self.y + (shift[0] * share + self.centre[0]), cos * self.y + (shift[1] * share + self.centre[1])
+        for target, slope, start in zip(self.maps, (cos, sin), starts):
+            np.multiply(self.x, slope, out=target)
+            target += start
+        return self.maps
 
 
-def rectify(planes, before, now, reduction, grid):
+def rectify(planes, before, now, reduction, grid, maps):
     """The three planes, rectified by the similarity between two reduced lumas."""
     moved, status, _ = cv2.calcOpticalFlowPyrLK(before, now, grid, None, winSize=(15, 15), maxLevel=4)
     kept = status.ravel() == 1
@@ -51,22 +58,20 @@ def rectify(planes, before, now, reduction, grid):
     if model is None:
         return planes
     turn = float(np.arctan2(model[1, 0], model[0, 0]))
-    height, width = planes[0].shape
     centre = np.array([before.shape[1] / 2, before.shape[0] / 2, 1.0])
     shift = (model @ centre - centre[:2]) * reduction
-    result = []
-    for plane in planes:
-        scale = width / plane.shape[1]
-        map_x, map_y = row_maps(plane.shape[1], plane.shape[0], turn, shift, scale)
-        result.append(cv2.remap(plane, map_x, map_y, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE))
-    return result
+    luma, chroma = maps[0].fill(turn, shift), maps[1].fill(turn, shift / 2)
+    return [
+        cv2.remap(plane, *found, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
+        for plane, found in zip(planes, (luma, chroma, chroma))
+    ]
 
 
 def main():
     if len(sys.argv) < 2:
         sys.exit(__doc__)
     cv2.setNumThreads(int(sys.argv[2]) if len(sys.argv) > 2 else 2)
-    before, times, grid = None, [], None
+    before, times, grid, maps = None, [], None, None
     for planes in frames(sys.argv[1]):
         started = time.perf_counter()
         height, width = planes[0].shape
@@ -76,9 +81,10 @@ def main():
         if before is None:
             xs = (np.arange(32, dtype=np.float32) + 0.5) * size[0] / 32
             ys = (np.arange(24, dtype=np.float32) + 0.5) * size[1] / 24
+            maps = [RowMaps(*plane.shape[::-1]) for plane in planes[:2]]
             grid = np.stack(np.meshgrid(xs, ys), -1).reshape(-1, 1, 2)
         else:
-            rectify(planes, before, now, reduction, grid)
+            rectify(planes, before, now, reduction, grid, maps)
             times.append((time.perf_counter() - started) * 1e3)
         before = now
     print(f"{statistics.median(times):.2f}")

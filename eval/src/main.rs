@@ -6,6 +6,7 @@ use rsrectify_eval::metrics::Stats;
 use rsrectify_eval::product::{self, Delay};
 use rsrectify_eval::scene::{Frame, room};
 use rsrectify_eval::sequence::{self, Sequence, Settings};
+use rsrectify_eval::speed;
 use rsrectify_eval::video;
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -52,6 +53,14 @@ enum Command {
         #[command(flatten)]
         changes: Changes,
     },
+    /// Measures the time that the library takes for a frame of a YUV4MPEG2 file (8-bit 4:2:0).
+    Speed {
+        /// The file.
+        file: PathBuf,
+        /// Frames the library may look ahead.
+        #[arg(long, default_value_t = 4)]
+        lookahead: usize,
+    },
     /// Prints the names of the sequences.
     List,
 }
@@ -88,6 +97,7 @@ fn main() -> Result<()> {
         Command::Render { sequence, out, changes } => render(changes.apply(find(&sequence)?), &out),
         Command::Demo { out, changes } => render(changes.apply(sequence::demo()), &out),
         Command::Measure { sequence, lookahead, changes } => measure(&sequence, lookahead, &changes),
+        Command::Speed { file, lookahead } => speed(&file, lookahead),
         Command::List => {
             sequence::catalogue().iter().for_each(|settings| println!("{}", settings.name));
             Ok(())
@@ -137,6 +147,18 @@ fn measured_row(sequence: &Sequence, lookahead: usize) -> Result<String> {
         row += &format!(" {} | {share} |", pixels(&left));
     }
     Ok(row)
+}
+
+/// Prints the median milliseconds of a frame: in all, for analysis, for the warp.
+fn speed(file: &std::path::Path, lookahead: usize) -> Result<()> {
+    // The first frames have nothing to be compared with or wait for the lookahead.
+    let costs = speed::of_file(file, lookahead)?;
+    let steady = || costs.iter().skip(lookahead + 2);
+    let total = speed::median_ms(steady().map(|cost| cost.analysis + cost.warp));
+    let analysis = speed::median_ms(steady().map(|cost| cost.analysis));
+    let warp = speed::median_ms(steady().map(|cost| cost.warp));
+    println!("{total:.2} {analysis:.2} {warp:.2}");
+    Ok(())
 }
 
 fn pixels(stats: &Stats) -> String {

@@ -1,0 +1,114 @@
+//! How long the library takes for a frame, from luma to the three rectified planes.
+
+use anyhow::{Context, Result, bail};
+use rsrectify::plane::{Luma, Plane, PlaneLayout, PlaneMut, SampleFormat};
+use rsrectify::rectifier::{FrameSolution, Settings};
+use rsrectify::warp::{Placement, WarpSettings};
+use rsrectify::{Rectifier, Warper};
+use std::collections::VecDeque;
+use std::fs::File;
+use std::path::Path;
+use std::time::{Duration, Instant};
+
+/// Time of one frame.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Cost {
+    /// Reduction of the luma, correspondences and solution.
+    pub analysis: Duration,
+    /// Rectification of the planes.
+    pub warp: Duration,
+}
+
+/// The three planes of a frame.
+type Planes = [Vec<u8>; 3];
+
+/// Rectifies an 8-bit 4:2:0 YUV4MPEG2 file in memory and tells what each frame cost; reading is left
+/// out.
+pub fn of_file(path: &Path, lookahead: usize) -> Result<Vec<Cost>> {
+    let file = File::open(path).with_context(|| format!("cannot read {}", path.display()))?;
+    let mut decoder = y4m::decode(std::io::BufReader::new(file))?;
+    let (width, height) = (decoder.get_width(), decoder.get_height());
+    let format = decoder.get_colorspace();
+    if decoder.get_bytes_per_sample() != 1 || !format!("{format:?}").starts_with("C420") {
+        bail!("the file is {format:?}; 8-bit 4:2:0 is needed");
+    }
+    let period = decoder.get_framerate().den as f64 / decoder.get_framerate().num as f64;
+    let mut job = Job::new(width, height, period, lookahead);
+    let mut costs = Vec::new();
+    loop {
+        match decoder.read_frame() {
+            Ok(frame) => {
+                let planes = [frame.get_y_plane(), frame.get_u_plane(), frame.get_v_plane()];
+                costs.push(job.frame(planes.map(<[u8]>::to_vec))?);
+            }
+            Err(y4m::Error::EOF) => return Ok(costs),
+            Err(error) => return Err(error.into()),
+        }
+    }
+}
+
+/// A stream that is being rectified.
+struct Job {
+    layouts: [PlaneLayout; 3],
+    period: f64,
+    rectifier: Rectifier,
+    warper: Warper,
+    waiting: VecDeque<Planes>,
+    output: Planes,
+    pushed: usize,
+}
+
+impl Job {
+    fn new(width: usize, height: usize, period: f64, lookahead: usize) -> Self {
+        let luma = PlaneLayout::packed(width, height, SampleFormat::U8);
+        let chroma = PlaneLayout::packed(width.div_ceil(2), height.div_ceil(2), SampleFormat::U8);
+        let layouts = [luma, chroma, chroma];
+        Self {
+            layouts,
+            period,
+            rectifier: Rectifier::new(
+                Settings { lookahead, ..Settings::default() },
+                width,
+                height,
+                Some(period),
+            ),
+            warper: Warper::new(),
+            waiting: VecDeque::new(),
+            output: layouts.map(|layout| vec![0; layout.stride * layout.height]),
+            pushed: 0,
+        }
+    }
+
+    fn frame(&mut self, planes: Planes) -> Result<Cost> {
+        let started = Instant::now();
+        let luma = Luma::from(Plane::new(&planes[0], self.layouts[0])?);
+        self.rectifier.push(&luma, Some(self.pushed as f64 * self.period), false);
+        self.pushed += 1;
+        let analysed = Instant::now();
+        self.waiting.push_back(planes);
+        if let Some(solution) = self.rectifier.pop() {
+            self.warp(&solution)?;
+        }
+        Ok(Cost { analysis: analysed - started, warp: analysed.elapsed() })
+    }
+
+    fn warp(&mut self, solution: &FrameSolution) -> Result<()> {
+        let planes = self.waiting.pop_front().context("a motion without its frame")?;
+        // MPEG-2 siting: chroma lies on every second luma column and between two luma rows.
+        let chroma = Placement { scale: [2.0, 2.0], offset: [0.0, 0.5] };
+        self.warper.prepare(&solution.readout, &solution.path, &WarpSettings::default());
+        for (index, placement) in [Placement::FULL, chroma, chroma].into_iter().enumerate() {
+            let source = Plane::new(&planes[index], self.layouts[index])?;
+            let mut target = PlaneMut::new(&mut self.output[index], self.layouts[index])?;
+            self.warper.warp(&source, &mut target, placement, [0; 4])?;
+        }
+        Ok(())
+    }
+}
+
+/// The median, in milliseconds.
+pub fn median_ms(times: impl Iterator<Item = Duration>) -> f64 {
+    let mut times: Vec<f64> = times.map(|time| time.as_secs_f64() * 1e3).collect();
+    times.sort_by(f64::total_cmp);
+    times.get(times.len() / 2).copied().unwrap_or(f64::NAN)
+}
