@@ -1,5 +1,8 @@
 //! What the library leaves of the displacement on rendered sequences, true delay and long lookahead.
 
+use nalgebra::Vector2;
+use rsrectify::readout::ReadoutTime;
+use rsrectify::rectifier::Settings;
 use rsrectify_eval::product::{self, Delay};
 use rsrectify_eval::scene::Frame;
 use rsrectify_eval::sequence::{Sequence, named};
@@ -32,4 +35,27 @@ fn three_dimensional_rotation_with_40_blank_rows() {
 fn strong_shake_with_a_short_readout() {
     let share = share_left("shake_g042");
     assert!(share <= 0.70, "{:.1} % left", 100.0 * share);
+}
+
+/// Whatever is claimed of the readout, every frame gets a finite motion, and none that is wilder than
+/// what the frames show: some 20 px from one to the next.
+#[test]
+fn a_readout_set_far_wrong_is_survived() {
+    let mut settings = named("rot1_B0").expect("a sequence of the catalogue");
+    settings.frames = 8;
+    let period = 1.0 / settings.fps;
+    let sequence = Sequence::new(settings);
+    let frames: Vec<Frame> = sequence.frames().collect();
+    let delays = [40.0, 5e3, 1e9].map(ReadoutTime::DelayRows);
+    let seconds = [1e-9, period * 1.5, 0.5, 1e9].map(ReadoutTime::Seconds);
+    for readout_time in delays.into_iter().chain(seconds) {
+        for lookahead in [0, 4] {
+            let settings = Settings { lookahead, readout_time, ..Settings::default() };
+            let solutions = product::solve(&sequence, &frames, settings).unwrap();
+            for solution in solutions {
+                let moved = solution.path.twist.after(period).apply(Vector2::zeros()).norm();
+                assert!(moved < 200.0 && solution.residual.is_finite(), "{readout_time:?}: {solution:?}");
+            }
+        }
+    }
 }
