@@ -76,9 +76,11 @@ impl RsRectify {
 
     /// Gives out everything held; on an error the rest is dropped.
     fn drain(&self) -> Result<(), gst::FlowError> {
-        if let Some(state) = lock(&self.state).as_mut() {
+        let analysis = lock(&self.state).as_mut().map(|state| {
             state.drain();
-        }
+            state.take_timings()
+        });
+        lock(&self.report).count_analysis(analysis.unwrap_or_default());
         self.push_ready().inspect_err(|error| {
             gst::debug!(CAT, imp = self, "Drain ended early: {error}");
             self.flush();
@@ -166,15 +168,14 @@ impl RsRectify {
 
     /// Adds a frame to the queue.
     fn take_frame(&self, input: gst::Buffer, settings: &Settings) -> Result<(), gst::FlowError> {
-        let start = Instant::now();
-        let (workers, taken) = match lock(&self.state).as_mut() {
-            Some(state) => (state.configure(settings), state.push_frame(input)),
+        let (workers, taken, analysis) = match lock(&self.state).as_mut() {
+            Some(state) => (state.configure(settings), state.push_frame(input), state.take_timings()),
             None => return Err(gst::FlowError::NotNegotiated),
         };
         if let Err(error) = workers {
             gst::warning!(CAT, imp = self, "No threads of its own, using the shared ones: {error}");
         }
-        lock(&self.report).count_analysis(start.elapsed());
+        lock(&self.report).count_input(analysis);
         taken.map_err(|reason| self.stream_error(reason))
     }
 
@@ -302,8 +303,9 @@ impl BaseTransformImpl for RsRectify {
                     return false;
                 }
                 let (live, min, max) = latency.result();
-                let ours = lock(&self.report).latency;
-                latency.set(live, min + ours, max.map(|max| max.saturating_add(ours)));
+                let ours = lock(&self.report).note_source(live);
+                let add = |time: gst::ClockTime| time.saturating_add(ours);
+                latency.set(live, add(min), max.map(add));
                 true
             }
             (gst::PadDirection::Src, gst::QueryViewMut::Position(position))
