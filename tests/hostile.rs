@@ -14,7 +14,7 @@ fn speckled(caps: &gst::Caps, number: usize) -> gst::Buffer {
     let speckle = |i: usize| {
         let (x, y) = ((i % stride + 3 * number) / 5, (i / stride + 2 * number) / 5);
         let hash = (x * 0x9e37 + y * 0x85eb) ^ (x * y);
-        (hash * 0x2545 >> 4 & 0xff) as u8
+        ((hash * 0x2545) >> 4) as u8
     };
     let mut buffer = gst::Buffer::from_mut_slice((0..info.size()).map(speckle).collect::<Vec<_>>());
     buffer.get_mut().unwrap().set_pts(time(number));
