@@ -180,7 +180,7 @@ impl RsRectify {
     }
 
     fn stream_error(&self, reason: &str) -> gst::FlowError {
-        gst::element_imp_error!(self, gst::StreamError::Format, ["Cannot process a frame: {reason}"]);
+        gst::element_imp_error!(self, gst::StreamError::Format, ("Cannot process a frame: {reason}"));
         gst::FlowError::Error
     }
 
@@ -269,7 +269,9 @@ impl ElementImpl for RsRectify {
 
     fn pad_templates() -> &'static [gst::PadTemplate] {
         static TEMPLATES: LazyLock<Vec<gst::PadTemplate>> = LazyLock::new(|| {
-            let caps = gst_video::VideoCapsBuilder::new().format_list(formats::FORMATS).build();
+            let sides = 1..=formats::LONGEST_SIDE;
+            let caps = gst_video::VideoCapsBuilder::new().format_list(formats::FORMATS);
+            let caps = caps.width_range(sides.clone()).height_range(sides).build();
             let template = |name, direction| {
                 gst::PadTemplate::new(name, direction, gst::PadPresence::Always, &caps).ok()
             };
@@ -443,7 +445,7 @@ impl VideoFilterImpl for RsRectify {
             gst::element_imp_warning!(
                 self,
                 gst::StreamError::Format,
-                ["Interlaced and multiview video is not rectified: it passes through unchanged"]
+                ("Interlaced and multiview video is not rectified: it passes through unchanged")
             );
         }
         self.announce_latency(latency);
