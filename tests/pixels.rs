@@ -25,7 +25,8 @@ struct Shots {
     global: Vec<Frame>,
 }
 
-fn shots(first: FirstEdge, scene: Arc<Scene>) -> Shots {
+/// The global shutter opens when `share` of the readout has elapsed.
+fn shots(first: FirstEdge, share: f64, scene: Arc<Scene>) -> Shots {
     let settings = Settings {
         width: WIDTH,
         height: HEIGHT,
@@ -35,8 +36,8 @@ fn shots(first: FirstEdge, scene: Arc<Scene>) -> Shots {
         ..named("rot2_B40").unwrap()
     };
     let sequence = Sequence::in_scene(settings, scene);
-    let truth = sequence.truth();
-    let global = |k| sequence.renderer().global(truth.reference(k)).sense(0.0, 0);
+    let instant = |k| sequence.start(k) + share * sequence.settings.readout_time();
+    let global = |k| sequence.renderer().global(instant(k)).sense(0.0, 0);
     Shots {
         readout_ns: (sequence.settings.readout_time() * 1e9).round() as u64,
         rolling: sequence.frames().collect(),
@@ -45,7 +46,7 @@ fn shots(first: FirstEdge, scene: Arc<Scene>) -> Shots {
 }
 
 static SCENE: LazyLock<Arc<Scene>> = LazyLock::new(|| Arc::new(room::room(1)));
-static TOP_FIRST: LazyLock<Shots> = LazyLock::new(|| shots(FirstEdge::Top, SCENE.clone()));
+static TOP_FIRST: LazyLock<Shots> = LazyLock::new(|| shots(FirstEdge::Top, 0.5, SCENE.clone()));
 
 /// The frames after a way through `format`, with `filter` in the middle: red, green, blue.
 fn through(format: &str, filter: &str, frames: &[Frame]) -> Vec<Vec<u8>> {
@@ -90,14 +91,20 @@ fn judged(format: &str, shots: &Shots, options: &str) -> (f64, f64, Vec<Vec<u8>>
     (psnr(&through(format, "identity", &shots.rolling), &truth), psnr(&rectified, &truth), rectified)
 }
 
-#[test]
-fn every_format_shows_what_a_global_shutter_would_have_seen() {
-    let (_, _, usual) = judged("I420", &TOP_FIRST, "");
+/// All formats that the element takes.
+fn formats() -> Vec<String> {
+    init();
     let element = gst::ElementFactory::make("rsrectify").build().unwrap();
     let template = element.static_pad("sink").unwrap().pad_template_caps();
     let formats = template.structure(0).unwrap().get::<gst::List>("format").unwrap();
-    for format in formats.iter().map(|format| format.get::<&str>().unwrap()) {
-        let (before, after, rectified) = judged(format, &TOP_FIRST, "");
+    formats.iter().map(|format| format.get::<String>().unwrap()).collect()
+}
+
+#[test]
+fn every_format_shows_what_a_global_shutter_would_have_seen() {
+    let (_, _, usual) = judged("I420", &TOP_FIRST, "");
+    for format in formats() {
+        let (before, after, rectified) = judged(&format, &TOP_FIRST, "");
         let likeness = psnr(&rectified, &usual);
         assert!(after > before + 6.0, "{format}: {before:.1} dB before, {after:.1} dB after");
         assert!(format.starts_with("GRAY") || likeness > 30.0, "{format}: {likeness:.1} dB to I420");
@@ -112,9 +119,35 @@ fn every_readout_direction_is_undone() {
         (FirstEdge::Right, "right-to-left"),
     ];
     for (edge, direction) in edges {
-        let shots = shots(edge, SCENE.clone());
+        let shots = shots(edge, 0.5, SCENE.clone());
         let (before, after, _) = judged("NV12", &shots, &format!("readout-direction={direction}"));
         assert!(after > before + 6.0, "{direction}: {before:.1} dB before, {after:.1} dB after");
+    }
+}
+
+#[test]
+fn the_reference_row_is_the_instant_shown() {
+    for (edge, direction) in [(FirstEdge::Top, "top-to-bottom"), (FirstEdge::Bottom, "bottom-to-top")] {
+        for share in [0.0, 1.0] {
+            let shots = shots(edge, share, SCENE.clone());
+            let options = |row: f64| format!("readout-direction={direction} reference-row={row}");
+            let (before, after, _) = judged("NV12", &shots, &options(share));
+            let (_, other, _) = judged("NV12", &shots, &options(1.0 - share));
+            let figures = format!("{direction} {share}: {before:.1} dB → {after:.1} dB, not {other:.1} dB");
+            assert!(after > before + 6.0 && after > other + 6.0, "{figures}");
+        }
+    }
+}
+
+#[test]
+fn the_border_colour_is_that_colour_in_every_format() {
+    let purple = [255, 0, 255];
+    let is_purple = |pixel: &&[u8]| pixel.iter().zip(purple).all(|(&a, b)| a.abs_diff(b) < 12);
+    let purples = |frame: &[u8]| frame.chunks_exact(3).filter(is_purple).count();
+    for format in formats().iter().filter(|format| !format.starts_with("GRAY")) {
+        let (_, _, frames) = judged(format, &TOP_FIRST, "border-mode=constant border-color=0xffff00ff");
+        let shown = frames[JUDGED].iter().map(|frame| purples(frame)).max().unwrap();
+        assert!(purples(&TOP_FIRST.rolling[4].rgb) == 0 && shown > 100, "{format}: {shown} pixels");
     }
 }
 
