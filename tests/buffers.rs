@@ -247,6 +247,10 @@ fn other_formats_are_not_taken() {
     for format in ["GRAY16_BE", "v210", "NV12_64Z32", "RGB8P"] {
         assert!(!sink.query_accept_caps(&caps(format, 8, 8, gst::Fraction::new(30, 1))), "{format}");
     }
+    for (width, height) in [(32_769, 8), (8, 32_769), (i32::MAX as u32, 1)] {
+        let huge = caps("GRAY8", width, height, gst::Fraction::new(30, 1));
+        assert!(!sink.query_accept_caps(&huge), "{huge}");
+    }
     let gl =
         caps("RGBA", 8, 8, gst::Fraction::new(30, 1)).to_string().replace("raw,", "raw(memory:GLMemory),");
     assert!(!sink.query_accept_caps(&gl.parse().unwrap()));

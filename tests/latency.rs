@@ -109,6 +109,29 @@ fn qos_can_be_turned_off() {
 }
 
 #[test]
+fn a_qos_message_says_whether_the_source_is_live() {
+    for live in [false, true] {
+        let mut h = harness(0, &numbered_caps());
+        warp_always(&h);
+        let bus = bus(&h);
+        let upstream = h.srcpad().unwrap();
+        upstream.add_probe(gst::PadProbeType::QUERY_UPSTREAM, move |_, info| {
+            if let Some(gst::QueryViewMut::Latency(query)) = info.query_mut().map(|query| query.view_mut()) {
+                query.set(live, gst::ClockTime::ZERO, None);
+                return gst::PadProbeReturn::Handled;
+            }
+            gst::PadProbeReturn::Ok
+        });
+        h.query_latency();
+        h.push_upstream_event(gst::event::Qos::new(gst::QOSType::Underflow, 1.2, 0, time(4)));
+        h.push(numbered(0)).unwrap();
+        let messages = messages(&bus, gst::MessageType::Qos);
+        let gst::MessageView::Qos(message) = messages[0].view() else { unreachable!() };
+        assert_eq!(message.get().0, live);
+    }
+}
+
+#[test]
 fn qos_events_go_on_upstream() {
     let mut h = harness(0, &numbered_caps());
     h.push_upstream_event(gst::event::Qos::new(gst::QOSType::Underflow, 1.2, 5, time(4)));

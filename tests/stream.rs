@@ -420,3 +420,20 @@ fn a_frame_flagged_as_repeated_is_no_motion_of_its_own() {
     assert_eq!(origins.iter().position(|origin| origin == "repeated"), Some(4), "{origins:?}");
     assert!(arrived(&mut h)[4].flags().contains(gst::BufferFlags::GAP));
 }
+
+#[test]
+fn stats_tell_the_time_of_each_stage() {
+    let mut h = harness(2, &numbered_caps());
+    let stats = |h: &gst_check::Harness| h.element().unwrap().property::<gst::Structure>("stats");
+    let stages = ["correspond-ms", "solve-ms", "warp-ms"];
+    let times = |stats: &gst::Structure| stages.map(|stage| stats.get::<f64>(stage).unwrap());
+    assert_eq!(times(&stats(&h)), [0.0; 3]);
+    (0..8).for_each(|number| assert!(h.push(panned(number, number)).is_ok()));
+    // Other settings mean another rectifier: the time that the first one took still counts.
+    h.element().unwrap().set_property("readout-time", 20_000_000u64);
+    (8..12).for_each(|number| assert!(h.push(panned(number, number)).is_ok()));
+    h.push_event(gst::event::Eos::new());
+    let stats = stats(&h);
+    assert_eq!(stats.get::<u64>("frames").unwrap(), 12);
+    assert!(times(&stats).iter().all(|ms| *ms > 0.0 && *ms < 10_000.0), "{stats}");
+}

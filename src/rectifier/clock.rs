@@ -24,6 +24,8 @@ pub(super) struct Tick {
 pub(super) struct Clock {
     nominal: Option<f64>,
     last: Option<f64>,
+    /// The time that the last frame came with, which need not be the one it was given.
+    stated: Option<f64>,
     intervals: [f64; MEMORY],
     seen: usize,
 }
@@ -32,7 +34,7 @@ impl Clock {
     /// A clock of frames that are nominally `nominal` seconds apart.
     pub fn new(nominal: Option<f64>) -> Self {
         let nominal = nominal.filter(|period| period.is_finite() && *period > 0.0);
-        Self { nominal, last: None, intervals: [0.0; MEMORY], seen: 0 }
+        Self { nominal, last: None, stated: None, intervals: [0.0; MEMORY], seen: 0 }
     }
 
     /// Seconds from one frame to the next: the nominal ones, else the median of the last intervals.
@@ -46,15 +48,18 @@ impl Clock {
         if count == 0 { DEFAULT_PERIOD } else { known[count / 2] }
     }
 
-    /// The next frame's time. One that is missing, or the same as the last, is a period later.
+    /// The next frame's time. One that is missing, or the same as the last, is a period later; so
+    /// is each one of a stream whose timestamps stand still.
     pub fn tick(&mut self, time: Option<f64>) -> Tick {
         let given = time.filter(|time| time.is_finite());
+        let stated = std::mem::replace(&mut self.stated, given);
         let Some(last) = self.last else {
             let time = given.unwrap_or(0.0);
             self.last = Some(time);
             return Tick { time, continues: false };
         };
-        let time = given.filter(|time| (time - last).abs() > SAME).unwrap_or(last + self.period());
+        let is_new = |time: f64| [Some(last), stated].iter().flatten().all(|old| (time - old).abs() > SAME);
+        let time = given.filter(|&time| is_new(time)).unwrap_or(last + self.period());
         let interval = (time - last).abs();
         let continues = interval <= GAP_SECONDS.max(GAP_PERIODS * self.period());
         if continues {
@@ -68,6 +73,7 @@ impl Clock {
     /// Starts anew, keeping the period that was learnt.
     pub fn restart(&mut self) {
         self.last = None;
+        self.stated = None;
     }
 }
 
@@ -82,6 +88,14 @@ mod tests {
         assert_eq!(clock.tick(None), Tick { time: 0.04, continues: true });
         assert_eq!(clock.tick(Some(0.04)), Tick { time: 0.08, continues: true });
         assert_eq!(clock.tick(Some(f64::NAN)).time, 0.12);
+    }
+
+    #[test]
+    fn time_goes_on_where_timestamps_stand_still() {
+        let mut clock = Clock::new(Some(0.04));
+        let times: Vec<f64> = [5.0, 5.0, 5.0, 5.0, 5.16].map(|time| clock.tick(Some(time)).time).into();
+        let expected = [5.0, 5.04, 5.08, 5.12, 5.16];
+        assert!(times.iter().zip(expected).all(|(a, b)| (a - b).abs() < 1e-9), "{times:?}");
     }
 
     #[test]

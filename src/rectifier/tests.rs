@@ -196,3 +196,26 @@ fn frames_that_cannot_be_analysed_are_counted_all_the_same() {
         assert_eq!(pops(&mut rectifier).len(), 8);
     }
 }
+
+#[test]
+fn any_size_and_any_grid() {
+    let sides = [0, 1, 2, 3, 7, 8, 13, 16, 17, 18, 19, 25, 33, 47, 64, 97];
+    for (index, (width, height)) in
+        sides.iter().flat_map(|&width| sides.map(|height| (width, height))).enumerate()
+    {
+        let (grid_columns, grid_rows) = ([0, 1, 2, 5, 32][index % 5], [3, 32, 0, 1][index % 4]);
+        let settings = Settings { grid_columns, grid_rows, lookahead: index % 3, ..Settings::default() };
+        let mut rectifier = Rectifier::new(settings, width, height, None);
+        let layout = PlaneLayout::packed(width, height, SampleFormat::U8);
+        for step in 0..4 {
+            let shown = |i: usize| texture((i % width + 2 * step) as f64, (i / width + step) as f64) as u8;
+            let pixels: Vec<u8> = (0..width * height).map(shown).collect();
+            let luma = Luma::from(Plane::new(&pixels, layout).unwrap());
+            rectifier.push(&luma, Some(0.03 * step as f64), false);
+        }
+        rectifier.drain();
+        let solutions = pops(&mut rectifier);
+        assert_eq!(solutions.len(), 4, "{width}x{height}");
+        assert!(solutions.iter().all(|s| s.path.twist.is_finite() && s.confidence.is_finite()));
+    }
+}

@@ -43,6 +43,10 @@ pub const FORMATS: [VideoFormat; 30] = [
     VideoFormat::Vuya,
 ];
 
+/// Longest side of a frame in pixels. No camera comes near it; caps that claim more are a mistake
+/// which would be paid for in memory.
+pub const LONGEST_SIDE: i32 = 32_768;
+
 /// Most components that a pixel can have.
 const COMPONENTS: usize = 4;
 

@@ -76,9 +76,11 @@ impl RsRectify {
 
     /// Gives out everything held; on an error the rest is dropped.
     fn drain(&self) -> Result<(), gst::FlowError> {
-        if let Some(state) = lock(&self.state).as_mut() {
+        let analysis = lock(&self.state).as_mut().map(|state| {
             state.drain();
-        }
+            state.take_timings()
+        });
+        lock(&self.report).count_analysis(analysis.unwrap_or_default());
         self.push_ready().inspect_err(|error| {
             gst::debug!(CAT, imp = self, "Drain ended early: {error}");
             self.flush();
@@ -166,20 +168,19 @@ impl RsRectify {
 
     /// Adds a frame to the queue.
     fn take_frame(&self, input: gst::Buffer, settings: &Settings) -> Result<(), gst::FlowError> {
-        let start = Instant::now();
-        let (workers, taken) = match lock(&self.state).as_mut() {
-            Some(state) => (state.configure(settings), state.push_frame(input)),
+        let (workers, taken, analysis) = match lock(&self.state).as_mut() {
+            Some(state) => (state.configure(settings), state.push_frame(input), state.take_timings()),
             None => return Err(gst::FlowError::NotNegotiated),
         };
         if let Err(error) = workers {
             gst::warning!(CAT, imp = self, "No threads of its own, using the shared ones: {error}");
         }
-        lock(&self.report).count_analysis(start.elapsed());
+        lock(&self.report).count_input(analysis);
         taken.map_err(|reason| self.stream_error(reason))
     }
 
     fn stream_error(&self, reason: &str) -> gst::FlowError {
-        gst::element_imp_error!(self, gst::StreamError::Format, ["Cannot process a frame: {reason}"]);
+        gst::element_imp_error!(self, gst::StreamError::Format, ("Cannot process a frame: {reason}"));
         gst::FlowError::Error
     }
 
@@ -268,7 +269,9 @@ impl ElementImpl for RsRectify {
 
     fn pad_templates() -> &'static [gst::PadTemplate] {
         static TEMPLATES: LazyLock<Vec<gst::PadTemplate>> = LazyLock::new(|| {
-            let caps = gst_video::VideoCapsBuilder::new().format_list(formats::FORMATS).build();
+            let sides = 1..=formats::LONGEST_SIDE;
+            let caps = gst_video::VideoCapsBuilder::new().format_list(formats::FORMATS);
+            let caps = caps.width_range(sides.clone()).height_range(sides).build();
             let template = |name, direction| {
                 gst::PadTemplate::new(name, direction, gst::PadPresence::Always, &caps).ok()
             };
@@ -302,8 +305,9 @@ impl BaseTransformImpl for RsRectify {
                     return false;
                 }
                 let (live, min, max) = latency.result();
-                let ours = lock(&self.report).latency;
-                latency.set(live, min + ours, max.map(|max| max.saturating_add(ours)));
+                let ours = lock(&self.report).note_source(live);
+                let add = |time: gst::ClockTime| time.saturating_add(ours);
+                latency.set(live, add(min), max.map(add));
                 true
             }
             (gst::PadDirection::Src, gst::QueryViewMut::Position(position))
@@ -441,7 +445,7 @@ impl VideoFilterImpl for RsRectify {
             gst::element_imp_warning!(
                 self,
                 gst::StreamError::Format,
-                ["Interlaced and multiview video is not rectified: it passes through unchanged"]
+                ("Interlaced and multiview video is not rectified: it passes through unchanged")
             );
         }
         self.announce_latency(latency);

@@ -3,7 +3,7 @@
 use super::enums::ReadoutDirection;
 use gst::prelude::*;
 use rsrectify::motion::image_centre;
-use rsrectify::rectifier::{FrameSolution, Origin};
+use rsrectify::rectifier::{FrameSolution, Origin, Timings};
 use std::time::Duration;
 
 /// The times of a frame in its segment, none of which need exist.
@@ -51,6 +51,8 @@ pub struct Report {
     pub position: Option<gst::ClockTime>,
     /// The nominal frame duration; 0 where the rate varies.
     pub period: gst::ClockTime,
+    /// Whether the source is live, as upstream last said when asked for its latency.
+    live: bool,
     quality: Option<Quality>,
     stats: Stats,
 }
@@ -62,7 +64,7 @@ struct Stats {
     rectified: u64,
     late: u64,
     last: Option<FrameSolution>,
-    analysis: Duration,
+    analysis: Timings,
     warp: Duration,
 }
 
@@ -96,7 +98,7 @@ impl Report {
         let running = time.running.filter(|&running| running <= quality.earliest)?;
         self.stats.late += 1;
         let jitter = quality.earliest.nseconds().saturating_sub(running.nseconds());
-        let message = gst::message::Qos::builder(false)
+        let message = gst::message::Qos::builder(self.live)
             .src(source)
             .running_time(running)
             .stream_time(time.stream)
@@ -110,10 +112,22 @@ impl Report {
         Some(message.build())
     }
 
-    /// Counts the time that the analysis of a frame took.
-    pub fn count_analysis(&mut self, time: Duration) {
+    /// Notes whether the source is live; the element's own latency.
+    pub fn note_source(&mut self, live: bool) -> gst::ClockTime {
+        self.live = live;
+        self.latency
+    }
+
+    /// Counts a frame that came in and the time that its analysis took.
+    pub fn count_input(&mut self, time: Timings) {
         self.stats.analysed += 1;
-        self.stats.analysis += time;
+        self.count_analysis(time);
+    }
+
+    /// Counts time that analysis takes when no frame comes in: at the end of a stretch.
+    pub fn count_analysis(&mut self, time: Timings) {
+        self.stats.analysis.correspond += time.correspond;
+        self.stats.analysis.solve += time.solve;
     }
 
     /// Counts the time that rectifying a frame took.
@@ -129,7 +143,8 @@ impl Report {
         self.position = time.stream.or(self.position);
     }
 
-    /// The `stats` property.
+    /// The `stats` property; times are means: of analysis a frame that came in, of the warp a
+    /// rectified one.
     pub fn stats(&self) -> gst::Structure {
         let Stats { analysed, frames, rectified, late, last, analysis, warp } = &self.stats;
         let mean_ms = |time: &Duration, count: u64| time.as_secs_f64() * 1e3 / count.max(1) as f64;
@@ -137,7 +152,8 @@ impl Report {
             .field("frames", *frames)
             .field("rectified", *rectified)
             .field("late", *late)
-            .field("analysis-ms", mean_ms(analysis, *analysed))
+            .field("correspond-ms", mean_ms(&analysis.correspond, *analysed))
+            .field("solve-ms", mean_ms(&analysis.solve, *analysed))
             .field("warp-ms", mean_ms(warp, *rectified))
             .build();
         if let Some(solution) = last {

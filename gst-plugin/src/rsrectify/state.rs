@@ -5,7 +5,7 @@ use super::properties::Settings;
 use super::queue::Queue;
 use gst::prelude::*;
 use gst_video::{VideoFrameRef, VideoInfo};
-use rsrectify::rectifier::{self, FrameSolution, Rectifier};
+use rsrectify::rectifier::{self, FrameSolution, Rectifier, Timings};
 use rsrectify::warp::Warper;
 
 /// Something that has come to the front of the queue.
@@ -22,6 +22,8 @@ pub struct State {
     layout: FrameLayout,
     /// `None` for a stream that is passed through.
     rectifier: Option<Rectifier>,
+    /// The time that this rectifier had spent when it was last asked.
+    timed: Timings,
     analysis: rectifier::Settings,
     warper: Warper,
     queue: Queue<gst::Buffer, gst::Event>,
@@ -39,6 +41,7 @@ impl State {
             caps: caps.clone(),
             layout,
             rectifier,
+            timed: Timings::default(),
             analysis,
             warper: Warper::new(),
             queue: Queue::default(),
@@ -98,7 +101,7 @@ impl State {
         let follows = || {
             let (last, pts) = (self.last_pts?, buffer.pts()?);
             let step = pts.max(last) - pts.min(last);
-            Some(step > gst::ClockTime::ZERO && step * 2 <= self.period() * 3)
+            Some(step > gst::ClockTime::ZERO && step <= self.period() + self.period() / 2)
         };
         buffer.flags().contains(gst::BufferFlags::DISCONT) && !follows().unwrap_or(false)
     }
@@ -120,6 +123,7 @@ impl State {
             self.analysis = analysis;
             if let Some(rectifier) = &mut self.rectifier {
                 *rectifier = new_rectifier(analysis, self.layout.info());
+                self.timed = Timings::default();
             }
         }
         self.workers.resize(settings.threads)
@@ -168,6 +172,16 @@ impl State {
             self.workers.run(|| rectifier.drain());
         }
         self.last_pts = None;
+    }
+
+    /// Time that the analysis has taken since this was last asked.
+    pub fn take_timings(&mut self) -> Timings {
+        let now = self.rectifier.as_ref().map(Rectifier::timings).unwrap_or_default();
+        let before = std::mem::replace(&mut self.timed, now);
+        Timings {
+            correspond: now.correspond.saturating_sub(before.correspond),
+            solve: now.solve.saturating_sub(before.solve),
+        }
     }
 
     /// Drops the frames held and gives back the events between them.

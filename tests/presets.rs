@@ -1,0 +1,54 @@
+//! Presets: settings saved under a name and taken over again.
+
+mod common;
+
+use common::*;
+use gst::prelude::*;
+use std::process::Command;
+
+/// Set for the copy of this program that may write presets.
+const FOLDER: &str = "XDG_DATA_HOME";
+
+/// Presets go to a folder of the user, which is only read when GStreamer starts: the work is done by
+/// another process of this program.
+#[test]
+fn a_preset_brings_back_every_setting() {
+    let folder = std::env::temp_dir().join(format!("rsrectify-presets-{}", std::process::id()));
+    std::fs::create_dir_all(&folder).unwrap();
+    let output = Command::new(std::env::current_exe().unwrap())
+        .args(["--ignored", "--exact", "save_and_load"])
+        .env(FOLDER, &folder)
+        .output()
+        .unwrap();
+    let file = std::fs::read_to_string(folder.join("gstreamer-1.0/presets/GstRsRectify.prs"));
+    std::fs::remove_dir_all(&folder).unwrap();
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stdout));
+    let file = file.unwrap();
+    assert!(file.contains("[my camera]") && file.contains("readout-time=21000000"), "{file}");
+    assert!(!file.contains("stats"), "{file}");
+}
+
+#[test]
+#[ignore = "writes into the user's folder; run by the test above with one of its own"]
+fn save_and_load() {
+    init();
+    let make = || gst::ElementFactory::make("rsrectify").build().unwrap();
+    let saved = make();
+    saved.set_property("readout-time", 21_000_000u64);
+    saved.set_property("lookahead", 9u32);
+    saved.set_property("strength", 0.25);
+    saved.set_property("border-color", 0x80ff_0010u32);
+    saved.set_property_from_str("readout-direction", "right-to-left");
+    saved.set_property_from_str("border-mode", "constant");
+    saved.set_property("post-messages", true);
+    saved.dynamic_cast_ref::<gst::Preset>().unwrap().save_preset("my camera").unwrap();
+
+    let loaded = make();
+    loaded.dynamic_cast_ref::<gst::Preset>().unwrap().load_preset("my camera").unwrap();
+    for spec in saved.list_properties().iter().filter(|spec| spec.owner_type() == saved.type_()) {
+        let value = |element: &gst::Element| format!("{:?}", element.property_value(spec.name()));
+        assert!(spec.name() == "stats" || value(&saved) == value(&loaded), "{}", spec.name());
+    }
+    let names = loaded.dynamic_cast_ref::<gst::Preset>().unwrap().preset_names();
+    assert_eq!(names.iter().map(|name| name.as_str()).collect::<Vec<_>>(), ["my camera"]);
+}
