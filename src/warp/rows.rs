@@ -1,7 +1,7 @@
 //! Walks the rows of a plane in bands, one band a task of the thread pool.
 
 use super::blocks::{BLOCK, Block, KnotTable};
-use super::kernels::{self, CpuLevel, Horizontal, Output, Vertical};
+use super::kernels::{self, CpuLevel, Fixed, Float, Horizontal, Output, Passes, Vertical};
 use super::{BorderMode, Interpolation};
 use crate::plane::{Plane, PlaneLayout, PlaneMut};
 use rayon::prelude::*;
@@ -84,18 +84,28 @@ impl PlaneTask<'_> {
             column: from,
             blocks: &scratch.down,
         };
-        let (step, width, blocks) = (layout.step, layout.width, scratch.across.as_slice());
+        let Scratch { across, patch, integers, floats, .. } = scratch;
         if output.bytes == 1 {
-            let middle = &mut scratch.integers;
-            kernels::vertical_u8(self.level, self.interpolation, &vertical, &mut scratch.patch, middle);
-            let task = Horizontal { middle, column: from, step, blocks, width, output };
-            kernels::horizontal_u8(self.level, self.interpolation, &task, row);
+            self.passes::<Fixed>(&vertical, across, output, patch, integers, row);
         } else {
-            let middle = &mut scratch.floats;
-            kernels::vertical_u16(self.level, self.interpolation, &vertical, &mut scratch.patch, middle);
-            let task = Horizontal { middle, column: from, step, blocks, width, output };
-            kernels::horizontal_u16(self.level, self.interpolation, &task, row);
+            self.passes::<Float>(&vertical, across, output, patch, floats, row);
         }
+    }
+
+    /// Both passes of one row; `patch` and `middle` are buffers.
+    fn passes<A: Passes>(
+        &self,
+        vertical: &Vertical<'_>,
+        across: &[Block],
+        output: Output,
+        patch: &mut Vec<u8>,
+        middle: &mut Vec<A::Number>,
+        row: &mut [u8],
+    ) {
+        kernels::vertical::<A>(self.level, self.interpolation, vertical, patch, middle);
+        let PlaneLayout { width, step, .. } = *self.source.layout();
+        let horizontal = Horizontal { middle, column: vertical.column, step, blocks: across, width, output };
+        kernels::horizontal::<A>(self.level, self.interpolation, &horizontal, row);
     }
 }
 

@@ -7,7 +7,7 @@
 //! one); where the whole part varies inside a block, the vectors of the next whole part are
 //! blended in.
 
-use super::{Horizontal, Interpolation, Kernel, Vertical, scalar};
+use super::{Fixed, Horizontal, Interpolation, Kernel, Passes, Vertical, scalar, with_kernel};
 use crate::warp::blocks::{BLOCK, Block};
 use crate::warp::weights::{Cubic, FRACTION_BITS, Linear, Nearest, ONE, WEIGHT_BITS};
 use std::arch::x86_64::*;
@@ -50,21 +50,24 @@ const fn lanes(step: usize) -> [Lanes; MAX_STEP] {
 /// A kernel whose weights are made in vectors.
 trait VectorKernel: Kernel {
     /// As [`Kernel::fixed`], for 16 fractions.
-    fn weights(fraction: __m256i) -> [__m256i; 4];
+    ///
+    /// # Safety
+    /// The CPU must have AVX2.
+    unsafe fn weights(fraction: __m256i) -> [__m256i; 4];
 }
 
 impl VectorKernel for Nearest {
     #[inline(always)]
-    fn weights(_: __m256i) -> [__m256i; 4] {
-        // SAFETY: only called from functions compiled for AVX2.
+    unsafe fn weights(_: __m256i) -> [__m256i; 4] {
+        // SAFETY: the caller's promise.
         unsafe { [_mm256_set1_epi16(1 << WEIGHT_BITS); 4] }
     }
 }
 
 impl VectorKernel for Linear {
     #[inline(always)]
-    fn weights(fraction: __m256i) -> [__m256i; 4] {
-        // SAFETY: only called from functions compiled for AVX2.
+    unsafe fn weights(fraction: __m256i) -> [__m256i; 4] {
+        // SAFETY: the caller's promise.
         unsafe {
             let t = _mm256_slli_epi16::<{ (WEIGHT_BITS - FRACTION_BITS) as i32 }>(fraction);
             [_mm256_sub_epi16(_mm256_set1_epi16(1 << WEIGHT_BITS), t), t, t, t]
@@ -74,8 +77,8 @@ impl VectorKernel for Linear {
 
 impl VectorKernel for Cubic {
     #[inline(always)]
-    fn weights(fraction: __m256i) -> [__m256i; 4] {
-        // SAFETY: only called from functions compiled for AVX2.
+    unsafe fn weights(fraction: __m256i) -> [__m256i; 4] {
+        // SAFETY: the caller's promise.
         unsafe {
             let t15 = _mm256_slli_epi16::<{ 15 - FRACTION_BITS as i32 }>(fraction);
             let t14 = _mm256_slli_epi16::<{ (WEIGHT_BITS - FRACTION_BITS) as i32 }>(fraction);
@@ -159,8 +162,9 @@ unsafe fn sum<K: VectorKernel>(taps: impl Taps, block: &Block, lanes: &Lanes) ->
         for (tap, samples) in samples.iter_mut().enumerate().take(K::TAPS) {
             *samples = taps.load(tap);
         }
+        // A block spans 14 whole displacements at most: the limit is below 2¹⁵.
         for more in 1..=block.span as usize {
-            let limit = _mm256_set1_epi16((more as i16 * ONE as i16).wrapping_sub(1));
+            let limit = _mm256_set1_epi16(more as i16 * ONE as i16 - 1);
             let further = _mm256_cmpgt_epi16(position, limit);
             for (tap, samples) in samples.iter_mut().enumerate().take(K::TAPS) {
                 *samples = _mm256_blendv_epi8(*samples, taps.load(tap + more), further);
@@ -238,10 +242,13 @@ fn scatter(block: &[u8], step: usize, task: &Horizontal<'_, i16>, pixel: usize, 
 }
 
 /// As [`scalar::knots`], eight knots at a time and the rest there.
-pub(super) fn knots(nodes: &[f32], weights: [f32; 4], round: f32, knots: &mut [i32]) {
+///
+/// # Safety
+/// The CPU must have AVX2.
+pub(super) unsafe fn knots(nodes: &[f32], weights: [f32; 4], round: f32, knots: &mut [i32]) {
     let columns = knots.len();
     assert!(nodes.len() >= 4 * columns);
-    // SAFETY: a level of AVX2 is only chosen where the CPU has it, and there are four rows of nodes.
+    // SAFETY: the caller's promise; there are four rows of nodes.
     unsafe { eight_knots(nodes, weights, round, knots) };
     for column in columns / 8 * 8..columns {
         let four = [0, 1, 2, 3].map(|row| nodes[row * columns + column]);
@@ -269,45 +276,35 @@ unsafe fn eight_knots(nodes: &[f32], weights: [f32; 4], round: f32, knots: &mut 
     }
 }
 
-/// The vertical pass; false, with nothing done, where there is no kernel for it.
-pub(super) fn vertical_u8(
-    interpolation: Interpolation,
-    task: &Vertical<'_>,
-    patch: &mut Vec<u8>,
-    middle: &mut Vec<i16>,
-) -> bool {
-    if task.plane.layout().step > MAX_STEP {
-        return false;
-    }
-    // SAFETY: a level of AVX2 is only chosen where the CPU has it.
-    unsafe {
-        match interpolation {
-            Interpolation::Nearest => vertical::<Nearest>(task, patch, middle),
-            Interpolation::Linear => vertical::<Linear>(task, patch, middle),
-            Interpolation::Cubic => vertical::<Cubic>(task, patch, middle),
-            Interpolation::Lanczos => return false,
+impl Passes for Fixed {
+    unsafe fn vertical_avx2(
+        interpolation: Interpolation,
+        task: &Vertical<'_>,
+        patch: &mut Vec<u8>,
+        middle: &mut Vec<i16>,
+    ) -> bool {
+        if task.plane.layout().step > MAX_STEP {
+            return false;
         }
+        with_kernel!(interpolation, K => {
+            // SAFETY: the caller's promise.
+            unsafe { vertical::<K>(task, patch, middle) };
+            true
+        }, Lanczos => false)
     }
-    true
-}
 
-/// The horizontal pass; false, with nothing done, where there is no kernel for it.
-pub(super) fn horizontal_u8(
-    interpolation: Interpolation,
-    task: &Horizontal<'_, i16>,
-    row: &mut [u8],
-) -> bool {
-    if task.step > MAX_STEP {
-        return false;
-    }
-    // SAFETY: a level of AVX2 is only chosen where the CPU has it.
-    unsafe {
-        match interpolation {
-            Interpolation::Nearest => horizontal::<Nearest>(task, row),
-            Interpolation::Linear => horizontal::<Linear>(task, row),
-            Interpolation::Cubic => horizontal::<Cubic>(task, row),
-            Interpolation::Lanczos => return false,
+    unsafe fn horizontal_avx2(
+        interpolation: Interpolation,
+        task: &Horizontal<'_, i16>,
+        row: &mut [u8],
+    ) -> bool {
+        if task.step > MAX_STEP {
+            return false;
         }
+        with_kernel!(interpolation, K => {
+            // SAFETY: the caller's promise.
+            unsafe { horizontal::<K>(task, row) };
+            true
+        }, Lanczos => false)
     }
-    true
 }

@@ -5,7 +5,7 @@
 //! or 4 × 3 (horizontal) for the taps: some 80 for both passes of 8 samples.
 
 use super::avx2::{LANES, Lanes, MAX_STEP, positions};
-use super::{Horizontal, Interpolation, Kernel, Vertical};
+use super::{Float, Horizontal, Interpolation, Kernel, Passes, Vertical, with_kernel};
 use crate::warp::blocks::{BLOCK, Block};
 use crate::warp::weights::{Cubic, Linear, Nearest, ONE};
 use std::arch::x86_64::*;
@@ -218,45 +218,35 @@ fn store(block: &[u16], task: &Horizontal<'_, f32>, pixel: usize, row: &mut [u8]
     }
 }
 
-/// The vertical pass; false, with nothing done, where there is no kernel for it.
-pub(super) fn vertical_u16(
-    interpolation: Interpolation,
-    task: &Vertical<'_>,
-    patch: &mut Vec<u8>,
-    middle: &mut Vec<f32>,
-) -> bool {
-    if task.plane.layout().step > MAX_STEP {
-        return false;
-    }
-    // SAFETY: a level of AVX2 is only chosen where the CPU has it.
-    unsafe {
-        match interpolation {
-            Interpolation::Nearest => vertical::<Nearest>(task, patch, middle),
-            Interpolation::Linear => vertical::<Linear>(task, patch, middle),
-            Interpolation::Cubic => vertical::<Cubic>(task, patch, middle),
-            Interpolation::Lanczos => return false,
+impl Passes for Float {
+    unsafe fn vertical_avx2(
+        interpolation: Interpolation,
+        task: &Vertical<'_>,
+        patch: &mut Vec<u8>,
+        middle: &mut Vec<f32>,
+    ) -> bool {
+        if task.plane.layout().step > MAX_STEP {
+            return false;
         }
+        with_kernel!(interpolation, K => {
+            // SAFETY: the caller's promise.
+            unsafe { vertical::<K>(task, patch, middle) };
+            true
+        }, Lanczos => false)
     }
-    true
-}
 
-/// The horizontal pass; false, with nothing done, where there is no kernel for it.
-pub(super) fn horizontal_u16(
-    interpolation: Interpolation,
-    task: &Horizontal<'_, f32>,
-    row: &mut [u8],
-) -> bool {
-    if task.step > MAX_STEP {
-        return false;
-    }
-    // SAFETY: a level of AVX2 is only chosen where the CPU has it.
-    unsafe {
-        match interpolation {
-            Interpolation::Nearest => horizontal::<Nearest>(task, row),
-            Interpolation::Linear => horizontal::<Linear>(task, row),
-            Interpolation::Cubic => horizontal::<Cubic>(task, row),
-            Interpolation::Lanczos => return false,
+    unsafe fn horizontal_avx2(
+        interpolation: Interpolation,
+        task: &Horizontal<'_, f32>,
+        row: &mut [u8],
+    ) -> bool {
+        if task.step > MAX_STEP {
+            return false;
         }
+        with_kernel!(interpolation, K => {
+            // SAFETY: the caller's promise.
+            unsafe { horizontal::<K>(task, row) };
+            true
+        }, Lanczos => false)
     }
-    true
 }

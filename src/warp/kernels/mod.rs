@@ -31,6 +31,8 @@ use super::blocks::{BLOCK, Block};
 use super::border::resolve;
 use super::weights::{Cubic, Kernel, Lanczos, Linear, Nearest};
 use crate::plane::Plane;
+use scalar::Arithmetic;
+pub(super) use scalar::{Fixed, Float};
 
 /// Which instructions the kernels may use.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -181,9 +183,16 @@ pub(super) struct Output {
     pub shift: u32,
 }
 
-/// Calls `$body` with `$kernel` bound to the type of an interpolation.
+/// `$body` with `$kernel` bound to the type of an interpolation; another expression may stand for
+/// the kernel that is no vector kernel.
 macro_rules! with_kernel {
     ($interpolation:expr, $kernel:ident => $body:expr) => {
+        with_kernel!($interpolation, $kernel => $body, Lanczos => {
+            type $kernel = Lanczos;
+            $body
+        })
+    };
+    ($interpolation:expr, $kernel:ident => $body:expr, Lanczos => $lanczos:expr) => {
         match $interpolation {
             Interpolation::Nearest => {
                 type $kernel = Nearest;
@@ -197,13 +206,12 @@ macro_rules! with_kernel {
                 type $kernel = Cubic;
                 $body
             }
-            Interpolation::Lanczos => {
-                type $kernel = Lanczos;
-                $body
-            }
+            Interpolation::Lanczos => $lanczos,
         }
     };
 }
+#[cfg(target_arch = "x86_64")]
+use with_kernel;
 
 /// First and last tap, counted from the whole position, and the rounding of positions.
 pub(super) fn reach(interpolation: Interpolation) -> (isize, isize, i32) {
@@ -214,70 +222,71 @@ pub(super) fn reach(interpolation: Interpolation) -> (isize, isize, i32) {
 pub(super) fn knots(level: CpuLevel, nodes: &[f32], weights: [f32; 4], round: f32, knots: &mut [i32]) {
     #[cfg(target_arch = "x86_64")]
     if level >= CpuLevel::Avx2 {
-        return avx2::knots(nodes, weights, round, knots);
+        // SAFETY: a warper's level is one that the CPU has.
+        return unsafe { avx2::knots(nodes, weights, round, knots) };
     }
     let _ = level;
     scalar::knots(nodes, weights, round, knots);
 }
 
-/// Vertical pass of a row of 8-bit samples; `middle` is given the size it needs.
-pub(super) fn vertical_u8(
+/// Arithmetic whose passes may have vector kernels.
+pub(super) trait Passes: Arithmetic {
+    /// The vertical pass; false, with nothing done, where there is no kernel for it.
+    ///
+    /// # Safety
+    /// The CPU must have AVX2.
+    #[cfg(target_arch = "x86_64")]
+    unsafe fn vertical_avx2(
+        interpolation: Interpolation,
+        task: &Vertical<'_>,
+        patch: &mut Vec<u8>,
+        middle: &mut Vec<Self::Number>,
+    ) -> bool;
+
+    /// The horizontal pass; false, with nothing done, where there is no kernel for it.
+    ///
+    /// # Safety
+    /// The CPU must have AVX2.
+    #[cfg(target_arch = "x86_64")]
+    unsafe fn horizontal_avx2(
+        interpolation: Interpolation,
+        task: &Horizontal<'_, Self::Number>,
+        row: &mut [u8],
+    ) -> bool;
+}
+
+#[cfg(not(target_arch = "x86_64"))]
+impl<A: Arithmetic> Passes for A {}
+
+/// Vertical pass of a row; `middle` is given the size it needs.
+pub(super) fn vertical<A: Passes>(
     level: CpuLevel,
     interpolation: Interpolation,
     task: &Vertical<'_>,
     patch: &mut Vec<u8>,
-    middle: &mut Vec<i16>,
+    middle: &mut Vec<A::Number>,
 ) {
     #[cfg(target_arch = "x86_64")]
-    if level >= CpuLevel::Avx2 && avx2::vertical_u8(interpolation, task, patch, middle) {
+    // SAFETY: a warper's level is one that the CPU has.
+    if level >= CpuLevel::Avx2 && unsafe { A::vertical_avx2(interpolation, task, patch, middle) } {
         return;
     }
     let _ = level;
-    with_kernel!(interpolation, K => scalar::vertical::<scalar::Fixed, K>(task, patch, middle));
+    with_kernel!(interpolation, K => scalar::vertical::<A, K>(task, patch, middle));
 }
 
-/// Horizontal pass of a row of 8-bit samples.
-pub(super) fn horizontal_u8(
+/// Horizontal pass of a row.
+pub(super) fn horizontal<A: Passes>(
     level: CpuLevel,
     interpolation: Interpolation,
-    task: &Horizontal<'_, i16>,
+    task: &Horizontal<'_, A::Number>,
     row: &mut [u8],
 ) {
     #[cfg(target_arch = "x86_64")]
-    if level >= CpuLevel::Avx2 && avx2::horizontal_u8(interpolation, task, row) {
+    // SAFETY: a warper's level is one that the CPU has.
+    if level >= CpuLevel::Avx2 && unsafe { A::horizontal_avx2(interpolation, task, row) } {
         return;
     }
     let _ = level;
-    with_kernel!(interpolation, K => scalar::horizontal::<scalar::Fixed, K>(task, row));
-}
-
-/// Vertical pass of a row of 16-bit words; `middle` is given the size it needs.
-pub(super) fn vertical_u16(
-    level: CpuLevel,
-    interpolation: Interpolation,
-    task: &Vertical<'_>,
-    patch: &mut Vec<u8>,
-    middle: &mut Vec<f32>,
-) {
-    #[cfg(target_arch = "x86_64")]
-    if level >= CpuLevel::Avx2 && avx2_words::vertical_u16(interpolation, task, patch, middle) {
-        return;
-    }
-    let _ = level;
-    with_kernel!(interpolation, K => scalar::vertical::<scalar::Float, K>(task, patch, middle));
-}
-
-/// Horizontal pass of a row of 16-bit words.
-pub(super) fn horizontal_u16(
-    level: CpuLevel,
-    interpolation: Interpolation,
-    task: &Horizontal<'_, f32>,
-    row: &mut [u8],
-) {
-    #[cfg(target_arch = "x86_64")]
-    if level >= CpuLevel::Avx2 && avx2_words::horizontal_u16(interpolation, task, row) {
-        return;
-    }
-    let _ = level;
-    with_kernel!(interpolation, K => scalar::horizontal::<scalar::Float, K>(task, row));
+    with_kernel!(interpolation, K => scalar::horizontal::<A, K>(task, row));
 }

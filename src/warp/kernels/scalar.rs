@@ -5,7 +5,7 @@ use crate::warp::blocks::BLOCK;
 use crate::warp::weights::{Kernel, MAX_TAPS, mulhrs};
 
 /// How samples are multiplied and summed.
-pub(super) trait Arithmetic {
+pub(in crate::warp) trait Arithmetic {
     /// A weight, and a sample between the passes.
     type Number: Copy + Default;
 
@@ -19,9 +19,9 @@ pub(super) trait Arithmetic {
 }
 
 /// 16-bit integers, for samples of 8 bits.
-pub(super) struct Fixed;
+pub(in crate::warp) struct Fixed;
 /// `f32`, for 16-bit words.
-pub(super) struct Float;
+pub(in crate::warp) struct Float;
 
 impl Arithmetic for Fixed {
     type Number = i16;
