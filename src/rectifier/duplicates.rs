@@ -2,7 +2,7 @@
 
 /// Frames that differ by no more grey levels than this anywhere are one and the same exposure.
 const EXACT: f64 = 0.5;
-/// So are frames that differ by less than this share of what successive frames differ by: a
+/// So are frames that differ by no more than this share of what successive frames differ by: a
 /// duplicate that was encoded again differs by 1 to 10 grey levels where frames that follow each
 /// other in hand-held footage differ by about 100.
 const SHARE: f64 = 0.125;

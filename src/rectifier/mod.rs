@@ -21,7 +21,8 @@ pub use crate::solve::Origin;
 /// Standard deviation of a tracked coordinate, in pixels of the analysed luma: what the sampler
 /// reaches on compressed footage.
 const TRACKING_NOISE: f64 = 0.1;
-/// Confidence grows with the share of grid nodes that were tracked, up to this share.
+/// Confidence grows with the share of grid nodes whose correspondences follow the motion, up to this
+/// share.
 const FULL_COVERAGE: f64 = 0.1;
 
 /// How a stream is analysed.
@@ -62,7 +63,8 @@ pub struct FrameSolution {
     pub confidence: f64,
     /// Where the motion comes from.
     pub origin: Origin,
-    /// Correspondences measured with the frame before it; 0 for the first and after a cut.
+    /// Correspondences measured with the frame before it; 0 for the first, after a gap in time and
+    /// for a duplicate.
     pub correspondences: usize,
     /// Correspondences that follow the motion, of the pair over which it was solved.
     pub inliers: usize,
@@ -145,7 +147,7 @@ impl Rectifier {
     /// Adds the next frame: its luma and its timestamp in seconds.
     ///
     /// Times may fall (reverse playback) or be missing; `duplicate` marks a frame known to repeat
-    /// the one before it (repeated pixels are also found by themselves). A luma that is not of the
+    /// the one before it (most duplicates are also found by themselves). A luma that is not of the
     /// rectifier's size is taken as a frame in which nothing can be seen.
     pub fn push(&mut self, luma: &Luma<'_>, time: Option<f64>, duplicate: bool) {
         let started = Instant::now();

@@ -67,7 +67,7 @@ pub struct Window {
 }
 
 impl Window {
-    /// Adds the next frame and its link to the frame pushed before it: `None` at a start or a cut.
+    /// Adds the next frame and its link to the frame pushed before it: `None` at a start or a gap.
     ///
     /// Returns the uniform rotation of the link where there is one to be trusted.
     pub fn push(&mut self, link: Option<Link>) -> Option<Fit> {
