@@ -20,9 +20,9 @@
  * a QoS message: the sink will most likely drop it, and a frame lost here would leave a hole in the
  * analysis of its neighbours. The `qos` property turns this off.
  *
- * Readout settings, `estimator` and `model` that change while playing take effect with the next
- * frame: those held are given out and the analysis starts anew. `lookahead` and the grid take
- * effect with the next caps.
+ * Readout settings that change while playing take effect with the next frame: those held are given
+ * out and the analysis starts anew. `lookahead` and the grid take effect with the next caps.
+ * `estimator` and `model` change nothing yet: all their values mean the same.
  *
  * ## Example pipelines
  * |[
@@ -157,11 +157,12 @@ impl RsRectify {
             PrepareOutputBufferSuccess::InputBuffer => return Ok(input.clone()),
         };
         let start = Instant::now();
-        match lock(&self.state).as_mut() {
+        // The lock must be gone before an error is posted.
+        let rectified = match lock(&self.state).as_mut() {
             Some(state) => state.rectify(input, output.make_mut(), solution, settings),
             None => return Err(gst::FlowError::Flushing),
-        }
-        .map_err(|reason| self.stream_error(reason))?;
+        };
+        rectified.map_err(|reason| self.stream_error(reason))?;
         lock(&self.report).count_warp(start.elapsed());
         Ok(output)
     }
