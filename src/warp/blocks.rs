@@ -17,8 +17,8 @@ use super::weights::{FRACTION_BITS, ONE};
 pub(super) const BLOCK: usize = 16;
 /// Pixels between knots.
 pub(super) const KNOT: usize = 8;
-/// How far the displacement may change between two knots, in pixels: what 16 bits hold, and a
-/// little more than the largest zoom asks for (1/8 − 1 a pixel).
+/// How far the displacement may change between two knots, in 1/[`ONE`] px: 7 px are what the largest
+/// zoom asks for (1/8 − 1 a pixel), and twice as much still fits into 16 bits.
 const MAX_CHANGE: i32 = 7 * ONE;
 
 /// Displacements of 16 pixels. The vector kernels read `start` and `change` as its first 8 bytes.

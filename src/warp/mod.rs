@@ -116,7 +116,7 @@ pub struct Warper {
     settings: WarpSettings,
     identity: bool,
     map: InverseMap,
-    /// Knots of the planes seen since `prepare`; the first `used` are valid, the others memory.
+    /// Knots of the planes seen since `prepare`, and memory for others.
     planes: Mutex<PlaneMaps>,
 }
 
