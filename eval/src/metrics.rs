@@ -33,7 +33,8 @@ impl Stats {
     }
 }
 
-/// How far each sample lies from its truth after `corrected` moved it.
+/// How far each sample lies from its truth, |x_cor − x_true| in pixels, where `corrected` takes a pixel
+/// of the frame as it arrived to its place at the reference instant.
 pub fn distances<'a>(
     samples: &'a [Sample],
     corrected: impl Fn(Vector2<f64>) -> Vector2<f64> + 'a,
@@ -41,15 +42,13 @@ pub fn distances<'a>(
     samples.iter().map(move |sample| (corrected(sample.seen) - sample.truth).norm())
 }
 
-/// The displacement left in one frame: |x_cor − x_true| over its samples, where `corrected` takes
-/// a pixel of the frame as it arrived to its place at the reference instant.
-pub fn displacement_left(samples: &[Sample], corrected: impl Fn(Vector2<f64>) -> Vector2<f64>) -> Stats {
-    Stats::of(distances(samples, corrected).collect())
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    fn displacement_left(samples: &[Sample], corrected: impl Fn(Vector2<f64>) -> Vector2<f64>) -> Stats {
+        Stats::of(distances(samples, corrected).collect())
+    }
 
     fn sample(x: f64, y: f64, dx: f64, dy: f64) -> Sample {
         Sample { seen: Vector2::new(x, y), truth: Vector2::new(x + dx, y + dy) }
