@@ -29,6 +29,7 @@
 mod field;
 mod grid;
 mod luma;
+mod patch;
 mod pyramid;
 mod sampler;
 mod start;

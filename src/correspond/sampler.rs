@@ -7,6 +7,7 @@ use super::luma::Reduction;
 use super::pyramid::{Level, Pyramid};
 use super::start::Search;
 use super::tracker::{COARSE, CoarseTemplate, Effort, FINE, FineTemplate, Match};
+use crate::cpu::CpuLevel;
 use crate::plane::Luma;
 use nalgebra::{Matrix2, Vector2};
 use rayon::prelude::*;
@@ -48,6 +49,7 @@ const FINE_EFFORT: Effort = Effort { iterations: 8, tolerance: 0.02 };
 /// Measures correspondences between frames of one size on a uniform grid.
 #[derive(Debug)]
 pub struct Sampler {
+    cpu: CpuLevel,
     reduction: Reduction,
     grid: Grid,
     search: Search,
@@ -60,10 +62,23 @@ impl Sampler {
     ///
     /// Any size will do; frames (or grids) too small for a single patch yield no correspondences.
     pub fn new(width: usize, height: usize, grid_columns: usize, grid_rows: usize) -> Self {
+        Self::with_cpu(CpuLevel::detect(), width, height, grid_columns, grid_rows)
+    }
+
+    /// As [`new`](Self::new), with at most the instructions of `level`; all levels measure the same
+    /// to the last bit.
+    pub fn with_cpu(
+        level: CpuLevel,
+        width: usize,
+        height: usize,
+        grid_columns: usize,
+        grid_rows: usize,
+    ) -> Self {
         let reduction = Reduction::new(width, height);
         let grid = Grid::new(reduction.size(), grid_columns, grid_rows);
         let cells = grid.len();
         Self {
+            cpu: level.available(),
             reduction,
             grid,
             search: Search::default(),
@@ -97,7 +112,7 @@ impl Sampler {
         out: &mut Vec<Correspondence>,
     ) {
         out.clear();
-        let pair = Pair { first: first.levels(), second: second.levels() };
+        let pair = Pair { cpu: self.cpu, first: first.levels(), second: second.levels() };
         let size = self.reduction.size();
         if !pair.is_usable(size) {
             return;
@@ -106,7 +121,7 @@ impl Sampler {
         let expected = |at: Vector2<f32>| expected_shift(&predict, at, scale);
         let top = pair.first.len() - 1;
         let unit = level_scale(top);
-        self.search.run(first.detail(), second.detail(), |at| expected(to_fine(at, top)) / unit);
+        self.search.run(self.cpu, first.detail(), second.detail(), |at| expected(to_fine(at, top)) / unit);
         let (grid, search) = (&self.grid, &self.search);
         self.motions.par_iter_mut().enumerate().with_min_len(16).for_each(|(index, motion)| {
             *motion = grid.corner(index).and_then(|corner| {
@@ -136,7 +151,7 @@ impl Sampler {
     /// contrast of 50 grey levels that moves by one pixel has 3 to 6. Infinite where a pyramid is
     /// empty or their sizes differ.
     pub fn difference(&self, first: &Pyramid, second: &Pyramid) -> f64 {
-        let pair = Pair { first: first.levels(), second: second.levels() };
+        let pair = Pair { cpu: self.cpu, first: first.levels(), second: second.levels() };
         if !pair.is_usable(self.reduction.size()) {
             return f64::INFINITY;
         }
@@ -166,6 +181,7 @@ impl Found {
 /// The levels of two frames.
 #[derive(Clone, Copy)]
 struct Pair<'a> {
+    cpu: CpuLevel,
     first: &'a [Level],
     second: &'a [Level],
 }
@@ -178,7 +194,7 @@ impl Pair<'_> {
     }
 
     fn reversed(self) -> Self {
-        Self { first: self.second, second: self.first }
+        Self { first: self.second, second: self.first, ..self }
     }
 }
 
@@ -279,7 +295,8 @@ fn coarse_match(
         (least <= most && (corner - wanted).abs() <= COARSE as f32).then_some(corner)
     };
     let corner = (inside(wanted.x, shift.x, first.width)?, inside(wanted.y, shift.y, first.height)?);
-    let template = CoarseTemplate::new(first, (corner.0 as usize, corner.1 as usize), COARSE_DAMPING)?;
+    let template =
+        CoarseTemplate::new(pair.cpu, first, (corner.0 as usize, corner.1 as usize), COARSE_DAMPING)?;
     let from = Vector2::new(corner.0, corner.1);
     let found = template.find(second, from + shift, COARSE_EFFORT)?;
     Some((found.corner - from, found))
@@ -296,7 +313,7 @@ fn fine_match(
     let agreed = around.agreement(at);
     let from = Vector2::new(corner.0 as f32, corner.1 as f32);
     let back = agreed.distortion.try_inverse()?;
-    let template = FineTemplate::distorted(pair.first.first()?, corner, back)?;
+    let template = FineTemplate::distorted(pair.cpu, pair.first.first()?, corner, &back)?;
     if template.texture.is_nan() || template.texture < LEAST_TEXTURE {
         return None;
     }
@@ -325,7 +342,7 @@ fn return_error(
     let nearest = to.map(f32::round);
     let expected = from + distortion.try_inverse()? * (nearest - to);
     let corner = (nearest.x as usize, nearest.y as usize);
-    let template = FineTemplate::distorted(pair.first.first()?, corner, distortion)?;
+    let template = FineTemplate::distorted(pair.cpu, pair.first.first()?, corner, &distortion)?;
     let found = template.find(pair.second.first()?, expected, FINE_EFFORT)?;
     Some((found.corner - expected).norm())
 }

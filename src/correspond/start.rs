@@ -8,6 +8,7 @@
 //! 18 regions × 841 shifts × 256 multiply-adds = 3.9 M for a 16:9 frame.
 
 use super::pyramid::Level;
+use crate::cpu::CpuLevel;
 use nalgebra::Vector2;
 use rayon::prelude::*;
 
@@ -93,6 +94,7 @@ impl Detail {
     }
 
     /// The window whose top left pixel is (x, y) of the padded picture.
+    #[inline(always)]
     fn window(&self, x: usize, y: usize) -> impl Iterator<Item = &[f32; REGION]> {
         let rows = self.data.get(y * self.stride()..).unwrap_or(&[]).chunks(self.stride());
         rows.take(REGION).filter_map(move |row| row.get(x..)?.first_chunk())
@@ -127,9 +129,10 @@ pub(super) struct Search {
 
 impl Search {
     /// Searches all regions. `expected` gives the motion expected at a point; points and motions
-    /// are in pixels of the coarsest level.
+    /// are in pixels of the coarsest level. `cpu` must be a level that this machine has.
     pub(super) fn run(
         &mut self,
+        cpu: CpuLevel,
         first: &Detail,
         second: &Detail,
         expected: impl Fn(Vector2<f32>) -> Vector2<f32>,
@@ -138,7 +141,13 @@ impl Search {
         let (columns, corners) = (self.columns, self.corners());
         let scores = self.scores.par_chunks_exact_mut(SHIFTS * SHIFTS).enumerate();
         scores.for_each(|(index, scores)| {
-            score(first, second, corners(index % columns, index / columns), scores);
+            let corner = corners(index % columns, index / columns);
+            match cpu {
+                // SAFETY: the caller vouches for the level.
+                #[cfg(target_arch = "x86_64")]
+                CpuLevel::Avx2 => unsafe { score_avx2(first, second, corner, scores) },
+                _ => score(first, second, corner, scores),
+            }
         });
         self.sum_up();
         let middle = Vector2::new(first.width as f32, first.height as f32) * 0.5;
@@ -214,10 +223,17 @@ impl Search {
     }
 }
 
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx2")]
+fn score_avx2(first: &Detail, second: &Detail, corner: (usize, usize), scores: &mut [f32]) {
+    score(first, second, corner, scores);
+}
+
 /// Correlation of the region at `corner` with the second frame, for each shift, row by row.
 ///
 /// The part that leaves the frame is zeros there but counts in the region's own energy: the less
 /// there is to compare, the lower the score.
+#[inline(always)]
 fn score(first: &Detail, second: &Detail, (x, y): (usize, usize), scores: &mut [f32]) {
     let mut region = [[0.0; REGION]; REGION];
     for (out, row) in region.iter_mut().zip(first.window(x + RADIUS, y + RADIUS)) {
