@@ -31,20 +31,42 @@ const LEAST_COARSE_CORRELATION: f32 = 0.7;
 /// Squared grey levels added to the eigenvalues on coarse levels.
 const COARSE_DAMPING: f32 = 1.0;
 
+/// Motions that are tried for each point.
+const STARTS: usize = 6;
+
 /// Starts closer to each other than this many pixels of a level are one.
 const SAME_START: f32 = 1.0;
 
-/// A later candidate replaces an earlier one if it explains this share less of the patch.
-const CLEARLY_BETTER: f32 = 0.7;
+/// When a later candidate replaces an earlier one.
+#[derive(Clone, Copy)]
+struct Measure {
+    /// It leaves at most this share of what the earlier one leaves unexplained.
+    share: f32,
+    /// Share of a patch that may be unexplained for any reason: less tells nothing.
+    tolerance: f32,
+}
 
-/// Share of the patch that may be unexplained for any reason: less tells nothing.
-const EQUALLY_GOOD: f32 = 0.02;
+impl Measure {
+    /// A candidate that leaves no more than this is never replaced.
+    const fn enough(self) -> f32 {
+        self.tolerance * (1.0 / self.share - 1.0)
+    }
+}
+
+/// Among the starts, on a level where little can be told.
+const AMONG_STARTS: Measure = Measure { share: 0.7, tolerance: 0.02 };
+
+/// Against what the search led to, after the coarse levels: a wrong period leaves many times more.
+const AGAINST_SEARCH: Measure = Measure { share: 0.3, tolerance: 0.001 };
 
 /// A point further than this from where its neighbours have it tries their motion too, pixels.
 const DISAGREEMENT: f32 = 1.0;
 
 const COARSE_EFFORT: Effort = Effort { iterations: 4, tolerance: 0.1 };
 const FINE_EFFORT: Effort = Effort { iterations: 8, tolerance: 0.02 };
+
+/// The way back starts where it is to end, and an error of half a pixel passes.
+const RETURN_EFFORT: Effort = Effort { iterations: 8, tolerance: 0.1 };
 
 /// Measures correspondences between frames of one size on a uniform grid.
 #[derive(Debug)]
@@ -226,52 +248,90 @@ fn to_full(at: Vector2<f32>, scale: f64) -> Vector2<f64> {
 }
 
 /// Motions a point may have, the expected one first, in analysed pixels.
-fn starts(search: &Search, at: Vector2<f32>, top: usize, expected: Vector2<f32>) -> [Vector2<f32>; 5] {
+fn starts(search: &Search, at: Vector2<f32>, top: usize, expected: Vector2<f32>) -> [Vector2<f32>; STARTS] {
     let (coarse, unit) = (to_level(at, top), level_scale(top));
     [
         expected,
         search.interpolated(coarse) * unit,
         search.nearest(coarse) * unit,
         search.common() * unit,
+        search.calm() * unit,
         Vector2::zeros(),
     ]
 }
 
 /// Follows a point down the coarser levels from the best of its starts.
-fn coarse_motion(pair: &Pair<'_>, at: Vector2<f32>, starts: [Vector2<f32>; 5]) -> Option<Motion> {
-    let top = pair.first.len() - 1;
-    let mut shift = starts[1];
-    let mut correlation = 1.0;
-    // The search has done the coarsest level.
-    let begin = top.saturating_sub(1).max(1);
-    for level in (1..=begin.min(top)).rev() {
-        let candidates = if level == begin { &starts[..] } else { std::slice::from_ref(&shift) };
-        if let Some((best, found)) = best_of(pair, level, at, candidates) {
-            (shift, correlation) = (best, found.correlation);
-        } else {
-            correlation = 0.0;
+///
+/// In a repeated texture the coarsest levels may take a neighbouring period for the truth, which the
+/// finer ones tell apart: unless all is explained there, the expected motion, the best one near it and
+/// rest are followed alone, and taken where they do explain all.
+fn coarse_motion(pair: &Pair<'_>, at: Vector2<f32>, starts: [Vector2<f32>; STARTS]) -> Option<Motion> {
+    let mut best = descend(pair, at, &starts);
+    let explains_all = |found: &Candidate| found.unexplained() <= AGAINST_SEARCH.enough();
+    if !best.as_ref().is_some_and(explains_all) {
+        let [expected, .., near, rest] = starts;
+        for start in [expected, near, rest] {
+            let found = descend(pair, at, &[start]).filter(explains_all);
+            best = better(best, found, AGAINST_SEARCH);
         }
     }
-    (correlation >= LEAST_COARSE_CORRELATION).then_some(Motion { at, shift })
+    let best = best.filter(|best| best.correlation >= LEAST_COARSE_CORRELATION)?;
+    Some(Motion { at, shift: best.shift })
 }
 
-/// The candidate (analysed pixels) that explains a patch of a coarse level best.
-fn best_of(
-    pair: &Pair<'_>,
-    level: usize,
-    at: Vector2<f32>,
-    candidates: &[Vector2<f32>],
-) -> Option<(Vector2<f32>, Match)> {
+/// A motion (analysed pixels) and how well it explains a patch of a coarse level.
+#[derive(Clone, Copy)]
+struct Candidate {
+    shift: Vector2<f32>,
+    correlation: f32,
+}
+
+impl Candidate {
+    /// Share of the patch's variance that another patch leaves unexplained.
+    fn unexplained(&self) -> f32 {
+        1.0 - self.correlation * self.correlation
+    }
+}
+
+/// The later candidate where it is clearly better, otherwise the earlier.
+fn better(earlier: Option<Candidate>, later: Option<Candidate>, measure: Measure) -> Option<Candidate> {
+    let unexplained = |candidate: &Candidate| measure.tolerance + candidate.unexplained();
+    match (earlier, later) {
+        (Some(one), Some(other)) if unexplained(&other) < measure.share * unexplained(&one) => later,
+        (None, later) => later,
+        _ => earlier,
+    }
+}
+
+/// From the best of some starts down to level 1 (or 0 where there is no other): what is found on the
+/// last level; `None` where nothing is.
+fn descend(pair: &Pair<'_>, at: Vector2<f32>, starts: &[Vector2<f32>]) -> Option<Candidate> {
+    let top = pair.first.len() - 1;
+    // The search has done the coarsest level.
+    let begin = top.saturating_sub(1).max(1).min(top);
+    let mut best = best_of(pair, begin, at, starts);
+    let mut shift = best.map_or(starts[1.min(starts.len() - 1)], |best| best.shift);
+    for level in (1..begin).rev() {
+        best = best_of(pair, level, at, &[shift]);
+        shift = best.map_or(shift, |best| best.shift);
+    }
+    best
+}
+
+/// The start (analysed pixels) from which a patch of a coarse level is explained best.
+fn best_of(pair: &Pair<'_>, level: usize, at: Vector2<f32>, starts: &[Vector2<f32>]) -> Option<Candidate> {
     let unit = level_scale(level);
-    let mut best: Option<(Vector2<f32>, Match)> = None;
-    for (index, candidate) in candidates.iter().enumerate() {
-        if candidates[..index].iter().any(|other| (other - candidate).norm() < SAME_START * unit) {
+    let mut best: Option<Candidate> = None;
+    for (index, start) in starts.iter().enumerate() {
+        if starts[..index].iter().any(|other| (other - start).norm() < SAME_START * unit) {
             continue;
         }
-        let Some((shift, found)) = coarse_match(pair, level, at, candidate / unit) else { continue };
-        let unexplained = |found: &Match| EQUALLY_GOOD + 1.0 - found.correlation * found.correlation;
-        if best.is_none_or(|(_, best)| unexplained(&found) < CLEARLY_BETTER * unexplained(&best)) {
-            best = Some((shift * unit, found));
+        let found = coarse_match(pair, level, at, start / unit);
+        let found =
+            found.map(|(shift, found)| Candidate { shift: shift * unit, correlation: found.correlation });
+        best = better(best, found, AMONG_STARTS);
+        if best.is_some_and(|best| best.unexplained() <= AMONG_STARTS.enough()) {
+            break;
         }
     }
     best
@@ -343,7 +403,7 @@ fn return_error(
     let expected = from + distortion.try_inverse()? * (nearest - to);
     let corner = (nearest.x as usize, nearest.y as usize);
     let template = FineTemplate::distorted(pair.cpu, pair.first.first()?, corner, &distortion)?;
-    let found = template.find(pair.second.first()?, expected, FINE_EFFORT)?;
+    let found = template.find(pair.second.first()?, expected, RETURN_EFFORT)?;
     Some((found.corner - expected).norm())
 }
 

@@ -33,6 +33,9 @@ const NOISE: f32 = 0.5;
 /// How much the other regions' scores count beside the region's own.
 const COMMON_WEIGHT: f32 = 0.4;
 
+/// Pixels from the expected motion within which a second, calm motion is looked for.
+const NEAR: f32 = 1.5;
+
 /// Score taken off for each pixel away from the expected motion: decides between the equal peaks of
 /// a repeated texture.
 const SURPRISE: f32 = 0.004;
@@ -125,6 +128,7 @@ pub(super) struct Search {
     common: Vec<f32>,
     shifts: Vec<Vector2<f32>>,
     common_shift: Vector2<f32>,
+    calm_shift: Vector2<f32>,
 }
 
 impl Search {
@@ -151,12 +155,13 @@ impl Search {
         });
         self.sum_up();
         let middle = Vector2::new(first.width as f32, first.height as f32) * 0.5;
-        self.common_shift = best_shift(&self.common, &self.common, expected(middle));
+        self.common_shift = best_shift(&self.common, &self.common, expected(middle), f32::INFINITY);
+        self.calm_shift = best_shift(&self.common, &self.common, expected(middle), NEAR);
         for index in 0..self.columns * self.rows {
             let (x, y) = corners(index % columns, index / columns);
             let middle = Vector2::new(x as f32, y as f32).add_scalar(0.5 * (REGION - 1) as f32);
             let scores = &self.scores[index * SHIFTS * SHIFTS..][..SHIFTS * SHIFTS];
-            self.shifts[index] = best_shift(scores, &self.common, expected(middle));
+            self.shifts[index] = best_shift(scores, &self.common, expected(middle), f32::INFINITY);
         }
     }
 
@@ -189,6 +194,11 @@ impl Search {
     /// The motion most of the frame shares, in pixels of the coarsest level.
     pub(super) fn common(&self) -> Vector2<f32> {
         self.common_shift
+    }
+
+    /// The motion most of the frame may share that is near the expected one.
+    pub(super) fn calm(&self) -> Vector2<f32> {
+        self.calm_shift
     }
 
     /// The motion of the region nearest to a point of the coarsest level.
@@ -255,14 +265,15 @@ fn score(first: &Detail, second: &Detail, (x, y): (usize, usize), scores: &mut [
     }
 }
 
-/// The shift of the highest score, own and common, near the expected one.
-fn best_shift(scores: &[f32], common: &[f32], expected: Vector2<f32>) -> Vector2<f32> {
-    let mut best = (f32::NEG_INFINITY, Vector2::zeros());
+/// The shift of the highest score, own and common, at most `reach` from the expected one along either
+/// axis; the expected one where none is.
+fn best_shift(scores: &[f32], common: &[f32], expected: Vector2<f32>, reach: f32) -> Vector2<f32> {
+    let mut best = (f32::NEG_INFINITY, expected);
     for (index, (score, common)) in scores.iter().zip(common).enumerate() {
         let (dx, dy) = (index % SHIFTS, index / SHIFTS);
         let shift = Vector2::new(dx as f32, dy as f32).add_scalar(-(RADIUS as f32));
         let score = score + COMMON_WEIGHT * common - SURPRISE * (shift - expected).norm();
-        if score > best.0 {
+        if score > best.0 && (shift - expected).amax() <= reach {
             best = (score, shift);
         }
     }
