@@ -59,6 +59,12 @@ const AMONG_STARTS: Measure = Measure { share: 0.7, tolerance: 0.02 };
 /// Against what the search led to, after the coarse levels: a wrong period leaves many times more.
 const AGAINST_SEARCH: Measure = Measure { share: 0.3, tolerance: 0.001 };
 
+/// A search that leaves more than this after the coarse levels may have led to a wrong period.
+const SUSPICIOUS: f32 = 0.006;
+
+/// A start that leaves more than this on the first level is given up.
+const HOPELESS: f32 = 0.2;
+
 /// A point further than this from where its neighbours have it tries their motion too, pixels.
 const DISAGREEMENT: f32 = 1.0;
 
@@ -266,12 +272,16 @@ fn starts(search: &Search, at: Vector2<f32>, top: usize, expected: Vector2<f32>)
 /// finer ones tell apart: unless all is explained there, the expected motion, the best one near it and
 /// rest are followed alone, and taken where they do explain all.
 fn coarse_motion(pair: &Pair<'_>, at: Vector2<f32>, starts: [Vector2<f32>; STARTS]) -> Option<Motion> {
-    let mut best = descend(pair, at, &starts);
-    let explains_all = |found: &Candidate| found.unexplained() <= AGAINST_SEARCH.enough();
-    if !best.as_ref().is_some_and(explains_all) {
+    let mut best = descend(pair, at, &starts, 1.0);
+    if best.is_none_or(|best| best.unexplained() > SUSPICIOUS) {
         let [expected, .., near, rest] = starts;
-        for start in [expected, near, rest] {
-            let found = descend(pair, at, &[start]).filter(explains_all);
+        let calm = [expected, near, rest];
+        for (index, start) in calm.iter().enumerate() {
+            if calm[..index].contains(start) {
+                continue;
+            }
+            let found = descend(pair, at, &[*start], HOPELESS);
+            let found = found.filter(|found| found.unexplained() <= AGAINST_SEARCH.enough());
             best = better(best, found, AGAINST_SEARCH);
         }
     }
@@ -304,12 +314,15 @@ fn better(earlier: Option<Candidate>, later: Option<Candidate>, measure: Measure
 }
 
 /// From the best of some starts down to level 1 (or 0 where there is no other): what is found on the
-/// last level; `None` where nothing is.
-fn descend(pair: &Pair<'_>, at: Vector2<f32>, starts: &[Vector2<f32>]) -> Option<Candidate> {
+/// last level; `None` where nothing is, or where the first leaves more than `most` unexplained.
+fn descend(pair: &Pair<'_>, at: Vector2<f32>, starts: &[Vector2<f32>], most: f32) -> Option<Candidate> {
     let top = pair.first.len() - 1;
     // The search has done the coarsest level.
     let begin = top.saturating_sub(1).max(1).min(top);
     let mut best = best_of(pair, begin, at, starts);
+    if best.is_some_and(|best| best.unexplained() > most) {
+        return None;
+    }
     let mut shift = best.map_or(starts[1.min(starts.len() - 1)], |best| best.shift);
     for level in (1..begin).rev() {
         best = best_of(pair, level, at, &[shift]);
