@@ -29,6 +29,7 @@
 mod field;
 mod grid;
 mod luma;
+mod patch;
 mod pyramid;
 mod sampler;
 mod start;
@@ -49,7 +50,9 @@ pub struct Correspondence {
     /// Pixels of the full frame in the second frame.
     pub to: Vector2<f64>,
     /// The smaller eigenvalue of the patch's gradient matrix, per pixel, in squared grey levels
-    /// (0 to 255): how well the patch can be located.
+    /// (0 to 255) per squared analysed pixel: how well the patch can be located. The patch is as the
+    /// second frame is to show it, and of its gradients only what neither its mean nor a change of
+    /// contrast explains counts.
     pub texture: f32,
     /// Root mean square difference of the two patches in grey levels after brightness was matched.
     pub residual: f32,
