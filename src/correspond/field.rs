@@ -117,8 +117,8 @@ fn slope(pairs: impl Iterator<Item = (Motion, Motion)>, axis: usize) -> Vector2<
 
 /// Median of each component; `None` of fewer than `fewest`.
 fn median(values: impl Iterator<Item = Vector2<f32>>, fewest: usize) -> Option<Vector2<f32>> {
-    let mut x = [f32::INFINITY; MOST_VALUES];
-    let mut y = [f32::INFINITY; MOST_VALUES];
+    let mut x = [0.0; SIDE * SIDE];
+    let mut y = [0.0; SIDE * SIDE];
     let mut count = 0;
     for ((x, y), value) in x.iter_mut().zip(&mut y).zip(values) {
         (*x, *y) = (value.x, value.y);
@@ -127,23 +127,8 @@ fn median(values: impl Iterator<Item = Vector2<f32>>, fewest: usize) -> Option<V
     if count < fewest.max(1) {
         return None;
     }
-    Some(Vector2::new(ranked(&x, count, count / 2), ranked(&y, count, count / 2)))
-}
-
-/// Room for the values of a neighbourhood, a whole number of vectors.
-const MOST_VALUES: usize = (SIDE * SIDE).next_multiple_of(8);
-
-/// The value of rank `rank` among the first `count`; the others are infinite.
-///
-/// Counts for each value how many are less, 32 in a few vectors: no branch that depends on the data,
-/// as sorting has.
-fn ranked(values: &[f32; MOST_VALUES], count: usize, rank: usize) -> f32 {
-    let below = |limit: f32, or_equal: bool| {
-        let is_below = |value: &f32| u32::from(if or_equal { *value <= limit } else { *value < limit });
-        values.iter().map(is_below).sum::<u32>() as usize
-    };
-    let is_ranked = |value: &f32| below(*value, false) <= rank && rank < below(*value, true);
-    values.iter().take(count).copied().find(is_ranked).unwrap_or_default()
+    let middle = |values: &mut [f32]| *values.select_nth_unstable_by(count / 2, f32::total_cmp).1;
+    Some(Vector2::new(middle(&mut x[..count]), middle(&mut y[..count])))
 }
 
 #[cfg(test)]

@@ -7,6 +7,7 @@
 //! | place | `grid` | the points that are measured: the middles of a uniform grid of cells |
 //! | start | `start` | exhaustive search of large regions on the coarsest level |
 //! | track | `tracker` | sub-pixel registration of one patch: inverse-compositional Lucas–Kanade |
+//! | sample | `patch` | its kernels: patches between pixels, stretched patches, sums |
 //! | agree | `field` | what the neighbours of a point say of its motion and its local distortion |
 //! | join | `sampler` | the order of it all, and which points are kept |
 //!
@@ -24,7 +25,7 @@
 //! | halve | 2.8 MB + 0.7 MB | 0.7 M |
 //! | start | in cache | 18 regions × 841 shifts × 256 = 3.9 M |
 //! | track, coarse levels | in cache | 768 points × about 10 samplings × 0.9 k = 7 M |
-//! | track, full level | in cache | 768 points × about 6 samplings × 3.3 k = 15 M, and two templates |
+//! | track, full level | in cache | 768 points × about 6 samplings × 3.3 k = 15 M, and two templates of 13 k operations |
 
 mod field;
 mod grid;
