@@ -20,6 +20,7 @@
 //! (chapter 25), from which the method starts.
 
 pub mod correspond;
+mod cpu;
 pub mod motion;
 pub mod plane;
 pub mod readout;
@@ -27,6 +28,7 @@ pub mod rectifier;
 pub mod solve;
 pub mod warp;
 
+pub use cpu::CpuLevel;
 pub use plane::{Plane, PlaneMut};
 pub use rectifier::Rectifier;
 pub use warp::Warper;

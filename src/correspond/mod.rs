@@ -7,6 +7,7 @@
 //! | place | `grid` | the points that are measured: the middles of a uniform grid of cells |
 //! | start | `start` | exhaustive search of large regions on the coarsest level |
 //! | track | `tracker` | sub-pixel registration of one patch: inverse-compositional Lucas–Kanade |
+//! | sample | `patch` | its kernels: patches between pixels, stretched patches, sums |
 //! | agree | `field` | what the neighbours of a point say of its motion and its local distortion |
 //! | join | `sampler` | the order of it all, and which points are kept |
 //!
@@ -24,11 +25,12 @@
 //! | halve | 2.8 MB + 0.7 MB | 0.7 M |
 //! | start | in cache | 18 regions × 841 shifts × 256 = 3.9 M |
 //! | track, coarse levels | in cache | 768 points × about 10 samplings × 0.9 k = 7 M |
-//! | track, full level | in cache | 768 points × about 6 samplings × 3.3 k = 15 M, and two templates |
+//! | track, full level | in cache | 768 points × about 6 samplings × 3.3 k = 15 M, and two templates of 13 k operations |
 
 mod field;
 mod grid;
 mod luma;
+mod patch;
 mod pyramid;
 mod sampler;
 mod start;
@@ -49,7 +51,9 @@ pub struct Correspondence {
     /// Pixels of the full frame in the second frame.
     pub to: Vector2<f64>,
     /// The smaller eigenvalue of the patch's gradient matrix, per pixel, in squared grey levels
-    /// (0 to 255): how well the patch can be located.
+    /// (0 to 255) per squared analysed pixel: how well the patch can be located. The patch is as the
+    /// second frame is to show it, and of its gradients only what neither its mean nor a change of
+    /// contrast explains counts.
     pub texture: f32,
     /// Root mean square difference of the two patches in grey levels after brightness was matched.
     pub residual: f32,

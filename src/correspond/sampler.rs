@@ -7,6 +7,7 @@ use super::luma::Reduction;
 use super::pyramid::{Level, Pyramid};
 use super::start::Search;
 use super::tracker::{COARSE, CoarseTemplate, Effort, FINE, FineTemplate, Match};
+use crate::cpu::CpuLevel;
 use crate::plane::Luma;
 use nalgebra::{Matrix2, Vector2};
 use rayon::prelude::*;
@@ -30,14 +31,39 @@ const LEAST_COARSE_CORRELATION: f32 = 0.7;
 /// Squared grey levels added to the eigenvalues on coarse levels.
 const COARSE_DAMPING: f32 = 1.0;
 
+/// Motions that are tried for each point.
+const STARTS: usize = 6;
+
 /// Starts closer to each other than this many pixels of a level are one.
 const SAME_START: f32 = 1.0;
 
-/// A later candidate replaces an earlier one if it explains this share less of the patch.
-const CLEARLY_BETTER: f32 = 0.7;
+/// When a later candidate replaces an earlier one.
+#[derive(Clone, Copy)]
+struct Measure {
+    /// It leaves at most this share of what the earlier one leaves unexplained.
+    share: f32,
+    /// Share of a patch that may be unexplained for any reason: less tells nothing.
+    tolerance: f32,
+}
 
-/// Share of the patch that may be unexplained for any reason: less tells nothing.
-const EQUALLY_GOOD: f32 = 0.02;
+impl Measure {
+    /// A candidate that leaves no more than this is never replaced.
+    const fn enough(self) -> f32 {
+        self.tolerance * (1.0 / self.share - 1.0)
+    }
+}
+
+/// Among the starts, on a level where little can be told.
+const AMONG_STARTS: Measure = Measure { share: 0.7, tolerance: 0.02 };
+
+/// Against what the search led to, after the coarse levels: a wrong period leaves many times more.
+const AGAINST_SEARCH: Measure = Measure { share: 0.3, tolerance: 0.001 };
+
+/// A search that leaves more than this after the coarse levels may have led to a wrong period.
+const SUSPICIOUS: f32 = 0.006;
+
+/// A start that leaves more than this on the first level is given up.
+const HOPELESS: f32 = 0.2;
 
 /// A point further than this from where its neighbours have it tries their motion too, pixels.
 const DISAGREEMENT: f32 = 1.0;
@@ -45,9 +71,13 @@ const DISAGREEMENT: f32 = 1.0;
 const COARSE_EFFORT: Effort = Effort { iterations: 4, tolerance: 0.1 };
 const FINE_EFFORT: Effort = Effort { iterations: 8, tolerance: 0.02 };
 
+/// The way back starts where it is to end, and an error of half a pixel passes.
+const RETURN_EFFORT: Effort = Effort { iterations: 8, tolerance: 0.1 };
+
 /// Measures correspondences between frames of one size on a uniform grid.
 #[derive(Debug)]
 pub struct Sampler {
+    cpu: CpuLevel,
     reduction: Reduction,
     grid: Grid,
     search: Search,
@@ -60,10 +90,23 @@ impl Sampler {
     ///
     /// Any size will do; frames (or grids) too small for a single patch yield no correspondences.
     pub fn new(width: usize, height: usize, grid_columns: usize, grid_rows: usize) -> Self {
+        Self::with_cpu(CpuLevel::detect(), width, height, grid_columns, grid_rows)
+    }
+
+    /// As [`new`](Self::new), with at most the instructions of `level`; all levels measure the same
+    /// to the last bit.
+    pub fn with_cpu(
+        level: CpuLevel,
+        width: usize,
+        height: usize,
+        grid_columns: usize,
+        grid_rows: usize,
+    ) -> Self {
         let reduction = Reduction::new(width, height);
         let grid = Grid::new(reduction.size(), grid_columns, grid_rows);
         let cells = grid.len();
         Self {
+            cpu: level.available(),
             reduction,
             grid,
             search: Search::default(),
@@ -97,7 +140,7 @@ impl Sampler {
         out: &mut Vec<Correspondence>,
     ) {
         out.clear();
-        let pair = Pair { first: first.levels(), second: second.levels() };
+        let pair = Pair { cpu: self.cpu, first: first.levels(), second: second.levels() };
         let size = self.reduction.size();
         if !pair.is_usable(size) {
             return;
@@ -106,7 +149,7 @@ impl Sampler {
         let expected = |at: Vector2<f32>| expected_shift(&predict, at, scale);
         let top = pair.first.len() - 1;
         let unit = level_scale(top);
-        self.search.run(first.detail(), second.detail(), |at| expected(to_fine(at, top)) / unit);
+        self.search.run(self.cpu, first.detail(), second.detail(), |at| expected(to_fine(at, top)) / unit);
         let (grid, search) = (&self.grid, &self.search);
         self.motions.par_iter_mut().enumerate().with_min_len(16).for_each(|(index, motion)| {
             *motion = grid.corner(index).and_then(|corner| {
@@ -136,7 +179,7 @@ impl Sampler {
     /// contrast of 50 grey levels that moves by one pixel has 3 to 6. Infinite where a pyramid is
     /// empty or their sizes differ.
     pub fn difference(&self, first: &Pyramid, second: &Pyramid) -> f64 {
-        let pair = Pair { first: first.levels(), second: second.levels() };
+        let pair = Pair { cpu: self.cpu, first: first.levels(), second: second.levels() };
         if !pair.is_usable(self.reduction.size()) {
             return f64::INFINITY;
         }
@@ -166,6 +209,7 @@ impl Found {
 /// The levels of two frames.
 #[derive(Clone, Copy)]
 struct Pair<'a> {
+    cpu: CpuLevel,
     first: &'a [Level],
     second: &'a [Level],
 }
@@ -178,7 +222,7 @@ impl Pair<'_> {
     }
 
     fn reversed(self) -> Self {
-        Self { first: self.second, second: self.first }
+        Self { first: self.second, second: self.first, ..self }
     }
 }
 
@@ -210,52 +254,97 @@ fn to_full(at: Vector2<f32>, scale: f64) -> Vector2<f64> {
 }
 
 /// Motions a point may have, the expected one first, in analysed pixels.
-fn starts(search: &Search, at: Vector2<f32>, top: usize, expected: Vector2<f32>) -> [Vector2<f32>; 5] {
+fn starts(search: &Search, at: Vector2<f32>, top: usize, expected: Vector2<f32>) -> [Vector2<f32>; STARTS] {
     let (coarse, unit) = (to_level(at, top), level_scale(top));
     [
         expected,
         search.interpolated(coarse) * unit,
         search.nearest(coarse) * unit,
         search.common() * unit,
+        search.calm() * unit,
         Vector2::zeros(),
     ]
 }
 
 /// Follows a point down the coarser levels from the best of its starts.
-fn coarse_motion(pair: &Pair<'_>, at: Vector2<f32>, starts: [Vector2<f32>; 5]) -> Option<Motion> {
-    let top = pair.first.len() - 1;
-    let mut shift = starts[1];
-    let mut correlation = 1.0;
-    // The search has done the coarsest level.
-    let begin = top.saturating_sub(1).max(1);
-    for level in (1..=begin.min(top)).rev() {
-        let candidates = if level == begin { &starts[..] } else { std::slice::from_ref(&shift) };
-        if let Some((best, found)) = best_of(pair, level, at, candidates) {
-            (shift, correlation) = (best, found.correlation);
-        } else {
-            correlation = 0.0;
+///
+/// In a repeated texture the coarsest levels may take a neighbouring period for the truth, which the
+/// finer ones tell apart: unless all is explained there, the expected motion, the best one near it and
+/// rest are followed alone, and taken where they do explain all.
+fn coarse_motion(pair: &Pair<'_>, at: Vector2<f32>, starts: [Vector2<f32>; STARTS]) -> Option<Motion> {
+    let mut best = descend(pair, at, &starts, 1.0);
+    if best.is_none_or(|best| best.unexplained() > SUSPICIOUS) {
+        let [expected, .., near, rest] = starts;
+        let calm = [expected, near, rest];
+        for (index, start) in calm.iter().enumerate() {
+            if calm[..index].contains(start) {
+                continue;
+            }
+            let found = descend(pair, at, &[*start], HOPELESS);
+            let found = found.filter(|found| found.unexplained() <= AGAINST_SEARCH.enough());
+            best = better(best, found, AGAINST_SEARCH);
         }
     }
-    (correlation >= LEAST_COARSE_CORRELATION).then_some(Motion { at, shift })
+    let best = best.filter(|best| best.correlation >= LEAST_COARSE_CORRELATION)?;
+    Some(Motion { at, shift: best.shift })
 }
 
-/// The candidate (analysed pixels) that explains a patch of a coarse level best.
-fn best_of(
-    pair: &Pair<'_>,
-    level: usize,
-    at: Vector2<f32>,
-    candidates: &[Vector2<f32>],
-) -> Option<(Vector2<f32>, Match)> {
+/// A motion (analysed pixels) and how well it explains a patch of a coarse level.
+#[derive(Clone, Copy)]
+struct Candidate {
+    shift: Vector2<f32>,
+    correlation: f32,
+}
+
+impl Candidate {
+    /// Share of the patch's variance that another patch leaves unexplained.
+    fn unexplained(&self) -> f32 {
+        1.0 - self.correlation * self.correlation
+    }
+}
+
+/// The later candidate where it is clearly better, otherwise the earlier.
+fn better(earlier: Option<Candidate>, later: Option<Candidate>, measure: Measure) -> Option<Candidate> {
+    let unexplained = |candidate: &Candidate| measure.tolerance + candidate.unexplained();
+    match (earlier, later) {
+        (Some(one), Some(other)) if unexplained(&other) < measure.share * unexplained(&one) => later,
+        (None, later) => later,
+        _ => earlier,
+    }
+}
+
+/// From the best of some starts down to level 1 (or 0 where there is no other): what is found on the
+/// last level; `None` where nothing is, or where the first leaves more than `most` unexplained.
+fn descend(pair: &Pair<'_>, at: Vector2<f32>, starts: &[Vector2<f32>], most: f32) -> Option<Candidate> {
+    let top = pair.first.len() - 1;
+    // The search has done the coarsest level.
+    let begin = top.saturating_sub(1).max(1).min(top);
+    let mut best = best_of(pair, begin, at, starts);
+    if best.is_some_and(|best| best.unexplained() > most) {
+        return None;
+    }
+    let mut shift = best.map_or(starts[1.min(starts.len() - 1)], |best| best.shift);
+    for level in (1..begin).rev() {
+        best = best_of(pair, level, at, &[shift]);
+        shift = best.map_or(shift, |best| best.shift);
+    }
+    best
+}
+
+/// The start (analysed pixels) from which a patch of a coarse level is explained best.
+fn best_of(pair: &Pair<'_>, level: usize, at: Vector2<f32>, starts: &[Vector2<f32>]) -> Option<Candidate> {
     let unit = level_scale(level);
-    let mut best: Option<(Vector2<f32>, Match)> = None;
-    for (index, candidate) in candidates.iter().enumerate() {
-        if candidates[..index].iter().any(|other| (other - candidate).norm() < SAME_START * unit) {
+    let mut best: Option<Candidate> = None;
+    for (index, start) in starts.iter().enumerate() {
+        if starts[..index].iter().any(|other| (other - start).norm() < SAME_START * unit) {
             continue;
         }
-        let Some((shift, found)) = coarse_match(pair, level, at, candidate / unit) else { continue };
-        let unexplained = |found: &Match| EQUALLY_GOOD + 1.0 - found.correlation * found.correlation;
-        if best.is_none_or(|(_, best)| unexplained(&found) < CLEARLY_BETTER * unexplained(&best)) {
-            best = Some((shift * unit, found));
+        let found = coarse_match(pair, level, at, start / unit);
+        let found =
+            found.map(|(shift, found)| Candidate { shift: shift * unit, correlation: found.correlation });
+        best = better(best, found, AMONG_STARTS);
+        if best.is_some_and(|best| best.unexplained() <= AMONG_STARTS.enough()) {
+            break;
         }
     }
     best
@@ -279,7 +368,8 @@ fn coarse_match(
         (least <= most && (corner - wanted).abs() <= COARSE as f32).then_some(corner)
     };
     let corner = (inside(wanted.x, shift.x, first.width)?, inside(wanted.y, shift.y, first.height)?);
-    let template = CoarseTemplate::new(first, (corner.0 as usize, corner.1 as usize), COARSE_DAMPING)?;
+    let template =
+        CoarseTemplate::new(pair.cpu, first, (corner.0 as usize, corner.1 as usize), COARSE_DAMPING)?;
     let from = Vector2::new(corner.0, corner.1);
     let found = template.find(second, from + shift, COARSE_EFFORT)?;
     Some((found.corner - from, found))
@@ -296,7 +386,7 @@ fn fine_match(
     let agreed = around.agreement(at);
     let from = Vector2::new(corner.0 as f32, corner.1 as f32);
     let back = agreed.distortion.try_inverse()?;
-    let template = FineTemplate::distorted(pair.first.first()?, corner, back)?;
+    let template = FineTemplate::distorted(pair.cpu, pair.first.first()?, corner, &back)?;
     if template.texture.is_nan() || template.texture < LEAST_TEXTURE {
         return None;
     }
@@ -325,8 +415,8 @@ fn return_error(
     let nearest = to.map(f32::round);
     let expected = from + distortion.try_inverse()? * (nearest - to);
     let corner = (nearest.x as usize, nearest.y as usize);
-    let template = FineTemplate::distorted(pair.first.first()?, corner, distortion)?;
-    let found = template.find(pair.second.first()?, expected, FINE_EFFORT)?;
+    let template = FineTemplate::distorted(pair.cpu, pair.first.first()?, corner, &distortion)?;
+    let found = template.find(pair.second.first()?, expected, RETURN_EFFORT)?;
     Some((found.corner - expected).norm())
 }
 

@@ -8,6 +8,7 @@
 //! 18 regions × 841 shifts × 256 multiply-adds = 3.9 M for a 16:9 frame.
 
 use super::pyramid::Level;
+use crate::cpu::CpuLevel;
 use nalgebra::Vector2;
 use rayon::prelude::*;
 
@@ -31,6 +32,9 @@ const NOISE: f32 = 0.5;
 
 /// How much the other regions' scores count beside the region's own.
 const COMMON_WEIGHT: f32 = 0.4;
+
+/// Pixels from the expected motion within which a second, calm motion is looked for.
+const NEAR: f32 = 1.5;
 
 /// Score taken off for each pixel away from the expected motion: decides between the equal peaks of
 /// a repeated texture.
@@ -93,6 +97,7 @@ impl Detail {
     }
 
     /// The window whose top left pixel is (x, y) of the padded picture.
+    #[inline(always)]
     fn window(&self, x: usize, y: usize) -> impl Iterator<Item = &[f32; REGION]> {
         let rows = self.data.get(y * self.stride()..).unwrap_or(&[]).chunks(self.stride());
         rows.take(REGION).filter_map(move |row| row.get(x..)?.first_chunk())
@@ -123,13 +128,15 @@ pub(super) struct Search {
     common: Vec<f32>,
     shifts: Vec<Vector2<f32>>,
     common_shift: Vector2<f32>,
+    calm_shift: Vector2<f32>,
 }
 
 impl Search {
     /// Searches all regions. `expected` gives the motion expected at a point; points and motions
-    /// are in pixels of the coarsest level.
+    /// are in pixels of the coarsest level. `cpu` must be a level that this machine has.
     pub(super) fn run(
         &mut self,
+        cpu: CpuLevel,
         first: &Detail,
         second: &Detail,
         expected: impl Fn(Vector2<f32>) -> Vector2<f32>,
@@ -138,16 +145,23 @@ impl Search {
         let (columns, corners) = (self.columns, self.corners());
         let scores = self.scores.par_chunks_exact_mut(SHIFTS * SHIFTS).enumerate();
         scores.for_each(|(index, scores)| {
-            score(first, second, corners(index % columns, index / columns), scores);
+            let corner = corners(index % columns, index / columns);
+            match cpu {
+                // SAFETY: the caller vouches for the level.
+                #[cfg(target_arch = "x86_64")]
+                CpuLevel::Avx2 => unsafe { score_avx2(first, second, corner, scores) },
+                _ => score(first, second, corner, scores),
+            }
         });
         self.sum_up();
         let middle = Vector2::new(first.width as f32, first.height as f32) * 0.5;
-        self.common_shift = best_shift(&self.common, &self.common, expected(middle));
+        self.common_shift = best_shift(&self.common, &self.common, expected(middle), f32::INFINITY);
+        self.calm_shift = best_shift(&self.common, &self.common, expected(middle), NEAR);
         for index in 0..self.columns * self.rows {
             let (x, y) = corners(index % columns, index / columns);
             let middle = Vector2::new(x as f32, y as f32).add_scalar(0.5 * (REGION - 1) as f32);
             let scores = &self.scores[index * SHIFTS * SHIFTS..][..SHIFTS * SHIFTS];
-            self.shifts[index] = best_shift(scores, &self.common, expected(middle));
+            self.shifts[index] = best_shift(scores, &self.common, expected(middle), f32::INFINITY);
         }
     }
 
@@ -182,6 +196,11 @@ impl Search {
         self.common_shift
     }
 
+    /// The motion most of the frame may share that is near the expected one.
+    pub(super) fn calm(&self) -> Vector2<f32> {
+        self.calm_shift
+    }
+
     /// The motion of the region nearest to a point of the coarsest level.
     pub(super) fn nearest(&self, at: Vector2<f32>) -> Vector2<f32> {
         let (column, row) = self.position(at);
@@ -214,10 +233,17 @@ impl Search {
     }
 }
 
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx2")]
+fn score_avx2(first: &Detail, second: &Detail, corner: (usize, usize), scores: &mut [f32]) {
+    score(first, second, corner, scores);
+}
+
 /// Correlation of the region at `corner` with the second frame, for each shift, row by row.
 ///
 /// The part that leaves the frame is zeros there but counts in the region's own energy: the less
 /// there is to compare, the lower the score.
+#[inline(always)]
 fn score(first: &Detail, second: &Detail, (x, y): (usize, usize), scores: &mut [f32]) {
     let mut region = [[0.0; REGION]; REGION];
     for (out, row) in region.iter_mut().zip(first.window(x + RADIUS, y + RADIUS)) {
@@ -239,14 +265,15 @@ fn score(first: &Detail, second: &Detail, (x, y): (usize, usize), scores: &mut [
     }
 }
 
-/// The shift of the highest score, own and common, near the expected one.
-fn best_shift(scores: &[f32], common: &[f32], expected: Vector2<f32>) -> Vector2<f32> {
-    let mut best = (f32::NEG_INFINITY, Vector2::zeros());
+/// The shift of the highest score, own and common, at most `reach` from the expected one along either
+/// axis; the expected one where none is.
+fn best_shift(scores: &[f32], common: &[f32], expected: Vector2<f32>, reach: f32) -> Vector2<f32> {
+    let mut best = (f32::NEG_INFINITY, expected);
     for (index, (score, common)) in scores.iter().zip(common).enumerate() {
         let (dx, dy) = (index % SHIFTS, index / SHIFTS);
         let shift = Vector2::new(dx as f32, dy as f32).add_scalar(-(RADIUS as f32));
         let score = score + COMMON_WEIGHT * common - SURPRISE * (shift - expected).norm();
-        if score > best.0 {
+        if score > best.0 && (shift - expected).amax() <= reach {
             best = (score, shift);
         }
     }

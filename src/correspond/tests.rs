@@ -1,6 +1,7 @@
 //! Motions known exactly: both frames are samples of one analytic texture.
 
 use super::{Correspondence, Pyramid, Sampler};
+use crate::cpu::CpuLevel;
 use crate::plane::{Luma, Plane, PlaneLayout, SampleFormat};
 use nalgebra::Vector2;
 use rayon::prelude::*;
@@ -328,6 +329,43 @@ fn a_repeated_texture_is_taken_where_it_is_expected() {
     // A prediction gone mad is only one start of several.
     sampler.correspond(&a, &b, |x| x * f64::NAN, &mut found);
     sampler.correspond(&a, &b, |x| x * 1e300, &mut found);
+}
+
+#[test]
+fn an_alias_of_the_motion_is_refused() {
+    // Waves of 10 to 100 pixels that all but repeat, each moved as it is.
+    let wave = |x: Point, length: f64, degrees: f64| {
+        let (sin, cos) = degrees.to_radians().sin_cos();
+        (std::f64::consts::TAU * (cos * x.x + sin * x.y) / length).sin()
+    };
+    let grey = |x: Point| {
+        let fine = 25.0 * wave(x, 11.0, 20.0) + 25.0 * wave(x, 17.0, 75.0) + 20.0 * wave(x, 23.0, 130.0);
+        128.0 + fine + 15.0 * wave(x, 41.0, 160.0) + 15.0 * wave(x, 97.0, 50.0)
+    };
+    let shift = Point::new(7.2, -2.4);
+    let first = Frame::new(320, 240, grey);
+    let second = Frame::new(320, 240, |x| grey(x - shift));
+    let found = measure_frames(&first, &second);
+    let worst = found.iter().map(|c| c.residual).fold(0.0, f32::max);
+    assert!(worst < 1.0, "residual {worst}");
+    assert_accurate("all but repeated", &errors(&found, |x| x + shift, 1.0), 600, 0.01, 0.02);
+}
+
+#[test]
+fn all_levels_of_the_processor_measure_the_same() {
+    let texture = Texture::new(33);
+    let first = Frame::new(960, 540, |x| texture.grey(x));
+    let back = rotation_back(0.05, Point::new(500.0, 250.0), Point::new(20.0, -7.0));
+    let second = Frame::new(960, 540, |x| texture.grey(back(x)));
+    let run = |level| {
+        let mut sampler = Sampler::with_cpu(level, 960, 540, 32, 24);
+        measure(&first.luma(), &second.luma(), &mut sampler)
+    };
+    let scalar = run(CpuLevel::Scalar);
+    assert!(scalar.len() > 500);
+    for level in CpuLevel::ALL {
+        assert_eq!(scalar, run(level), "{level:?}");
+    }
 }
 
 #[test]

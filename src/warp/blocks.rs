@@ -10,8 +10,9 @@
 
 use super::Placement;
 use super::inverse::Field;
-use super::kernels::{self, CpuLevel};
+use super::kernels;
 use super::weights::{FRACTION_BITS, ONE};
+use crate::cpu::CpuLevel;
 
 /// Pixels in a block.
 pub(super) const BLOCK: usize = 16;

@@ -17,7 +17,7 @@ mod rows;
 mod tests;
 mod weights;
 
-pub use kernels::CpuLevel;
+pub use crate::cpu::CpuLevel;
 
 use crate::motion::MotionPath;
 use crate::plane::{Plane, PlaneLayout, PlaneMut};

@@ -1,8 +1,9 @@
 //! Walks the rows of a plane in bands, one band a task of the thread pool.
 
 use super::blocks::{BLOCK, Block, KnotTable};
-use super::kernels::{self, CpuLevel, Fixed, Float, Horizontal, Output, Passes, Vertical};
+use super::kernels::{self, Fixed, Float, Horizontal, Output, Passes, Vertical};
 use super::{BorderMode, Interpolation};
+use crate::cpu::CpuLevel;
 use crate::plane::{Plane, PlaneLayout, PlaneMut};
 use rayon::prelude::*;
 use std::cell::RefCell;
