@@ -175,7 +175,7 @@ impl Sampler {
     ///
     /// The highest block, not the mean of the frame, so that something small that moves a little
     /// in a still scene shows; means of 2 × 2, so that the noise of encoding again does not add up.
-    /// An exact duplicate has 0, one encoded again about 1 or less; an object of 12 pixels and a
+    /// An exact duplicate has 0, one encoded again 1 to 10; an object of 12 pixels and a
     /// contrast of 50 grey levels that moves by one pixel has 3 to 6. Infinite where a pyramid is
     /// empty or their sizes differ.
     pub fn difference(&self, first: &Pyramid, second: &Pyramid) -> f64 {

@@ -96,6 +96,12 @@ pub struct Placement {
 impl Placement {
     /// A plane of the frame's own size.
     pub const FULL: Self = Self { scale: [1.0, 1.0], offset: [0.0, 0.0] };
+
+    /// Whether the plane's pixels lie anywhere.
+    fn is_valid(&self) -> bool {
+        let numbers = self.scale.iter().chain(&self.offset);
+        numbers.into_iter().all(|number| number.is_finite()) && self.scale.iter().all(|&scale| scale > 0.0)
+    }
 }
 
 /// Why a plane cannot be rectified.
@@ -104,6 +110,9 @@ pub enum WarpError {
     /// Source and destination differ in size, channels or sample format.
     #[error("source and destination planes differ in size, channels or sample format")]
     Mismatch,
+    /// The placement is not one: a scale that is not positive or a number that is not finite.
+    #[error("a plane's scale must be positive and its offset finite")]
+    Placement,
 }
 
 /// Rectifies the planes of one frame after another; keeps its buffers.
@@ -185,6 +194,9 @@ impl Warper {
         let key = |layout: &PlaneLayout| (layout.width, layout.height, layout.channels, layout.format);
         if key(src.layout()) != key(dst.layout()) {
             return Err(WarpError::Mismatch);
+        }
+        if !placement.is_valid() {
+            return Err(WarpError::Placement);
         }
         if src.layout().width == 0 || src.layout().height == 0 {
             return Ok(());

@@ -140,9 +140,26 @@ fn hostile_motion_ends_and_stays_inside() {
                 warper.prepare(&readout, &path, &settings);
                 let layout = PlaneLayout::packed(70, 33, SampleFormat::U8);
                 rectify(&warper, &[9; 70 * 33], layout, Placement::FULL, [9; 4]);
-                let odd = Placement { scale: [0.0, f64::NAN], offset: [f64::INFINITY, 0.0] };
-                rectify(&warper, &[9; 70 * 33], layout, odd, [9; 4]);
+                let far = Placement { scale: [3.0, 1e-3], offset: [1e5, -1e5] };
+                rectify(&warper, &[9; 70 * 33], layout, far, [9; 4]);
             }
         }
+    }
+}
+
+#[test]
+fn a_placement_that_is_none_is_refused() {
+    let layout = PlaneLayout::packed(70, 33, SampleFormat::U8);
+    let (source, mut target) = ([9; 70 * 33], [0; 70 * 33]);
+    for (scale, offset) in [
+        ([0.0, 1.0], [0.0; 2]),
+        ([1.0, -2.0], [0.0; 2]),
+        ([1.0, f64::NAN], [0.0; 2]),
+        ([1.0; 2], [f64::INFINITY, 0.0]),
+    ] {
+        let (source, mut target) =
+            (Plane::new(&source, layout).unwrap(), PlaneMut::new(&mut target, layout).unwrap());
+        let refused = Warper::new().warp(&source, &mut target, Placement { scale, offset }, [0; 4]);
+        assert_eq!(refused, Err(WarpError::Placement));
     }
 }
