@@ -4,7 +4,7 @@
 //! both are corrected, and the corrected points o are unknowns beside the twist. Each o meets the
 //! others only through the twist, so Levenberg–Marquardt eliminates them one by one (Hartley &
 //! Zisserman, *Multiple View Geometry*, appendix 6.3): a step costs some 250 operations and one
-//! sine and cosine a correspondence and one 3 × 3 solution, about 60 µs for 768 correspondences.
+//! sine and cosine a correspondence and one 3 × 3 solution, about 30 µs for 768 correspondences.
 
 use crate::motion::Twist;
 use nalgebra::{Matrix2, Matrix2x3, Matrix3, Matrix3x2, Vector2, Vector3};
