@@ -7,8 +7,8 @@ use rsrectify_eval::product::{self, Delay};
 use rsrectify_eval::scene::Frame;
 use rsrectify_eval::sequence::{Sequence, named};
 
-/// RMS displacement left as a share of the uncorrected one.
-fn share_left(name: &str) -> f64 {
+/// Asserts that at most the share `most` of the uncorrected RMS displacement is left.
+fn assert_left(name: &str, most: f64) {
     let sequence = Sequence::new(named(name).expect("a sequence of the catalogue"));
     let frames: Vec<Frame> = sequence.frames().collect();
     let settings = product::settings(&sequence.settings, Delay::True, 12);
@@ -16,25 +16,23 @@ fn share_left(name: &str) -> f64 {
     let truth = sequence.truth();
     let samples: Vec<_> = (0..frames.len()).map(|k| truth.samples(k, 8)).collect();
     let left = product::displacement_left(&samples, &solutions);
-    left.share_of(&product::uncorrected(&samples)).unwrap()
+    let share = left.share_of(&product::uncorrected(&samples)).unwrap();
+    assert!(share <= most, "{:.1} % left", 100.0 * share);
 }
 
 #[test]
 fn spiral_rotation_without_delay() {
-    let share = share_left("rot1_B0");
-    assert!(share <= 0.15, "{:.1} % left", 100.0 * share);
+    assert_left("rot1_B0", 0.15);
 }
 
 #[test]
 fn three_dimensional_rotation_with_40_blank_rows() {
-    let share = share_left("rot2_B40");
-    assert!(share <= 0.22, "{:.1} % left", 100.0 * share);
+    assert_left("rot2_B40", 0.22);
 }
 
 #[test]
 fn strong_shake_with_a_short_readout() {
-    let share = share_left("shake_g042");
-    assert!(share <= 0.70, "{:.1} % left", 100.0 * share);
+    assert_left("shake_g042", 0.70);
 }
 
 /// Whatever is claimed of the readout, every frame gets a finite motion, and none that is wilder than

@@ -70,13 +70,16 @@ fn centre_velocity(rate: &[f64]) -> Vector2<f64> {
 /// Position in pixels at every `STEP` from 0 on, given the velocity at a time.
 fn integrate(duration: f64, velocity: impl Fn(f64) -> Vector2<f64>) -> Vec<Vector2<f64>> {
     let count = (duration / STEP) as usize;
-    let steps = (0..count).map(|i| velocity((i as f64 + 0.5) * STEP) * STEP);
-    steps
-        .scan(Vector2::zeros(), |sum, step| {
-            *sum += step;
-            Some(*sum)
-        })
-        .collect()
+    cumulative((0..count).map(|i| velocity((i as f64 + 0.5) * STEP) * STEP))
+}
+
+/// The sum of the steps so far, after each.
+fn cumulative(steps: impl Iterator<Item = Vector2<f64>>) -> Vec<Vector2<f64>> {
+    let positions = steps.scan(Vector2::zeros(), |sum, step| {
+        *sum += step;
+        Some(*sum)
+    });
+    positions.collect()
 }
 
 /// What a curve sampled at `interval` has besides its running mean.
@@ -157,18 +160,10 @@ fn fast_rotation_agrees_with_the_gyroscope() {
 
     // Without a model within the frame: from the middle of one frame to the middle of the next.
     let moved = displacements_at_centre(&frames);
-    let sum = |steps: &mut dyn Iterator<Item = Vector2<f64>>| -> Vec<Vector2<f64>> {
-        steps
-            .scan(Vector2::zeros(), |sum, step| {
-                *sum += step;
-                Some(*sum)
-            })
-            .collect()
-    };
-    let shown = sum(&mut moved.iter().copied());
+    let shown = cumulative(moved.into_iter());
     let middle = solutions[0].readout.time / 2.0;
     let at = |k: usize| reference[((times[k] + middle) / STEP).min(reference.len() as f64 - 1.0) as usize];
-    let turned = sum(&mut (0..102).map(|k| at(k + 1) - at(k)));
+    let turned = cumulative((0..102).map(|k| at(k + 1) - at(k)));
     let period = duration / 102.0;
     let (shown, turned) = (high_pass(&shown, period), high_pass(&turned, period));
     let floor = difference(&shown, &turned);
