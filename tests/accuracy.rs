@@ -1,22 +1,20 @@
 //! What the library leaves of the displacement on rendered sequences, true delay and long lookahead.
 
+use eval::footage::Footage;
+use eval::methods::product::{self, Delay};
+use eval::metrics::displacement;
+use eval::sequence::{Sequence, named};
 use nalgebra::Vector2;
 use rsrectify::readout::ReadoutTime;
 use rsrectify::rectifier::Settings;
-use rsrectify_eval::product::{self, Delay};
-use rsrectify_eval::scene::Frame;
-use rsrectify_eval::sequence::{Sequence, named};
 
 /// Asserts that at most the share `most` of the uncorrected RMS displacement is left.
 fn assert_left(name: &str, most: f64) {
-    let sequence = Sequence::new(named(name).expect("a sequence of the catalogue"));
-    let frames: Vec<Frame> = sequence.frames().collect();
-    let settings = product::settings(&sequence.settings, Delay::True, 12);
-    let solutions = product::solve(&sequence, &frames, settings).unwrap();
-    let truth = sequence.truth();
-    let samples: Vec<_> = (0..frames.len()).map(|k| truth.samples(k, 8)).collect();
-    let left = product::displacement_left(&samples, &solutions);
-    let share = left.share_of(&product::uncorrected(&samples)).unwrap();
+    let footage = Footage::render(Sequence::new(named(name).expect("a sequence of the catalogue")));
+    let settings = product::settings(footage.settings(), Delay::True, 12);
+    let corrections = product::corrections(product::solve(&footage, settings).unwrap());
+    let left = displacement::left(&footage.truth, &corrections);
+    let share = left.share_of(&footage.uncorrected()).unwrap();
     assert!(share <= most, "{:.1} % left", 100.0 * share);
 }
 
@@ -42,14 +40,13 @@ fn a_readout_set_far_wrong_is_survived() {
     let mut settings = named("rot1_B0").expect("a sequence of the catalogue");
     settings.frames = 8;
     let period = 1.0 / settings.fps;
-    let sequence = Sequence::new(settings);
-    let frames: Vec<Frame> = sequence.frames().collect();
+    let footage = Footage::render(Sequence::new(settings));
     let delays = [40.0, 5e3, 1e9].map(ReadoutTime::DelayRows);
     let seconds = [1e-9, period * 1.5, 0.5, 1e9].map(ReadoutTime::Seconds);
     for readout_time in delays.into_iter().chain(seconds) {
         for lookahead in [0, 4] {
             let settings = Settings { lookahead, readout_time, ..Settings::default() };
-            let solutions = product::solve(&sequence, &frames, settings).unwrap();
+            let solutions = product::solve(&footage, settings).unwrap();
             for solution in solutions {
                 let moved = solution.path.twist.after(period).apply(Vector2::zeros()).norm();
                 assert!(moved < 200.0 && solution.residual.is_finite(), "{readout_time:?}: {solution:?}");

@@ -4,10 +4,10 @@
 mod common;
 
 use common::*;
+use eval::scene::{FirstEdge, Frame, Scene, room};
+use eval::sequence::{Sequence, Settings, named};
 use gst::prelude::*;
 use gst_check::Harness;
-use rsrectify_eval::scene::{FirstEdge, Frame, Scene, room};
-use rsrectify_eval::sequence::{Sequence, Settings, named};
 use std::sync::{Arc, LazyLock};
 
 const WIDTH: usize = 320;

@@ -5,13 +5,17 @@
 //! | [`scene`] | what a camera sees; knows nothing of the library under test |
 //! | [`sequence`] | named sequences and their settings |
 //! | [`truth`] | where each pixel belongs, and where it is seen next |
+//! | [`footage`] | a sequence in memory: frames, timestamps, truth |
+//! | [`correspondences`] | where the correspondences come from that every method is given |
+//! | [`methods`] | the systems that are compared, among them the library under test |
 //! | [`metrics`] | how far a rectified frame is from the truth |
-//! | [`product`] | the library under test, called as any program would |
 //! | [`speed`] | how long the library takes for a frame |
 //! | [`video`] | frames to files |
 
+pub mod correspondences;
+pub mod footage;
+pub mod methods;
 pub mod metrics;
-pub mod product;
 pub mod scene;
 pub mod sequence;
 pub mod speed;

@@ -2,17 +2,15 @@
 
 use anyhow::{Context, Result};
 use clap::{Args, Parser, Subcommand};
-use rsrectify_eval::metrics::Stats;
-use rsrectify_eval::product::{self, Delay};
-use rsrectify_eval::scene::{Frame, room};
-use rsrectify_eval::sequence::{self, Sequence, Settings};
-use rsrectify_eval::speed;
-use rsrectify_eval::video;
+use eval::footage::Footage;
+use eval::methods::product::{self, Delay};
+use eval::metrics::{Stats, displacement};
+use eval::scene::room;
+use eval::sequence::{self, Sequence, Settings};
+use eval::speed;
+use eval::video;
 use std::path::PathBuf;
 use std::sync::Arc;
-
-/// Truth is sampled every so many pixels.
-const STEP: usize = 8;
 
 /// Renders rolling-shutter sequences with exact truth and judges rsrectify on them.
 #[derive(Parser)]
@@ -128,21 +126,18 @@ fn measure(names: &[String], lookahead: usize, changes: &Changes) -> Result<()> 
     let scene = Arc::new(room::room(seed));
     for settings in settings {
         let sequence = Sequence::in_scene(changes.apply(settings), scene.clone());
-        println!("{}", measured_row(&sequence, lookahead)?);
+        println!("{}", measured_row(&Footage::render(sequence), lookahead)?);
     }
     Ok(())
 }
 
-fn measured_row(sequence: &Sequence, lookahead: usize) -> Result<String> {
-    let frames: Vec<Frame> = sequence.frames().collect();
-    let truth = sequence.truth();
-    let samples: Vec<_> = (0..frames.len()).map(|k| truth.samples(k, STEP)).collect();
-    let uncorrected = product::uncorrected(&samples);
-    let mut row = format!("| {} | {} |", sequence.settings.name, pixels(&uncorrected));
+fn measured_row(footage: &Footage, lookahead: usize) -> Result<String> {
+    let uncorrected = footage.uncorrected();
+    let mut row = format!("| {} | {} |", footage.settings().name, pixels(&uncorrected));
     for delay in [Delay::Zero, Delay::True] {
-        let settings = product::settings(&sequence.settings, delay, lookahead);
-        let solutions = product::solve(sequence, &frames, settings)?;
-        let left = product::displacement_left(&samples, &solutions);
+        let settings = product::settings(footage.settings(), delay, lookahead);
+        let corrections = product::corrections(product::solve(footage, settings)?);
+        let left = displacement::left(&footage.truth, &corrections);
         let share = left.share_of(&uncorrected).map_or("–".into(), |s| format!("{:.1} %", 100.0 * s));
         row += &format!(" {} | {share} |", pixels(&left));
     }

@@ -1,5 +1,7 @@
-//! How far a rectified frame is from the truth.
+//! Displacement that is left.
 
+use crate::footage::FrameTruth;
+use crate::methods::Correction;
 use crate::truth::Sample;
 use nalgebra::Vector2;
 
@@ -40,6 +42,13 @@ pub fn distances<'a>(
     corrected: impl Fn(Vector2<f64>) -> Vector2<f64> + 'a,
 ) -> impl Iterator<Item = f64> + 'a {
     samples.iter().map(move |sample| (corrected(sample.seen) - sample.truth).norm())
+}
+
+/// The displacement left over the frames of a sequence.
+pub fn left(truth: &[FrameTruth], corrections: &[Box<dyn Correction>]) -> Stats {
+    let frames = truth.iter().zip(corrections);
+    let left = frames.flat_map(|(truth, correction)| distances(&truth.samples, |x| correction.correct(x)));
+    Stats::of(left.collect())
 }
 
 #[cfg(test)]

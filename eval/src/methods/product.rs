@@ -1,14 +1,13 @@
 //! The library under test, called as any program would call it.
 
-use crate::metrics::{Stats, distances};
-use crate::scene::{FirstEdge, Frame};
-use crate::sequence::{self, Sequence};
-use crate::truth::Sample;
+use super::{Correction, Corrections};
+use crate::footage::{Footage, direction};
+use crate::sequence;
 use anyhow::{Context, Result};
 use nalgebra::Vector2;
 use rsrectify::motion::image_centre;
 use rsrectify::plane::{Luma, Plane, PlaneLayout, SampleFormat};
-use rsrectify::readout::{ReadoutDirection, ReadoutTime};
+use rsrectify::readout::ReadoutTime;
 use rsrectify::rectifier::{FrameSolution, Rectifier, Settings};
 
 /// What the product is told of the readout time.
@@ -22,36 +21,36 @@ pub enum Delay {
 
 /// The library's settings for a sequence.
 pub fn settings(sequence: &sequence::Settings, delay: Delay, lookahead: usize) -> Settings {
-    let direction = match sequence.first {
-        FirstEdge::Top => ReadoutDirection::TopToBottom,
-        FirstEdge::Bottom => ReadoutDirection::BottomToTop,
-        FirstEdge::Left => ReadoutDirection::LeftToRight,
-        FirstEdge::Right => ReadoutDirection::RightToLeft,
-    };
     let readout_time = match delay {
         Delay::Zero => ReadoutTime::WholePeriod,
         Delay::True => ReadoutTime::Seconds(sequence.readout_time()),
     };
-    Settings { lookahead, direction, readout_time, ..Settings::default() }
+    Settings { lookahead, direction: direction(sequence.first), readout_time, ..Settings::default() }
 }
 
 /// Pushes the frames of a sequence and collects the motion of each.
-pub fn solve(sequence: &Sequence, frames: &[Frame], settings: Settings) -> Result<Vec<FrameSolution>> {
-    let (width, height) = (sequence.settings.width, sequence.settings.height);
-    let period = Some(1.0 / sequence.settings.fps);
+pub fn solve(footage: &Footage, settings: Settings) -> Result<Vec<FrameSolution>> {
+    let (width, height) = (footage.settings().width, footage.settings().height);
+    let period = Some(1.0 / footage.settings().fps);
     let mut rectifier = Rectifier::new(settings, width, height, period);
-    let mut solutions = Vec::with_capacity(frames.len());
-    for (k, frame) in frames.iter().enumerate() {
+    let mut solutions = Vec::with_capacity(footage.frames.len());
+    for (frame, stamp) in footage.frames.iter().zip(&footage.stamps) {
         let luma = frame.luma();
         let plane = Plane::new(&luma, PlaneLayout::packed(width, height, SampleFormat::U8))?;
-        rectifier.push(&Luma::from(plane), Some(sequence.start(k)), false);
+        rectifier.push(&Luma::from(plane), Some(*stamp), false);
         solutions.extend(std::iter::from_fn(|| rectifier.pop()));
     }
     rectifier.drain();
     solutions.extend(std::iter::from_fn(|| rectifier.pop()));
-    (solutions.len() == frames.len())
+    (solutions.len() == footage.frames.len())
         .then_some(solutions)
         .context("the rectifier gave out another number of motions than it was given frames")
+}
+
+/// The corrections that solutions stand for.
+pub fn corrections(solutions: Vec<FrameSolution>) -> Corrections {
+    let correction = |solution| Box::new(move |pixel| corrected(&solution, pixel)) as Box<dyn Correction>;
+    solutions.into_iter().map(correction).collect()
 }
 
 /// Where a solution takes a pixel: to the middle of the readout.
@@ -62,26 +61,12 @@ pub fn corrected(solution: &FrameSolution, pixel: Vector2<f64>) -> Vector2<f64> 
     solution.path.carry(pixel - centre, share, 0.5) + centre
 }
 
-/// The displacement of a sequence as it arrives, where `samples` holds the truth of each frame.
-pub fn uncorrected(samples: &[Vec<Sample>]) -> Stats {
-    Stats::of(samples.iter().flat_map(|samples| distances(samples, |pixel| pixel)).collect())
-}
-
-/// The displacement left over a sequence, where `samples` holds the truth of each frame.
-pub fn displacement_left(samples: &[Vec<Sample>], solutions: &[FrameSolution]) -> Stats {
-    let pairs = samples.iter().zip(solutions);
-    Stats::of(
-        pairs
-            .flat_map(|(samples, solution)| distances(samples, |pixel| corrected(solution, pixel)))
-            .collect(),
-    )
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::sequence::Sequence;
     use rsrectify::motion::{MotionPath, Twist};
-    use rsrectify::readout::Readout;
+    use rsrectify::readout::{Readout, ReadoutDirection};
     use rsrectify::rectifier::Origin;
 
     #[test]
@@ -101,20 +86,17 @@ mod tests {
         // Row 0 is read last, at share 1 − 0.5/48: half a readout (1 px) back, less half a row.
         let seen = Vector2::new(10.0, 0.0);
         let truth = Vector2::new(10.0 - 2.0 * (0.5 - 0.5 / 48.0), 0.0);
-        let samples = [Sample { seen, truth }];
         assert!((corrected(&solution, seen) - truth).norm() < 1e-12);
-        assert!(displacement_left(&[samples.to_vec()], &[solution]).rms < 1e-12);
     }
 
     #[test]
     fn every_frame_gets_its_motion() {
         let settings =
             sequence::Settings { width: 160, height: 120, frames: 5, ..sequence::named("btt_g085").unwrap() };
-        let sequence = Sequence::new(settings);
-        let frames: Vec<Frame> = sequence.frames().collect();
+        let footage = Footage::render(Sequence::new(settings));
         for lookahead in [0, 3, 12] {
-            let settings = super::settings(&sequence.settings, Delay::True, lookahead);
-            let solutions = solve(&sequence, &frames, settings).unwrap();
+            let settings = super::settings(footage.settings(), Delay::True, lookahead);
+            let solutions = solve(&footage, settings).unwrap();
             assert_eq!(solutions.len(), 5);
             assert!((solutions[2].readout.time - 0.85 / 30.0).abs() < 1e-12);
             assert_eq!(solutions[2].readout.direction, ReadoutDirection::BottomToTop);

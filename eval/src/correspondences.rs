@@ -1,0 +1,54 @@
+//! Where the correspondences come from that every method is given.
+
+use crate::footage::Footage;
+use crate::scene::Frame;
+use anyhow::Result;
+use rsrectify::correspond::{Correspondence, Pyramid, Sampler};
+use rsrectify::plane::{Luma, Plane, PlaneLayout, SampleFormat};
+
+/// Columns and rows of the sampling grid.
+pub const GRID: [usize; 2] = [32, 24];
+
+/// Where correspondences come from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Source {
+    /// The library's own sampler.
+    Sampler,
+    /// The truth: without error, so that what is left is the model's.
+    Exact,
+}
+
+/// The correspondences from each frame of a run to the one after it.
+pub fn of_run(footage: &Footage, run: &[usize], source: Source) -> Result<Vec<Vec<Correspondence>>> {
+    match source {
+        Source::Sampler => sampled(footage, run),
+        Source::Exact => Ok(run
+            .windows(2)
+            .map(|pair| footage.sequence.truth().exact_correspondences(pair[0], GRID[0], GRID[1]))
+            .collect()),
+    }
+}
+
+fn sampled(footage: &Footage, run: &[usize]) -> Result<Vec<Vec<Correspondence>>> {
+    let (width, height) = (footage.settings().width, footage.settings().height);
+    let mut sampler = Sampler::new(width, height, GRID[0], GRID[1]);
+    let build = |sampler: &Sampler, frame: &Frame| -> Result<Pyramid> {
+        let luma = frame.luma();
+        let plane = Plane::new(&luma, PlaneLayout::packed(width, height, SampleFormat::U8))?;
+        let mut pyramid = Pyramid::new();
+        sampler.build(&Luma::from(plane), &mut pyramid);
+        Ok(pyramid)
+    };
+    let mut pairs = Vec::with_capacity(run.len().saturating_sub(1));
+    let mut before: Option<Pyramid> = None;
+    for index in run {
+        let now = build(&sampler, &footage.frames[*index])?;
+        if let Some(before) = &before {
+            let mut found = Vec::new();
+            sampler.correspond(before, &now, |pixel| pixel, &mut found);
+            pairs.push(found);
+        }
+        before = Some(now);
+    }
+    Ok(pairs)
+}

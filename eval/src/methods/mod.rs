@@ -1,0 +1,90 @@
+//! Every system that the method is compared with, behind one trait, and the product itself.
+
+pub mod product;
+
+use crate::footage::Footage;
+use anyhow::Result;
+use nalgebra::Vector2;
+use rsrectify::correspond::Correspondence;
+use rsrectify::readout::Readout;
+
+/// What a method finds out about one frame: where each of its pixels belongs.
+pub trait Correction: Send + Sync {
+    /// Where the scene point seen at `pixel` is at the reference instant, the middle of the readout.
+    fn correct(&self, pixel: Vector2<f64>) -> Vector2<f64>;
+}
+
+impl<F: Fn(Vector2<f64>) -> Vector2<f64> + Send + Sync> Correction for F {
+    fn correct(&self, pixel: Vector2<f64>) -> Vector2<f64> {
+        self(pixel)
+    }
+}
+
+/// The corrections of successive frames.
+pub type Corrections = Vec<Box<dyn Correction>>;
+
+/// What a method is given: a run of frames that follow one another, without a cut and without repeated
+/// frames, and the correspondences between them.
+pub struct Input<'a> {
+    /// The shutter that the method is told.
+    pub readout: Readout,
+    /// Focal length in pixels; only calibrated methods look at it.
+    pub focal: f64,
+    /// The nominal frame period in seconds.
+    pub period: f64,
+    /// The start of each frame's readout in seconds.
+    pub stamps: Vec<f64>,
+    /// The correspondences from each frame to the one after it: one list less than frames.
+    pub pairs: &'a [Vec<Correspondence>],
+}
+
+/// A way to rectify, given correspondences.
+pub trait Method: Send + Sync {
+    /// A short name, unique among the methods, such as `3d-rotation-2`.
+    fn name(&self) -> String;
+
+    /// Finds the correction of each frame.
+    ///
+    /// # Errors
+    /// Where the input does not determine a motion and there is no sensible fallback. A frame whose
+    /// motion cannot be found is best left as it is.
+    fn solve(&self, input: &Input) -> Result<Corrections>;
+}
+
+/// Applies a method to each run of the footage, given the correspondences of each run. A frame that
+/// repeats the one before it is corrected as that one is.
+pub fn solve(
+    method: &dyn Method,
+    footage: &Footage,
+    readout: Readout,
+    pairs: &[Vec<Vec<Correspondence>>],
+) -> Result<Corrections> {
+    let mut corrections: Vec<Option<Box<dyn Correction>>> = Vec::new();
+    corrections.resize_with(footage.frames.len(), || None);
+    for (run, pairs) in footage.runs().iter().zip(pairs) {
+        let input = Input {
+            readout,
+            focal: footage.sequence.camera.lens.focal,
+            period: 1.0 / footage.settings().fps,
+            stamps: run.iter().map(|index| footage.stamps[*index]).collect(),
+            pairs,
+        };
+        for (index, correction) in run.iter().zip(method.solve(&input)?) {
+            corrections[*index] = Some(correction);
+        }
+    }
+    Ok(corrections.into_iter().map(|found| found.unwrap_or_else(|| Box::new(|pixel| pixel))).collect())
+}
+
+/// Leaves every frame as it is.
+pub struct Uncorrected;
+
+impl Method for Uncorrected {
+    fn name(&self) -> String {
+        "uncorrected".into()
+    }
+
+    fn solve(&self, input: &Input) -> Result<Corrections> {
+        Ok(input.stamps.iter().map(|_| Box::new(|pixel| pixel) as Box<dyn Correction>).collect())
+    }
+}

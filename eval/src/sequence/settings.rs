@@ -1,0 +1,69 @@
+//! What determines a sequence.
+
+use crate::scene::FirstEdge;
+use crate::scene::path::Motion;
+
+/// How strong the motion is.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Strength {
+    /// A factor on the motion's own amplitude.
+    Amplitude(f64),
+    /// So strong that the frames as they are seen lie this many pixels (RMS) from their truth.
+    Displacement(f64),
+}
+
+/// Everything that determines a sequence.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Settings {
+    /// The sequence's name.
+    pub name: String,
+    /// Frame width in pixels.
+    pub width: usize,
+    /// Frame height in pixels.
+    pub height: usize,
+    /// Number of frames.
+    pub frames: usize,
+    /// Frames a second.
+    pub fps: f64,
+    /// Readout ratio γ = T / frame period, 0 (global shutter) to 1.
+    pub readout_ratio: f64,
+    /// The edge exposed first.
+    pub first: FirstEdge,
+    /// Standard deviation of the sensor noise in grey levels.
+    pub noise: f32,
+    /// How the camera moves.
+    pub motion: Motion,
+    /// How strongly.
+    pub strength: Strength,
+    /// Seed of the path, the textures and the noise.
+    pub seed: u64,
+}
+
+impl Settings {
+    pub(super) fn new(name: &str, motion: Motion, strength: Strength) -> Self {
+        Self {
+            name: name.into(),
+            width: 640,
+            height: 480,
+            frames: 24,
+            fps: 30.0,
+            readout_ratio: 1.0,
+            first: FirstEdge::Top,
+            noise: 0.0,
+            motion,
+            strength,
+            seed: 1,
+        }
+    }
+
+    /// With `rows` blank rows between frames of 480: γ = 480 / (480 + rows), whatever the size.
+    pub(super) fn blank_rows(mut self, rows: f64) -> Self {
+        self.readout_ratio = 480.0 / (480.0 + rows);
+        self
+    }
+
+    /// Readout time T in seconds.
+    pub fn readout_time(&self) -> f64 {
+        self.readout_ratio / self.fps
+    }
+}
