@@ -22,11 +22,16 @@ pub enum Source {
 pub fn of_run(footage: &Footage, run: &[usize], source: Source) -> Result<Vec<Vec<Correspondence>>> {
     match source {
         Source::Sampler => sampled(footage, run),
-        Source::Exact => Ok(run
-            .windows(2)
-            .map(|pair| footage.sequence.truth().exact_correspondences(pair[0], GRID[0], GRID[1]))
-            .collect()),
+        Source::Exact => Ok(exact(footage, run)),
     }
+}
+
+fn exact(footage: &Footage, run: &[usize]) -> Vec<Vec<Correspondence>> {
+    let capture = |index: usize| footage.sequence.capture(index);
+    let [columns, rows] = GRID;
+    run.windows(2)
+        .map(|pair| capture(pair[0]).exact_correspondences(&capture(pair[1]), columns, rows))
+        .collect()
 }
 
 fn sampled(footage: &Footage, run: &[usize]) -> Result<Vec<Vec<Correspondence>>> {

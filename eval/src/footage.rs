@@ -34,8 +34,8 @@ impl Footage {
     pub fn render(sequence: Sequence) -> Self {
         let count = sequence.settings.frames;
         let truth = |k: usize| FrameTruth {
-            samples: sequence.truth().samples(k, STEP),
-            global: sequence.renderer().global(sequence.truth().reference(k)).sense(0.0, 0),
+            samples: sequence.capture(k).samples(STEP),
+            global: sequence.renderer().global(sequence.capture(k).reference()).sense(0.0, 0),
         };
         let truth = (0..count).map(truth).collect();
         let frames = sequence.frames().collect();

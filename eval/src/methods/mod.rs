@@ -64,7 +64,7 @@ pub fn solve(
     for (run, pairs) in footage.runs().iter().zip(pairs) {
         let input = Input {
             readout,
-            focal: footage.sequence.camera.lens.focal,
+            focal: footage.sequence.take.camera.lens.focal,
             period: 1.0 / footage.settings().fps,
             stamps: run.iter().map(|index| footage.stamps[*index]).collect(),
             pairs,

@@ -6,9 +6,10 @@ mod settings;
 pub use catalogue::{catalogue, demo, named};
 pub use settings::{Settings, Strength};
 
+use crate::metrics::{Stats, distances};
 use crate::scene::path::Oscillations;
 use crate::scene::{Frame, Pinhole, Renderer, RollingCamera, Scene, Shutter, room};
-use crate::truth::Truth;
+use crate::truth::Capture;
 use std::sync::Arc;
 
 /// Focal length in frame widths: a field of view of 53° across.
@@ -18,6 +19,12 @@ const FOCAL: f64 = 1.0;
 pub struct Sequence {
     /// What determines it.
     pub settings: Settings,
+    /// What is seen, and who sees it.
+    pub take: Take,
+}
+
+/// A scene and the camera that films it.
+pub struct Take {
     /// What is seen.
     pub scene: Arc<Scene>,
     /// Who sees it.
@@ -33,10 +40,10 @@ impl Sequence {
 
     /// A sequence in a scene that is there already.
     pub fn in_scene(settings: Settings, scene: Arc<Scene>) -> Self {
-        let camera = camera(&settings, 1.0);
-        let mut sequence = Self { settings, scene, camera };
+        let take = Take { scene, camera: camera(&settings, 1.0) };
+        let mut sequence = Self { settings, take };
         match sequence.settings.strength {
-            Strength::Amplitude(amplitude) => sequence.camera = camera_of(&sequence, amplitude),
+            Strength::Amplitude(amplitude) => sequence.take.camera = camera(&sequence.settings, amplitude),
             Strength::Displacement(pixels) => sequence.reach(pixels),
         }
         sequence
@@ -47,9 +54,15 @@ impl Sequence {
         k as f64 / self.settings.fps
     }
 
-    /// The truth of this sequence.
-    pub fn truth(&self) -> Truth<'_> {
-        Truth::new(self)
+    /// The truth of frame `k`.
+    pub fn capture(&self, k: usize) -> Capture<'_> {
+        Capture { take: &self.take, start: self.start(k) }
+    }
+
+    /// The displacement of the sequence as it arrives, sampled every `step` pixels.
+    pub fn uncorrected(&self, step: usize) -> Stats {
+        let frames = (0..self.settings.frames).map(|k| self.capture(k).samples(step));
+        Stats::of(frames.flat_map(|samples| distances(&samples, |x| x).collect::<Vec<_>>()).collect())
     }
 
     /// Frame `k` as the camera gives it.
@@ -66,7 +79,7 @@ impl Sequence {
 
     /// The renderer of its frames.
     pub fn renderer(&self) -> Renderer<'_> {
-        Renderer { scene: &self.scene, camera: &self.camera, samples: 2 }
+        Renderer { scene: &self.take.scene, camera: &self.take.camera, samples: 2 }
     }
 
     /// Scales the motion until the uncorrected frames are `target` pixels from their truth.
@@ -76,18 +89,14 @@ impl Sequence {
     fn reach(&mut self, target: f64) {
         let mut amplitude = 1.0;
         for _ in 0..8 {
-            self.camera = camera_of(self, amplitude);
-            let reached = self.truth().uncorrected(self.settings.width / 40).rms;
+            self.take.camera = camera(&self.settings, amplitude);
+            let reached = self.uncorrected(self.settings.width / 40).rms;
             if (reached - target).abs() < 1e-3 * target {
                 break;
             }
             amplitude *= target / reached.max(1e-6);
         }
     }
-}
-
-fn camera_of(sequence: &Sequence, amplitude: f64) -> RollingCamera {
-    camera(&sequence.settings, amplitude)
 }
 
 fn camera(settings: &Settings, amplitude: f64) -> RollingCamera {
@@ -114,7 +123,7 @@ mod tests {
         for settings in catalogue() {
             let Strength::Displacement(target) = settings.strength else { continue };
             let name = settings.name.clone();
-            let reached = Sequence::in_scene(settings, scene.clone()).truth().uncorrected(8).rms;
+            let reached = Sequence::in_scene(settings, scene.clone()).uncorrected(8).rms;
             assert!((reached - target).abs() < 0.03 * target, "{name}: {reached} px for {target} px");
         }
     }
@@ -122,7 +131,7 @@ mod tests {
     #[test]
     fn controls_are_without_displacement() {
         for name in ["control_global", "control_still"] {
-            assert!(Sequence::new(small(name)).truth().uncorrected(16).rms < 1e-9);
+            assert!(Sequence::new(small(name)).uncorrected(16).rms < 1e-9);
         }
     }
 
@@ -154,11 +163,10 @@ mod tests {
     fn the_truth_takes_rolling_frames_to_global_ones() {
         for name in ["rot1_B0", "trans_rot1_B40", "btt_g085"] {
             let sequence = Sequence::new(small(name));
-            let truth = sequence.truth();
             let rolling = sequence.renderer().rolling(sequence.start(2)).grey();
-            let global = sequence.renderer().global(truth.reference(2)).grey();
+            let global = sequence.renderer().global(sequence.capture(2).reference()).grey();
             let (mut moved, mut left, mut count) = (0.0, 0.0, 0.0);
-            for sample in truth.samples(2, 3) {
+            for sample in sequence.capture(2).samples(3) {
                 let seen = at(&rolling, 320, sample.seen);
                 left += (seen - at(&global, 320, sample.truth)).powi(2);
                 moved += (seen - at(&global, 320, sample.seen)).powi(2);
