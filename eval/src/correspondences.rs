@@ -5,12 +5,13 @@ use crate::scene::Frame;
 use anyhow::Result;
 use rsrectify::correspond::{Correspondence, Pyramid, Sampler};
 use rsrectify::plane::{Luma, Plane, PlaneLayout, SampleFormat};
+use serde::{Deserialize, Serialize};
 
 /// Columns and rows of the sampling grid.
 pub const GRID: [usize; 2] = [32, 24];
 
 /// Where correspondences come from.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub enum Source {
     /// The library's own sampler.
     Sampler,

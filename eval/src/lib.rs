@@ -9,6 +9,7 @@
 //! | [`correspondences`] | where the correspondences come from that every method is given |
 //! | [`methods`] | the systems that are compared, among them the library under test |
 //! | [`metrics`] | how far a rectified frame is from the truth |
+//! | [`report`] | runs everything and writes tables, charts and stills |
 //! | [`speed`] | how long the library takes for a frame |
 //! | [`video`] | frames to files |
 
@@ -16,6 +17,7 @@ pub mod correspondences;
 pub mod footage;
 pub mod methods;
 pub mod metrics;
+pub mod report;
 pub mod scene;
 pub mod sequence;
 pub mod speed;

@@ -1,6 +1,7 @@
 //! Every system that the method is compared with, behind one trait, and the product itself.
 
 pub mod product;
+pub mod registry;
 
 use crate::footage::Footage;
 use anyhow::Result;

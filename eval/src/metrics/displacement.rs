@@ -4,9 +4,10 @@ use crate::footage::FrameTruth;
 use crate::methods::Correction;
 use crate::truth::Sample;
 use nalgebra::Vector2;
+use serde::{Deserialize, Serialize};
 
 /// Displacement over the samples of a frame or a sequence, in pixels.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Stats {
     /// Root mean square.
     pub rms: f64,

@@ -1,0 +1,136 @@
+//! All systems that the report compares, with what each is told.
+
+use super::product::{self, Delay};
+use super::{Corrections, Method, Uncorrected, solve};
+use crate::footage::Footage;
+use anyhow::Result;
+use rsrectify::correspond::Correspondence;
+use rsrectify::readout::{Readout, ReadoutTime};
+
+/// A system that is compared.
+pub struct Entry {
+    /// A short name, unique among the entries.
+    pub id: String,
+    /// What tables and charts call it.
+    pub label: &'static str,
+    /// Where it was described.
+    pub source: &'static str,
+    /// What it is told of the readout time.
+    pub told: Delay,
+    system: System,
+}
+
+enum System {
+    /// Takes runs of frames and the correspondences between them.
+    Runs(Box<dyn Method>),
+    /// The library under test: takes pictures as they arrive and finds its own correspondences.
+    Product {
+        /// Frames it may look ahead.
+        lookahead: usize,
+    },
+}
+
+impl Entry {
+    fn runs(method: impl Method + 'static, told: Delay, label: &'static str, source: &'static str) -> Self {
+        let id = identity(&method.name(), told);
+        Self { id, label, source, told, system: System::Runs(Box::new(method)) }
+    }
+
+    fn product(lookahead: usize, told: Delay, label: &'static str) -> Self {
+        let id = identity(&format!("rsrectify-{lookahead}"), told);
+        Self { id, label, source: "this library", told, system: System::Product { lookahead } }
+    }
+
+    /// Whether it works on the correspondences that it is given, and not on its own.
+    pub fn takes_correspondences(&self) -> bool {
+        matches!(self.system, System::Runs(_))
+    }
+
+    /// The correction of each frame, given the correspondences of each run of the footage.
+    ///
+    /// # Errors
+    /// Those of the method.
+    pub fn corrections(&self, footage: &Footage, pairs: &[Vec<Vec<Correspondence>>]) -> Result<Corrections> {
+        match &self.system {
+            System::Runs(method) => solve(method.as_ref(), footage, readout(footage, self.told), pairs),
+            System::Product { lookahead } => {
+                let settings = product::settings(footage.settings(), self.told, *lookahead);
+                Ok(product::corrections(product::solve(footage, settings)?))
+            }
+        }
+    }
+}
+
+fn identity(name: &str, told: Delay) -> String {
+    match told {
+        Delay::True => name.into(),
+        Delay::Zero => format!("{name}-delay-0"),
+    }
+}
+
+/// The shutter that a method is told.
+fn readout(footage: &Footage, told: Delay) -> Readout {
+    let truth = footage.readout();
+    match told {
+        Delay::True => truth,
+        Delay::Zero => {
+            let (time, period) = (ReadoutTime::WholePeriod, 1.0 / footage.settings().fps);
+            Readout::new(truth.width, truth.height, truth.direction, time, period)
+        }
+    }
+}
+
+/// The systems in the order of the tables.
+pub fn all() -> Vec<Entry> {
+    use Delay::{True, Zero};
+    vec![
+        Entry::runs(Uncorrected, True, "uncorrected", "–"),
+        Entry::product(4, Zero, "rsrectify, delay 0"),
+        Entry::product(12, Zero, "rsrectify, lookahead 12, delay 0"),
+        Entry::product(4, True, "rsrectify"),
+        Entry::product(12, True, "rsrectify, lookahead 12"),
+    ]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::correspondences::{Source, of_run};
+    use crate::sequence::{self, Sequence};
+    use nalgebra::Vector2;
+    use std::collections::HashSet;
+
+    #[test]
+    fn names_are_unique_and_labels_say_so() {
+        let entries = all();
+        let ids: HashSet<_> = entries.iter().map(|entry| &entry.id).collect();
+        let labels: HashSet<_> = entries.iter().map(|entry| entry.label).collect();
+        assert_eq!((ids.len(), labels.len()), (entries.len(), entries.len()));
+    }
+
+    #[test]
+    fn every_system_corrects_every_frame_by_a_finite_amount() {
+        let settings =
+            sequence::Settings { width: 160, height: 120, frames: 5, ..sequence::named("rot1_B40").unwrap() };
+        let footage = Footage::render(Sequence::new(settings));
+        let pairs: Vec<_> =
+            footage.runs().iter().map(|run| of_run(&footage, run, Source::Exact).unwrap()).collect();
+        for entry in all() {
+            let corrections = entry.corrections(&footage, &pairs).unwrap();
+            assert_eq!(corrections.len(), 5, "{}", entry.id);
+            for correction in corrections {
+                let moved = correction.correct(Vector2::new(40.0, 10.0)) - Vector2::new(40.0, 10.0);
+                assert!(moved.norm() < 40.0, "{}: {moved}", entry.id);
+            }
+        }
+    }
+
+    #[test]
+    fn delay_0_is_told_as_a_readout_of_the_whole_period() {
+        let settings =
+            sequence::Settings { width: 160, height: 120, frames: 2, ..sequence::named("btt_g085").unwrap() };
+        let footage = Footage::render(Sequence::new(settings));
+        assert!((readout(&footage, Delay::Zero).time - 1.0 / 30.0).abs() < 1e-12);
+        assert!((readout(&footage, Delay::True).time - 0.85 / 30.0).abs() < 1e-12);
+    }
+}

@@ -1,0 +1,111 @@
+//! Runs systems on sequences, one footage in memory at a time.
+
+use super::progress::Progress;
+use super::results::{FrameResult, Results, SequenceInfo, Trial};
+use crate::correspondences::{Source, of_run};
+use crate::footage::Footage;
+use crate::methods::registry::Entry;
+use crate::metrics::{Stats, distances};
+use crate::sequence::{Sequence, Settings};
+use anyhow::{Context, Result};
+use rayon::prelude::*;
+use rsrectify::correspond::Correspondence;
+
+/// A sequence to be run.
+pub struct Task {
+    /// The sequence, with the seed of its scene.
+    pub settings: Settings,
+    /// Where the correspondences come from, each in its turn.
+    pub sources: Vec<Source>,
+}
+
+/// Runs every system on every task. Systems that find their own correspondences run once, as from
+/// [`Source::Sampler`], which is theirs.
+///
+/// # Errors
+/// Those of the systems, with the name of the sequence.
+pub fn run(tasks: &[Task], entries: &[Entry], progress: &mut Progress) -> Result<Results> {
+    let mut results = Results::default();
+    for task in tasks {
+        let name = &task.settings.name;
+        progress.at(&format!("{name}, scene {}", task.settings.seed));
+        if !results.sequences.iter().any(|info| info.name == *name) {
+            results.sequences.push(info(&task.settings));
+        }
+        let footage = progress.time("rendering", || Footage::render(Sequence::new(task.settings.clone())));
+        for source in &task.sources {
+            let found = trials(&footage, *source, entries, progress);
+            results.trials.extend(found.with_context(|| format!("{name}, correspondences {source:?}"))?);
+        }
+        progress.step();
+    }
+    Ok(results)
+}
+
+fn info(settings: &Settings) -> SequenceInfo {
+    SequenceInfo {
+        name: settings.name.clone(),
+        readout_ratio: settings.readout_ratio,
+        frames: settings.frames,
+    }
+}
+
+fn trials(
+    footage: &Footage,
+    source: Source,
+    entries: &[Entry],
+    progress: &mut Progress,
+) -> Result<Vec<Trial>> {
+    let find = || footage.runs().iter().map(|run| of_run(footage, run, source)).collect::<Result<Vec<_>>>();
+    let pairs = progress.time("correspondences", find)?;
+    let uncorrected = footage.uncorrected();
+    let judge = |entry: &Entry| trial(footage, source, &pairs, &uncorrected, entry);
+    let runs = |entry: &&Entry| entry.takes_correspondences() || source == Source::Sampler;
+    progress.time("methods", || entries.par_iter().filter(runs).map(judge).collect())
+}
+
+fn trial(
+    footage: &Footage,
+    source: Source,
+    pairs: &[Vec<Vec<Correspondence>>],
+    uncorrected: &Stats,
+    entry: &Entry,
+) -> Result<Trial> {
+    let corrections = entry.corrections(footage, pairs).with_context(|| entry.id.clone())?;
+    let frames = footage.truth.iter().zip(&corrections);
+    let left: Vec<Vec<f64>> = frames
+        .map(|(truth, correction)| distances(&truth.samples, |x| correction.correct(x)).collect())
+        .collect();
+    Ok(Trial {
+        sequence: footage.settings().name.clone(),
+        seed: footage.settings().seed,
+        source,
+        method: entry.id.clone(),
+        uncorrected: *uncorrected,
+        frames: left.iter().map(|left| FrameResult { left: Stats::of(left.clone()).rms }).collect(),
+        left: Stats::of(left.concat()),
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::methods::registry;
+    use crate::sequence::named;
+
+    #[test]
+    fn the_uncorrected_trial_is_the_footage_as_it_arrives() {
+        let settings = Settings { width: 160, height: 120, frames: 4, ..named("rot1_B0").unwrap() };
+        let sources = vec![Source::Sampler, Source::Exact];
+        let tasks = [Task { settings, sources }];
+        let entries = registry::all();
+        let results = run(&tasks, &entries, &mut Progress::new(1)).unwrap();
+        let own = entries.iter().filter(|entry| !entry.takes_correspondences()).count();
+        assert_eq!(results.trials.len(), 2 * entries.len() - own);
+        let uncorrected = results.of("rot1_B0", Source::Exact, "uncorrected").next().unwrap();
+        assert_eq!(uncorrected.share(), Some(1.0));
+        let squares: f64 = uncorrected.frames.iter().map(|frame| frame.left.powi(2)).sum();
+        let mean = (squares / 4.0).sqrt();
+        assert!((mean - uncorrected.left.rms).abs() < 0.05 * mean, "frames have nearly equal weight");
+    }
+}
