@@ -1,5 +1,17 @@
-//! How far a rectified frame is from the truth.
+//! How far a rectified frame is from the truth, and how a clip without truth fares.
+//!
+//! | needs | module | what it measures |
+//! |---|---|---|
+//! | displacement truth | [`displacement`] | pixels left |
+//! | no displacement at all | [`harm`] | pixels added |
+//! | a global frame | [`colour`] | the paper's colour distance, PSNR, SSIM |
+//! | the true shutter | [`readout`] | error of the readout ratio |
+//!
 
+pub mod colour;
 pub mod displacement;
+pub mod harm;
+pub mod readout;
+pub mod resample;
 
 pub use displacement::{Stats, distances};
