@@ -5,6 +5,7 @@ use clap::{Args, Parser, Subcommand};
 use eval::footage::Footage;
 use eval::methods::product::{self, Delay};
 use eval::metrics::{Stats, displacement};
+use eval::report::quick;
 use eval::scene::room;
 use eval::sequence::{self, Sequence, Settings};
 use eval::speed;
@@ -59,6 +60,12 @@ enum Command {
         #[arg(long, default_value_t = 4)]
         lookahead: usize,
     },
+    /// Checks in a few minutes that no figure of the library is worse than recorded.
+    Quick {
+        /// Records the figures instead.
+        #[arg(long)]
+        record: bool,
+    },
     /// Prints the names of the sequences.
     List,
 }
@@ -96,6 +103,7 @@ fn main() -> Result<()> {
         Command::Demo { out, changes } => render(changes.apply(sequence::demo()), &out),
         Command::Measure { sequence, lookahead, changes } => measure(&sequence, lookahead, &changes),
         Command::Speed { file, lookahead } => speed(&file, lookahead),
+        Command::Quick { record } => quick::run(record),
         Command::List => {
             sequence::catalogue().iter().for_each(|settings| println!("{}", settings.name));
             Ok(())

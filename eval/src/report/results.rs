@@ -1,5 +1,6 @@
 //! What a run of the evaluation found.
 
+use super::pictures::Likeness;
 use crate::correspondences::Source;
 use crate::metrics::Stats;
 use anyhow::{Context, Result};
@@ -51,12 +52,20 @@ pub struct Trial {
 pub struct FrameResult {
     /// Displacement left, RMS in pixels.
     pub left: f64,
+    /// Likeness of the picture to the truth, where it was judged.
+    pub likeness: Option<Likeness>,
 }
 
 impl Trial {
     /// The displacement left as a share of the uncorrected one; `None` where nothing was displaced.
     pub fn share(&self) -> Option<f64> {
         self.left.share_of(&self.uncorrected)
+    }
+
+    /// The mean of a measure of likeness over the frames that were judged.
+    pub fn mean(&self, measure: impl Fn(&Likeness) -> f64) -> Option<f64> {
+        let judged = self.frames.iter().filter_map(|frame| frame.likeness.as_ref().map(&measure));
+        Spread::of(judged).map(|spread| spread.mean)
     }
 }
 
@@ -132,7 +141,7 @@ mod tests {
             method: "m".into(),
             left: stats(left),
             uncorrected: stats(uncorrected),
-            frames: vec![FrameResult { left }],
+            frames: vec![FrameResult { left, likeness: None }],
         }
     }
 

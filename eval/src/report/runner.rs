@@ -1,9 +1,11 @@
 //! Runs systems on sequences, one footage in memory at a time.
 
+use super::pictures::{likeness, visible};
 use super::progress::Progress;
 use super::results::{FrameResult, Results, SequenceInfo, Trial};
 use crate::correspondences::{Source, of_run};
 use crate::footage::Footage;
+use crate::methods::Corrections;
 use crate::methods::registry::Entry;
 use crate::metrics::{Stats, distances};
 use crate::sequence::{Sequence, Settings};
@@ -17,6 +19,8 @@ pub struct Task {
     pub settings: Settings,
     /// Where the correspondences come from, each in its turn.
     pub sources: Vec<Source>,
+    /// Whether the pictures from the first source are judged too, and not their displacement alone.
+    pub pictures: bool,
 }
 
 /// Runs every system on every task. Systems that find their own correspondences run once, as from
@@ -33,8 +37,9 @@ pub fn run(tasks: &[Task], entries: &[Entry], progress: &mut Progress) -> Result
             results.sequences.push(info(&task.settings));
         }
         let footage = progress.time("rendering", || Footage::render(Sequence::new(task.settings.clone())));
-        for source in &task.sources {
-            let found = trials(&footage, *source, entries, progress);
+        for (index, source) in task.sources.iter().enumerate() {
+            let pictures = task.pictures && index == 0;
+            let found = trials(&footage, *source, pictures, entries, progress);
             results.trials.extend(found.with_context(|| format!("{name}, correspondences {source:?}"))?);
         }
         progress.step();
@@ -53,38 +58,62 @@ fn info(settings: &Settings) -> SequenceInfo {
 fn trials(
     footage: &Footage,
     source: Source,
+    pictures: bool,
     entries: &[Entry],
     progress: &mut Progress,
 ) -> Result<Vec<Trial>> {
     let find = || footage.runs().iter().map(|run| of_run(footage, run, source)).collect::<Result<Vec<_>>>();
     let pairs = progress.time("correspondences", find)?;
-    let uncorrected = footage.uncorrected();
-    let judge = |entry: &Entry| trial(footage, source, &pairs, &uncorrected, entry);
     let runs = |entry: &&Entry| entry.takes_correspondences() || source == Source::Sampler;
-    progress.time("methods", || entries.par_iter().filter(runs).map(judge).collect())
+    let solve = |entry| solved(footage, &pairs, entry);
+    let solved: Vec<Solved> =
+        progress.time("methods", || entries.par_iter().filter(runs).map(solve).collect::<Result<_>>())?;
+    let uncorrected = footage.uncorrected();
+    let judge = |solved: &Solved| displacement(footage, source, &uncorrected, solved);
+    let mut trials: Vec<Trial> = progress.time("displacement", || solved.par_iter().map(judge).collect());
+    if pictures {
+        progress.time("pictures", || judge_pictures(footage, &solved, &mut trials));
+    }
+    Ok(trials)
 }
 
-fn trial(
-    footage: &Footage,
-    source: Source,
-    pairs: &[Vec<Vec<Correspondence>>],
-    uncorrected: &Stats,
-    entry: &Entry,
-) -> Result<Trial> {
+/// What a system found.
+struct Solved<'a> {
+    entry: &'a Entry,
+    corrections: Corrections,
+}
+
+fn solved<'a>(footage: &Footage, pairs: &[Vec<Vec<Correspondence>>], entry: &'a Entry) -> Result<Solved<'a>> {
     let corrections = entry.corrections(footage, pairs).with_context(|| entry.id.clone())?;
-    let frames = footage.truth.iter().zip(&corrections);
+    Ok(Solved { entry, corrections })
+}
+
+fn displacement(footage: &Footage, source: Source, uncorrected: &Stats, solved: &Solved) -> Trial {
+    let frames = footage.truth.iter().zip(&solved.corrections);
     let left: Vec<Vec<f64>> = frames
         .map(|(truth, correction)| distances(&truth.samples, |x| correction.correct(x)).collect())
         .collect();
-    Ok(Trial {
+    let frame = |left: &Vec<f64>| FrameResult { left: Stats::of(left.clone()).rms, likeness: None };
+    Trial {
         sequence: footage.settings().name.clone(),
         seed: footage.settings().seed,
         source,
-        method: entry.id.clone(),
+        method: solved.entry.id.clone(),
         uncorrected: *uncorrected,
-        frames: left.iter().map(|left| FrameResult { left: Stats::of(left.clone()).rms }).collect(),
+        frames: left.iter().map(frame).collect(),
         left: Stats::of(left.concat()),
-    })
+    }
+}
+
+/// Frame by frame, so that a mask serves all systems and only a few pictures are in memory.
+fn judge_pictures(footage: &Footage, solved: &[Solved], trials: &mut [Trial]) {
+    for index in 0..footage.frames.len() {
+        let mask = visible(footage, index);
+        trials.par_iter_mut().zip(solved).for_each(|(trial, solved)| {
+            let correction = solved.corrections[index].as_ref();
+            trial.frames[index].likeness = likeness(footage, index, correction, &mask);
+        });
+    }
 }
 
 #[cfg(test)]
@@ -97,13 +126,16 @@ mod tests {
     fn the_uncorrected_trial_is_the_footage_as_it_arrives() {
         let settings = Settings { width: 160, height: 120, frames: 4, ..named("rot1_B0").unwrap() };
         let sources = vec![Source::Sampler, Source::Exact];
-        let tasks = [Task { settings, sources }];
+        let tasks = [Task { settings, sources, pictures: true }];
         let entries = registry::all();
         let results = run(&tasks, &entries, &mut Progress::new(1)).unwrap();
         let own = entries.iter().filter(|entry| !entry.takes_correspondences()).count();
         assert_eq!(results.trials.len(), 2 * entries.len() - own);
         let uncorrected = results.of("rot1_B0", Source::Exact, "uncorrected").next().unwrap();
         assert_eq!(uncorrected.share(), Some(1.0));
+        assert!(uncorrected.frames.iter().all(|frame| frame.likeness.is_none()), "of the first source only");
+        let judged = results.of("rot1_B0", Source::Sampler, "uncorrected").next().unwrap();
+        assert!(judged.frames.iter().all(|frame| frame.likeness.is_some_and(|found| found.psnr < 30.0)));
         let squares: f64 = uncorrected.frames.iter().map(|frame| frame.left.powi(2)).sum();
         let mean = (squares / 4.0).sqrt();
         assert!((mean - uncorrected.left.rms).abs() < 0.05 * mean, "frames have nearly equal weight");

@@ -1,0 +1,52 @@
+//! How much the rectified pictures of a frame look like the true one.
+
+use crate::footage::{Footage, STEP};
+use crate::methods::Correction;
+use crate::metrics::colour;
+use crate::metrics::resample::rectified;
+use serde::{Deserialize, Serialize};
+
+/// Likeness of a rectified picture to the truth, inside the visibility mask.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Likeness {
+    /// Share of pixels within the colour distance of 0.3.
+    pub accuracy: f64,
+    /// Peak signal-to-noise ratio in dB.
+    pub psnr: f64,
+    /// Structural similarity.
+    pub ssim: f64,
+}
+
+/// Judges the picture that a correction makes of a frame; `None` where no pixel can be judged or the
+/// picture is the truth itself, which no number of dB says.
+pub fn likeness(
+    footage: &Footage,
+    frame: usize,
+    correction: &dyn Correction,
+    mask: &[bool],
+) -> Option<Likeness> {
+    let picture = rectified(&footage.frames[frame], correction).frame;
+    let truth = &footage.truth[frame].global;
+    Some(Likeness {
+        accuracy: colour::accuracy(&picture, truth, mask)?,
+        psnr: colour::psnr(&picture, truth, mask).filter(|psnr| psnr.is_finite())?,
+        ssim: colour::ssim(&picture, truth, mask)?,
+    })
+}
+
+/// The pixels of the true picture of a frame that the frame shows too: those around the places where
+/// samples of the truth belong.
+pub fn visible(footage: &Footage, frame: usize) -> Vec<bool> {
+    let (width, height) = (footage.settings().width, footage.settings().height);
+    let mut mask = vec![false; width * height];
+    let around = |place: f64, length: usize| {
+        let first = (place.round() as usize).saturating_sub(STEP / 2);
+        first..(first + STEP + 1).min(length)
+    };
+    for sample in &footage.truth[frame].samples {
+        for y in around(sample.truth.y, height) {
+            mask[y * width..][around(sample.truth.x, width)].fill(true);
+        }
+    }
+    mask
+}

@@ -1,0 +1,137 @@
+//! A few minutes' check that nothing has become worse, against recorded figures.
+//!
+//! A figure is the displacement left in pixels (RMS), averaged over scenes with seeds of their own.
+//! Its noise is the standard error of that mean, from the spread over the same scenes, and at least
+//! what another processor's kernels may change. It is recorded with the figure, so that a run is
+//! judged by what was known when the figure was accepted.
+
+use super::progress::Progress;
+use super::results::Results;
+use super::runner::{self, Task};
+use super::tables::Table;
+use crate::correspondences::Source;
+use crate::methods::registry::{self, Entry};
+use crate::sequence;
+use anyhow::{Context, Result, bail};
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
+use std::fs;
+use std::path::Path;
+
+const SEQUENCES: [&str; 4] = ["rot1_B40", "trans_rot1_B40", "shake_g042", "control_global"];
+const SEEDS: [u64; 3] = [1, 2, 3];
+const FRAMES: usize = 12;
+/// Pixels by which figures may differ between processors whose kernels round differently.
+const LEAST_NOISE: f64 = 0.01;
+
+/// The recorded figures.
+const RECORDED: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/recorded.json");
+
+/// A figure and how far it may be off by chance, in pixels.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+struct Figure {
+    left: f64,
+    noise: f64,
+}
+
+/// Figures by sequence and system.
+type Figures = BTreeMap<String, Figure>;
+
+/// Runs the library on a few short sequences and compares with the recorded figures, or records.
+///
+/// # Errors
+/// Where a figure is worse than recorded by more than its noise, with a table of all of them.
+pub fn run(record: bool) -> Result<()> {
+    let figures = measure()?;
+    if record {
+        fs::write(RECORDED, serde_json::to_string_pretty(&figures)? + "\n")?;
+        return Ok(());
+    }
+    let text = fs::read(Path::new(RECORDED)).context("nothing is recorded: run `quick --record`")?;
+    let (table, worse) = compare(&figures, &serde_json::from_slice(&text)?);
+    print!("{table}");
+    if worse.is_empty() { Ok(()) } else { bail!("worse than recorded: {}", worse.join(", ")) }
+}
+
+fn measure() -> Result<Figures> {
+    let entries: Vec<Entry> =
+        registry::all().into_iter().filter(|entry| entry.id.starts_with("rsrectify-4")).collect();
+    let mut tasks = Vec::new();
+    for name in SEQUENCES {
+        let settings = sequence::named(name).with_context(|| format!("no sequence is named {name}"))?;
+        tasks.extend(SEEDS.map(|seed| Task {
+            settings: sequence::Settings { seed, frames: FRAMES, ..settings.clone() },
+            sources: vec![Source::Sampler],
+            pictures: false,
+        }));
+    }
+    let mut progress = Progress::new(tasks.len());
+    Ok(figures(&runner::run(&tasks, &entries, &mut progress)?))
+}
+
+fn figures(results: &Results) -> Figures {
+    let mut by_key: BTreeMap<String, Vec<f64>> = BTreeMap::new();
+    for trial in &results.trials {
+        by_key.entry(format!("{} {}", trial.sequence, trial.method)).or_default().push(trial.left.rms);
+    }
+    by_key.into_iter().map(|(key, left)| (key, figure(&left))).collect()
+}
+
+/// Mean and standard error.
+fn figure(left: &[f64]) -> Figure {
+    let count = left.len() as f64;
+    let mean = left.iter().sum::<f64>() / count;
+    let squares: f64 = left.iter().map(|value| (value - mean).powi(2)).sum();
+    let error = (squares / (count - 1.0).max(1.0) / count).sqrt();
+    Figure { left: mean, noise: error.max(LEAST_NOISE) }
+}
+
+/// A table of all figures, and the names of those that are worse or missing.
+fn compare(now: &Figures, recorded: &Figures) -> (String, Vec<String>) {
+    let titles = ["figure", "recorded px left", "noise", "now", ""];
+    let mut table = Table::new(titles.map(String::from));
+    let mut worse = Vec::new();
+    for (key, before) in recorded {
+        let found = now.get(key);
+        let verdict = match found {
+            Some(found) if found.left <= before.left - before.noise => "better: record it",
+            Some(found) if found.left <= before.left + before.noise => "",
+            Some(_) => "**worse**",
+            None => "**missing**",
+        };
+        if verdict.starts_with("**") {
+            worse.push(key.clone());
+        }
+        let px = |value: f64| Some(format!("{value:.3}"));
+        let now = found.and_then(|found| px(found.left));
+        table.row(key, vec![px(before.left), px(before.noise), now, Some(verdict.into())]);
+    }
+    (table.markdown(), worse)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn noise_is_the_standard_error_over_scenes() {
+        // Deviations −1, 0, 1: variance 1, standard error 1/√3.
+        let found = figure(&[1.0, 2.0, 3.0]);
+        assert!((found.left - 2.0).abs() < 1e-12 && (found.noise - 1.0 / 3f64.sqrt()).abs() < 1e-12);
+        assert_eq!(figure(&[0.5]), Figure { left: 0.5, noise: LEAST_NOISE });
+    }
+
+    #[test]
+    fn worse_by_more_than_the_noise_fails() {
+        let of = |left: [f64; 3]| -> Figures {
+            let keys = ["a", "b", "c"].map(String::from);
+            keys.into_iter().zip(left.map(|left| Figure { left, noise: 0.1 })).collect()
+        };
+        let recorded = of([1.0, 1.0, 1.0]);
+        assert_eq!(compare(&of([1.09, 0.8, 1.0]), &recorded).1, Vec::<String>::new());
+        let (table, worse) = compare(&of([1.11, 1.0, 1.0]), &recorded);
+        assert_eq!(worse, ["a"]);
+        assert!(table.contains("| a | 1.000 | 0.100 | 1.110 | **worse** |"), "{table}");
+        assert_eq!(compare(&Figures::new(), &recorded).1.len(), 3);
+    }
+}
