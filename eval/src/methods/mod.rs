@@ -1,7 +1,13 @@
 //! Every system that the method is compared with, behind one trait, and the product itself.
 
+pub mod affine;
+pub mod curve;
+pub mod paper;
 pub mod product;
 pub mod registry;
+pub mod robust;
+pub mod timed;
+pub mod translation;
 
 use crate::footage::Footage;
 use anyhow::Result;

@@ -1,0 +1,202 @@
+//! Robust linear fits: iteratively reweighted least squares over banded normal equations.
+//!
+//! All image-plane baselines are linear in what they look for, with the same coefficients for x and y.
+//! The source of the weights is P. J. Huber and E. M. Ronchetti, *Robust Statistics*, 2nd ed., 2009,
+//! chapters 4 and 7; the paper's own minimisation (25.4) is the library's and not used here.
+
+use nalgebra::Vector2;
+
+/// Reweightings of the convex cost; it settles to some thousandths of a pixel well before.
+const ABSOLUTE_ROUNDS: usize = 15;
+/// Reweightings with Tukey's biweight.
+const TUKEY_ROUNDS: usize = 10;
+/// Tukey's tuning constant, in standard deviations: 95 % efficient on Gaussian errors.
+const TUKEY_REACH: f64 = 4.685;
+/// Standard deviation over median of the length of a two-dimensional Gaussian error.
+const RAYLEIGH: f64 = 0.849;
+/// Residuals below this many pixels are told apart no more.
+const FLOOR: f64 = 0.02;
+/// Added to the diagonal, relative to its mean: unknowns without data stay zero.
+const RIDGE: f64 = 1e-12;
+
+/// Σ coefficient · unknown = value, in pixels, for x and y at once.
+#[derive(Clone, Debug)]
+pub struct Equation {
+    /// Index of each unknown that occurs, and its coefficient.
+    pub terms: Vec<(usize, f64)>,
+    /// What the sum should be.
+    pub value: Vector2<f64>,
+    /// How much the equation counts.
+    pub weight: f64,
+}
+
+impl Equation {
+    /// An equation that counts once.
+    pub fn new(terms: impl IntoIterator<Item = (usize, f64)>, value: Vector2<f64>) -> Self {
+        Self { terms: terms.into_iter().filter(|term| term.1 != 0.0).collect(), value, weight: 1.0 }
+    }
+
+    /// The length of what is left of the equation, in pixels.
+    fn residual(&self, unknowns: &[Vector2<f64>]) -> f64 {
+        let sum: Vector2<f64> = self.terms.iter().map(|(index, factor)| unknowns[*index] * *factor).sum();
+        (sum - self.value).norm()
+    }
+}
+
+/// The unknowns of least Σ weight · |residual|; `None` where there are no equations or they contradict
+/// each other beyond numbers (not finite).
+pub fn least_absolute(equations: &[Equation], unknowns: usize) -> Option<Vec<Vector2<f64>>> {
+    let mut found = weighted_least_squares(equations, unknowns, |_| 1.0)?;
+    for _ in 0..ABSOLUTE_ROUNDS {
+        let weight = |equation: &Equation| 1.0 / equation.residual(&found).max(FLOOR);
+        found = weighted_least_squares(equations, unknowns, weight)?;
+    }
+    Some(found)
+}
+
+/// The unknowns of least Σ Tukey's biweight loss, from the start that [`least_absolute`] gives; the
+/// scale is the median residual there. Survives outliers up to about a third of the equations.
+pub fn tukey(equations: &[Equation], unknowns: usize) -> Option<Vec<Vector2<f64>>> {
+    let mut found = least_absolute(equations, unknowns)?;
+    let mut residuals: Vec<f64> = equations.iter().map(|equation| equation.residual(&found)).collect();
+    let middle = residuals.len() / 2;
+    let (_, median, _) = residuals.select_nth_unstable_by(middle, f64::total_cmp);
+    let reach = TUKEY_REACH * (RAYLEIGH * *median).max(FLOOR);
+    for _ in 0..TUKEY_ROUNDS {
+        let weight = |equation: &Equation| {
+            let share = (equation.residual(&found) / reach).min(1.0);
+            (1.0 - share * share).powi(2)
+        };
+        found = weighted_least_squares(equations, unknowns, weight)?;
+    }
+    Some(found)
+}
+
+fn weighted_least_squares(
+    equations: &[Equation],
+    unknowns: usize,
+    reweight: impl Fn(&Equation) -> f64,
+) -> Option<Vec<Vector2<f64>>> {
+    let span = |equation: &Equation| {
+        let indices = equation.terms.iter().map(|term| term.0);
+        indices.clone().max().unwrap_or(0) - indices.min().unwrap_or(0)
+    };
+    let mut normal = Banded::zeros(unknowns, equations.iter().map(span).max()?);
+    let mut right = vec![Vector2::zeros(); unknowns];
+    for equation in equations {
+        let weight = equation.weight * reweight(equation);
+        for &(row, left) in &equation.terms {
+            right[row] += equation.value * (weight * left);
+            for &(column, factor) in equation.terms.iter().filter(|term| term.0 <= row) {
+                *normal.at(row, column) += weight * left * factor;
+            }
+        }
+    }
+    normal.solve(right)
+}
+
+/// The lower half of a symmetric matrix that is zero further than `reach` from its diagonal.
+struct Banded {
+    size: usize,
+    reach: usize,
+    /// Row by row, `reach + 1` entries each; the last is the diagonal's.
+    entries: Vec<f64>,
+}
+
+impl Banded {
+    fn zeros(size: usize, reach: usize) -> Self {
+        Self { size, reach, entries: vec![0.0; size * (reach + 1)] }
+    }
+
+    /// Entry with `column` ≤ `row` ≤ `column` + reach.
+    fn at(&mut self, row: usize, column: usize) -> &mut f64 {
+        &mut self.entries[row * (self.reach + 1) + self.reach + column - row]
+    }
+
+    /// Cholesky's decomposition in place and both substitutions; `None` where the matrix is not positive.
+    fn solve(mut self, mut right: Vec<Vector2<f64>>) -> Option<Vec<Vector2<f64>>> {
+        let trace: f64 = (0..self.size).map(|i| *self.at(i, i)).sum();
+        let ridge = RIDGE * trace / self.size.max(1) as f64;
+        for row in 0..self.size {
+            let first = row.saturating_sub(self.reach);
+            *self.at(row, row) += ridge;
+            for column in first..=row {
+                let shared = first.max(column.saturating_sub(self.reach))..column;
+                let sum: f64 = shared.map(|k| *self.at(row, k) * *self.at(column, k)).sum();
+                let rest = *self.at(row, column) - sum;
+                *self.at(row, column) = if column < row {
+                    rest / *self.at(column, column)
+                } else {
+                    (rest > 0.0 && rest.is_finite()).then(|| rest.sqrt())?
+                };
+            }
+            let sum: Vector2<f64> = (first..row).map(|k| right[k] * *self.at(row, k)).sum();
+            right[row] = (right[row] - sum) / *self.at(row, row);
+        }
+        for row in (0..self.size).rev() {
+            let last = (row + self.reach).min(self.size - 1);
+            let sum: Vector2<f64> = (row + 1..=last).map(|k| right[k] * *self.at(k, row)).sum();
+            right[row] = (right[row] - sum) / *self.at(row, row);
+        }
+        right.iter().all(|value| value.iter().all(|v| v.is_finite())).then_some(right)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use nalgebra::{DMatrix, DVector};
+
+    #[test]
+    fn a_banded_system_is_solved_as_a_dense_one() {
+        let (size, reach) = (9, 2);
+        let mut banded = Banded::zeros(size, reach);
+        let mut dense = DMatrix::zeros(size, size);
+        for row in 0..size {
+            for column in row.saturating_sub(reach)..=row {
+                let entry =
+                    if row == column { 5.0 + row as f64 } else { (row * 3 + column) as f64 % 4.0 - 1.5 };
+                *banded.at(row, column) = entry;
+                dense[(row, column)] = entry;
+                dense[(column, row)] = entry;
+            }
+        }
+        let right: Vec<_> = (0..size).map(|i| Vector2::new(i as f64, 1.0 - i as f64 * 0.5)).collect();
+        let found = banded.solve(right.clone()).unwrap();
+        let lu = dense.lu();
+        for axis in 0..2 {
+            let expected = lu.solve(&DVector::from_iterator(size, right.iter().map(|r| r[axis]))).unwrap();
+            for (found, expected) in found.iter().zip(&expected) {
+                assert!((found[axis] - expected).abs() < 1e-9);
+            }
+        }
+    }
+
+    #[test]
+    fn a_line_is_found_among_outliers() {
+        let equations: Vec<_> = (0..60)
+            .map(|i| {
+                let x = f64::from(i) / 10.0;
+                let off = if i % 3 == 0 { Vector2::new(7.0, 5.0 - x) } else { Vector2::zeros() };
+                Equation::new([(0, 1.0), (1, x)], Vector2::new(2.0 + 0.5 * x, -x) + off)
+            })
+            .collect();
+        let found = tukey(&equations, 2).unwrap();
+        assert!((found[0] - Vector2::new(2.0, 0.0)).norm() < 1e-6, "{found:?}");
+        assert!((found[1] - Vector2::new(0.5, -1.0)).norm() < 1e-6, "{found:?}");
+    }
+
+    #[test]
+    fn the_least_absolute_error_is_at_the_median() {
+        let values = [1.0, 2.0, 3.0, 50.0, 90.0];
+        let equations: Vec<_> =
+            values.iter().map(|v| Equation::new([(0, 1.0)], Vector2::new(*v, 0.0))).collect();
+        let found = least_absolute(&equations, 1).unwrap();
+        assert!((found[0].x - 3.0).abs() < 2.0 * FLOOR, "{found:?}");
+    }
+
+    #[test]
+    fn nothing_measured_has_no_solution() {
+        assert!(tukey(&[], 2).is_none());
+    }
+}
