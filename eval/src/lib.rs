@@ -7,12 +7,14 @@
 //! | [`truth`] | where each pixel belongs, and where it is seen next |
 //! | [`footage`] | a sequence in memory: frames, timestamps, truth |
 //! | [`correspondences`] | where the correspondences come from that every method is given |
+//! | [`flow`] | dense optical flow, one of the sources |
 //! | [`methods`] | the systems that are compared, among them the library under test |
 //! | [`metrics`] | how far a rectified frame is from the truth |
 //! | [`speed`] | how long the library takes for a frame |
 //! | [`video`] | frames to files |
 
 pub mod correspondences;
+pub mod flow;
 pub mod footage;
 pub mod methods;
 pub mod metrics;
