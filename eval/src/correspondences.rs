@@ -1,5 +1,7 @@
 //! Where the correspondences come from that every method is given.
 
+use crate::flow::image::Image;
+use crate::flow::{Prepared, points};
 use crate::footage::Footage;
 use crate::scene::Frame;
 use anyhow::Result;
@@ -15,6 +17,8 @@ pub const GRID: [usize; 2] = [32, 24];
 pub enum Source {
     /// The library's own sampler.
     Sampler,
+    /// Dense optical flow, at the centres of the grid's cells.
+    Flow,
     /// The truth: without error, so that what is left is the model's.
     Exact,
 }
@@ -23,6 +27,7 @@ pub enum Source {
 pub fn of_run(footage: &Footage, run: &[usize], source: Source) -> Result<Vec<Vec<Correspondence>>> {
     match source {
         Source::Sampler => sampled(footage, run),
+        Source::Flow => Ok(flowed(footage, run)),
         Source::Exact => Ok(exact(footage, run)),
     }
 }
@@ -57,4 +62,22 @@ fn sampled(footage: &Footage, run: &[usize]) -> Result<Vec<Vec<Correspondence>>>
         before = Some(now);
     }
     Ok(pairs)
+}
+
+fn flowed(footage: &Footage, run: &[usize]) -> Vec<Vec<Correspondence>> {
+    let (width, height) = (footage.settings().width, footage.settings().height);
+    let prepared = |index: usize| {
+        let luma = footage.frames[index].luma();
+        Prepared::new(Image::new(width, height, luma.into_iter().map(f32::from).collect()))
+    };
+    let mut pairs = Vec::with_capacity(run.len().saturating_sub(1));
+    let mut before: Option<Prepared> = None;
+    for index in run {
+        let now = prepared(*index);
+        if let Some(before) = &before {
+            pairs.push(points::correspondences(before, &now, GRID));
+        }
+        before = Some(now);
+    }
+    pairs
 }

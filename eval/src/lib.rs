@@ -7,6 +7,7 @@
 //! | [`truth`] | where each pixel belongs, and where it is seen next |
 //! | [`footage`] | a sequence in memory: frames, timestamps, truth |
 //! | [`correspondences`] | where the correspondences come from that every method is given |
+//! | [`flow`] | dense optical flow, one of the sources |
 //! | [`methods`] | the systems that are compared, among them the library under test |
 //! | [`metrics`] | how far a rectified frame is from the truth |
 //! | [`report`] | runs everything and writes tables, charts and stills |
@@ -14,6 +15,7 @@
 //! | [`video`] | frames to files |
 
 pub mod correspondences;
+pub mod flow;
 pub mod footage;
 pub mod methods;
 pub mod metrics;
