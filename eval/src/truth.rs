@@ -1,5 +1,9 @@
 //! The exact truth of a sequence: where each pixel belongs, and where it is seen next.
 
+mod dense;
+
+pub use dense::DisplacementMap;
+
 use crate::scene::Hit;
 use crate::sequence::Take;
 use nalgebra::Vector2;
@@ -38,20 +42,28 @@ impl Capture<'_> {
     /// Where the scene point seen at `pixel` is at the reference instant; `None` where it is then
     /// outside the frame or hidden.
     pub fn at_reference(&self, pixel: Vector2<f64>) -> Option<Vector2<f64>> {
-        self.to_instant(self.reference(), pixel)
+        self.to_share(pixel, 0.5)
+    }
+
+    /// Where the scene point seen at `pixel` is when the share of the readout has elapsed (0: its
+    /// start, ½: the reference instant, 1: its end); `None` where it is then outside or hidden.
+    pub fn to_share(&self, pixel: Vector2<f64>, share: f64) -> Option<Vector2<f64>> {
+        let Take { scene, camera } = self.take;
+        let instant = self.start + share * camera.shutter.readout;
+        let point = self.point(pixel)?;
+        let truth = camera.project(instant, scene.position(instant, &point))?;
+        self.take.shows(instant, truth, &point).then_some(truth)
     }
 
     /// The samples of the frame, every `step` pixels in x and y, that can be judged.
     pub fn samples(&self, step: usize) -> Vec<Sample> {
-        let lens = &self.take.camera.lens;
-        let places = |length: usize| (step / 2..length).step_by(step.max(1));
-        let rows: Vec<usize> = places(lens.height).collect();
-        rows.into_par_iter()
-            .flat_map_iter(|y| {
-                places(lens.width).filter_map(move |x| {
-                    let seen = Vector2::new(x as f64, y as f64);
-                    self.at_reference(seen).map(|truth| Sample { seen, truth })
-                })
+        let [columns, rows] = self.places(step);
+        let places = (0..columns.len() * rows.len()).into_par_iter();
+        places
+            .filter_map(|index| {
+                let (x, y) = (columns[index % columns.len()], rows[index / columns.len()]);
+                let seen = Vector2::new(x as f64, y as f64);
+                self.at_reference(seen).map(|truth| Sample { seen, truth })
             })
             .collect()
     }
@@ -88,12 +100,10 @@ impl Capture<'_> {
         self.take.shows(camera.exposure(self.start, seen), seen, point).then_some(seen)
     }
 
-    /// Where the point seen at `pixel` is at an instant; `None` where it is outside or hidden.
-    fn to_instant(&self, instant: f64, pixel: Vector2<f64>) -> Option<Vector2<f64>> {
-        let Take { scene, camera } = self.take;
-        let point = self.point(pixel)?;
-        let truth = camera.project(instant, scene.position(instant, &point))?;
-        self.take.shows(instant, truth, &point).then_some(truth)
+    /// The columns and the rows at which the frame is sampled every `step` pixels.
+    fn places(&self, step: usize) -> [Vec<usize>; 2] {
+        let lens = &self.take.camera.lens;
+        [lens.width, lens.height].map(|length| (step / 2..length).step_by(step.max(1)).collect())
     }
 
     /// The point of an object seen at `pixel`.
@@ -125,13 +135,13 @@ mod tests {
     use nalgebra::Vector3;
     use std::sync::Arc;
 
-    const DEPTH: f64 = 3.0;
-    const FOCAL: f64 = 300.0;
-    const PERIOD: f64 = 0.04;
-    const READOUT: f64 = 0.03;
+    pub const DEPTH: f64 = 3.0;
+    pub const FOCAL: f64 = 300.0;
+    pub const PERIOD: f64 = 0.04;
+    pub const READOUT: f64 = 0.03;
 
     /// A camera of 320×240 that looks at a wall, far wider than it sees, at `DEPTH`.
-    fn wall(first: FirstEdge, path: impl CameraPath + 'static) -> Take {
+    pub fn wall(first: FirstEdge, path: impl CameraPath + 'static) -> Take {
         let surface = Surface::new(
             Vector3::new(-30.0, -30.0, DEPTH),
             Vector3::new(60.0, 0.0, 0.0),
@@ -146,12 +156,12 @@ mod tests {
         Take { scene, camera }
     }
 
-    fn frame(take: &Take, k: usize) -> Capture<'_> {
+    pub fn frame(take: &Take, k: usize) -> Capture<'_> {
         Capture { take, start: k as f64 * PERIOD }
     }
 
     /// Time from a pixel's exposure to the middle of the readout, written out by direction.
-    fn until_reference(first: FirstEdge, pixel: Vector2<f64>) -> f64 {
+    pub fn until_reference(first: FirstEdge, pixel: Vector2<f64>) -> f64 {
         READOUT
             * match first {
                 FirstEdge::Top => 0.5 - (pixel.y + 0.5) / 240.0,

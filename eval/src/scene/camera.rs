@@ -73,10 +73,11 @@ impl Pinhole {
         (point.z > 1e-9).then(|| self.centre() + point.xy() * (self.focal / point.z))
     }
 
-    /// Whether a position lies on one of the frame's pixels (pixel centres at the border count).
+    /// Whether a position lies on one of the frame's pixels (pixel centres at the border count, to
+    /// a millionth of a pixel: they may come from a projection).
     pub fn contains(&self, pixel: Vector2<f64>) -> bool {
-        (0.0..=self.width as f64 - 1.0).contains(&pixel.x)
-            && (0.0..=self.height as f64 - 1.0).contains(&pixel.y)
+        let within = |x: f64, length: usize| x >= -1e-6 && x <= length as f64 - 1.0 + 1e-6;
+        within(pixel.x, self.width) && within(pixel.y, self.height)
     }
 }
 
