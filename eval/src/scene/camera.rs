@@ -16,6 +16,21 @@ impl Pose {
     pub fn identity() -> Self {
         Self { rotation: Rotation3::identity(), position: Vector3::zeros() }
     }
+
+    /// A point of the pose's own axes in those of the world.
+    pub fn to_world(&self, point: Vector3<f64>) -> Vector3<f64> {
+        self.rotation * point + self.position
+    }
+
+    /// A point of the world in the pose's own axes.
+    pub fn to_own(&self, point: Vector3<f64>) -> Vector3<f64> {
+        self.rotation.inverse_transform_vector(&(point - self.position))
+    }
+
+    /// The same pose in the axes of another one.
+    pub fn seen_from(&self, other: &Self) -> Self {
+        Self { rotation: other.rotation.inverse() * self.rotation, position: other.to_own(self.position) }
+    }
 }
 
 /// A camera's pose as a function of time in seconds.
@@ -58,10 +73,11 @@ impl Pinhole {
         (point.z > 1e-9).then(|| self.centre() + point.xy() * (self.focal / point.z))
     }
 
-    /// Whether a position lies on one of the frame's pixels (pixel centres at the border count).
+    /// Whether a position lies on one of the frame's pixels (pixel centres at the border count, to
+    /// a millionth of a pixel: they may come from a projection).
     pub fn contains(&self, pixel: Vector2<f64>) -> bool {
-        (0.0..=self.width as f64 - 1.0).contains(&pixel.x)
-            && (0.0..=self.height as f64 - 1.0).contains(&pixel.y)
+        let within = |x: f64, length: usize| x >= -1e-6 && x <= length as f64 - 1.0 + 1e-6;
+        within(pixel.x, self.width) && within(pixel.y, self.height)
     }
 }
 
@@ -133,19 +149,19 @@ impl RollingCamera {
 
     /// Where a point of the world is seen by the whole frame exposed at the instant `t`.
     pub fn project(&self, t: f64, point: Vector3<f64>) -> Option<Vector2<f64>> {
-        let pose = self.path.pose(t);
-        self.lens.project(pose.rotation.inverse() * (point - pose.position))
+        self.lens.project(self.path.pose(t).to_own(point))
     }
 
-    /// Where the rolling frame that starts at `start` sees a point of the world: x solves
-    /// x = project(exposure(x)), found by repetition.
+    /// Where the rolling frame that starts at `start` sees a point, given by its place in the world
+    /// at each time: x solves x = project(exposure(x)), found by repetition.
     ///
     /// The repetition contracts while the image moves by less than one line from line to line;
     /// `None` behind the camera or where it has not settled to 1e−9 px.
-    pub fn observe(&self, start: f64, point: Vector3<f64>) -> Option<Vector2<f64>> {
-        let mut pixel = self.project(start + self.shutter.readout / 2.0, point)?;
+    pub fn observe(&self, start: f64, point: impl Fn(f64) -> Vector3<f64>) -> Option<Vector2<f64>> {
+        let seen_at = |t: f64| self.project(t, point(t));
+        let mut pixel = seen_at(start + self.shutter.readout / 2.0)?;
         for _ in 0..200 {
-            let next = self.project(self.exposure(start, pixel), point)?;
+            let next = seen_at(self.exposure(start, pixel))?;
             let step = (next - pixel).norm();
             pixel = next;
             if step < 1e-9 {
@@ -187,7 +203,7 @@ mod tests {
         let shutter = Shutter { first: FirstEdge::Bottom, readout: 0.4 };
         let camera = RollingCamera { lens: LENS, shutter, path: Box::new(path) };
         let point = Vector3::new(0.3, -0.2, 2.0);
-        let seen = camera.observe(0.1, point).unwrap();
+        let seen = camera.observe(0.1, |_| point).unwrap();
         let (from, direction) = camera.ray(camera.exposure(0.1, seen), seen);
         assert!((point - from).cross(&direction).norm() < 1e-9);
     }

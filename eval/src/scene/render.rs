@@ -6,7 +6,7 @@
 //! function. Cost: two or three surfaces compared a subsample, one texture lookup a pixel, and one
 //! a subsample where surfaces meet.
 
-use super::camera::{Pose, RollingCamera};
+use super::camera::RollingCamera;
 use super::geometry::Scene;
 use super::picture::Picture;
 use super::texture::{Colour, add_scaled};
@@ -47,7 +47,7 @@ impl Renderer<'_> {
             } else {
                 (start + Vector3::x() * index as f64, Vector3::y(), Vector3::x())
             };
-            line.look(self.scene, &lens.rays(), &self.camera.path.pose(time(origin.xy())));
+            line.look(self, &lens.rays(), time(origin.xy()));
             line.draw(self.scene, &Track { origin, along, across, samples: self.samples }, out);
         });
         if by_rows {
@@ -79,11 +79,21 @@ struct Line {
 }
 
 impl Line {
-    /// Prepares the homographies of all surfaces from a pose.
-    fn look(&mut self, scene: &Scene, lens_rays: &Matrix3<f64>, pose: &Pose) {
-        let rays = pose.rotation.matrix() * lens_rays;
+    /// Prepares the homographies of all surfaces as seen at time `t`.
+    fn look(&mut self, renderer: &Renderer, lens_rays: &Matrix3<f64>, t: f64) {
+        let Renderer { scene, camera, .. } = renderer;
+        let camera = camera.path.pose(t);
+        let (mut mover, mut own) = (None, camera);
+        let mut rays = own.rotation.matrix() * lens_rays;
         self.views.clear();
-        self.views.extend(scene.surfaces.iter().map(|surface| surface.view(pose.position, &rays)));
+        for surface in &scene.surfaces {
+            if surface.mover != mover {
+                mover = surface.mover;
+                own = camera.seen_from(&scene.axes(mover, t));
+                rays = own.rotation.matrix() * lens_rays;
+            }
+            self.views.push(surface.view(own.position, &rays));
+        }
     }
 
     /// Fills `out` with the colour of each pixel: one lookup where all its subsamples see the same
@@ -183,7 +193,7 @@ fn visible_stretch(start: &Vector3<f64>, slope: &Vector3<f64>, count: usize) -> 
 #[cfg(test)]
 mod tests {
     use super::super::path::{Motion, Oscillations};
-    use super::super::{FirstEdge, Pinhole, Shutter, room};
+    use super::super::{FirstEdge, Mover, Pinhole, Pose, Shutter, room};
     use super::*;
 
     const WIDTH: usize = 160;
@@ -253,6 +263,25 @@ mod tests {
                 }
             }
         }
+    }
+
+    #[test]
+    fn an_object_that_turns_looks_as_if_the_camera_turned_the_other_way() {
+        let mut scene = room::room(1);
+        let path = Oscillations::new(Motion::RotationAndTranslation, 1.0, 30.0, 5);
+        let mover = Mover { rest: Vector3::new(0.2, 0.0, 2.0), path };
+        let camera_path = {
+            let mover = mover.clone();
+            move |t: f64| Pose::identity().seen_from(&mover.pose(t))
+        };
+        let turning =
+            RollingCamera { path: Box::new(camera_path), ..camera(1, FirstEdge::Top, 0.03, Motion::Still) };
+        let expected = Renderer { scene: &scene, camera: &turning, samples: 1 }.rolling(0.2);
+        scene.surfaces = scene.surfaces.into_iter().map(|surface| surface.carried(0)).collect();
+        scene.movers = vec![mover];
+        let still = camera(1, FirstEdge::Top, 0.03, Motion::Still);
+        let rolling = Renderer { scene: &scene, camera: &still, samples: 1 }.rolling(0.2);
+        assert!(psnr(&rolling.grey(), &expected.grey()) > 60.0);
     }
 
     #[test]
