@@ -11,9 +11,11 @@
 //! | [`metrics`] | how far a rectified frame is from the truth |
 //! | [`speed`] | how long the library takes for a frame |
 //! | [`video`] | frames to files |
+//! | [`media`] | coded video: any clip to frames, frames through H.264 |
 
 pub mod correspondences;
 pub mod footage;
+pub mod media;
 pub mod methods;
 pub mod metrics;
 pub mod scene;
