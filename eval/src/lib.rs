@@ -13,10 +13,12 @@
 //! | [`report`] | runs everything and writes tables, charts and stills |
 //! | [`speed`] | how long the library takes for a frame |
 //! | [`video`] | frames to files |
+//! | [`media`] | coded video: any clip to frames, frames through H.264 |
 
 pub mod correspondences;
 pub mod flow;
 pub mod footage;
+pub mod media;
 pub mod methods;
 pub mod metrics;
 pub mod report;
