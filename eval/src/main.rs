@@ -5,7 +5,7 @@ use clap::{Args, Parser, Subcommand};
 use eval::footage::Footage;
 use eval::methods::product::{self, Delay};
 use eval::metrics::{Stats, displacement};
-use eval::report::quick;
+use eval::report::{self, quick};
 use eval::scene::room;
 use eval::sequence::{self, Sequence, Settings};
 use eval::speed;
@@ -60,6 +60,21 @@ enum Command {
         #[arg(long, default_value_t = 4)]
         lookahead: usize,
     },
+    /// Runs all systems on all sequences and writes docs/accuracy.md and docs/figures.
+    Report {
+        /// How many scenes: seeds 1, 2, and so on.
+        #[arg(long, default_value_t = 3)]
+        scenes: u64,
+        /// Names of sequences; all without it.
+        #[arg(long)]
+        sequence: Vec<String>,
+        /// Number of frames of each.
+        #[arg(long)]
+        frames: Option<usize>,
+        /// Writes the document of the last run anew, without another run.
+        #[arg(long)]
+        redraw: bool,
+    },
     /// Checks in a few minutes that no figure of the library is worse than recorded.
     Quick {
         /// Records the figures instead.
@@ -103,6 +118,9 @@ fn main() -> Result<()> {
         Command::Demo { out, changes } => render(changes.apply(sequence::demo()), &out),
         Command::Measure { sequence, lookahead, changes } => measure(&sequence, lookahead, &changes),
         Command::Speed { file, lookahead } => speed(&file, lookahead),
+        Command::Report { scenes, sequence: sequences, frames, redraw } => {
+            report::run(&report::Options { scenes, sequences, frames, redraw })
+        }
         Command::Quick { record } => quick::run(record),
         Command::List => {
             sequence::catalogue().iter().for_each(|settings| println!("{}", settings.name));

@@ -1,6 +1,10 @@
 //! All systems that the report compares, with what each is told.
 
+use super::affine::Affine;
+use super::curve::Curve;
+use super::paper::Paper;
 use super::product::{self, Delay};
+use super::translation::Translation;
 use super::{Corrections, Method, Uncorrected, solve};
 use crate::footage::Footage;
 use anyhow::Result;
@@ -83,12 +87,29 @@ fn readout(footage: &Footage, told: Delay) -> Readout {
 /// The systems in the order of the tables.
 pub fn all() -> Vec<Entry> {
     use Delay::{True, Zero};
-    vec![
-        Entry::runs(Uncorrected, True, "uncorrected", "–"),
+    let mut entries = vec![Entry::runs(Uncorrected, True, "uncorrected", "–")];
+    entries.extend(image_plane());
+    entries.extend([
         Entry::product(4, Zero, "rsrectify, delay 0"),
         Entry::product(12, Zero, "rsrectify, lookahead 12, delay 0"),
         Entry::product(4, True, "rsrectify"),
         Entry::product(12, True, "rsrectify, lookahead 12"),
+    ]);
+    entries
+}
+
+/// Models in the image plane, which need no calibration.
+fn image_plane() -> Vec<Entry> {
+    use Delay::{True, Zero};
+    let chapter = "chapter 25";
+    vec![
+        Entry::runs(Translation, True, "translation a frame", "Nicklin 2007, Cho 2007, Chun 2008"),
+        Entry::runs(Curve, True, "translation curve", "Liang et al. 2008"),
+        Entry::runs(Affine, True, "affine between frames", "Cho and Hong 2007"),
+        Entry::runs(Paper::Initialisation, True, "2D rotation, initialisation only", chapter),
+        Entry::runs(Paper::Sequential, True, "2D rotation, sequential", chapter),
+        Entry::runs(Paper::Full, Zero, "2D rotation, delay 0", chapter),
+        Entry::runs(Paper::Full, True, "2D rotation", chapter),
     ]
 }
 

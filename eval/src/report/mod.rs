@@ -1,10 +1,128 @@
 //! The report: systems run on sequences, and what people read of it.
+//!
+//! A run is kept as JSON, so that the document can be written anew, its prose changed, without
+//! another run.
 
 pub mod charts;
 pub mod document;
+pub mod figures;
 pub mod pictures;
 pub mod progress;
+pub mod prototype;
 pub mod quick;
 pub mod results;
 pub mod runner;
+pub mod stills;
 pub mod tables;
+
+use crate::correspondences::Source;
+use crate::methods::registry::{self, Entry};
+use crate::sequence::{self, Settings};
+use anyhow::{Context, Result};
+use figures::PAPER;
+use pictures::Likeness;
+use progress::Progress;
+use results::{Results, Trial};
+use runner::Task;
+use std::fs;
+use std::path::Path;
+use tables::{by_sequence, number, percent};
+
+/// The document, but for its figures.
+const TEMPLATE: &str = include_str!("accuracy.md");
+
+/// Sources of correspondences that are compared, in the order of the table.
+const SOURCES: [Source; 3] = [Source::Sampler, Source::Flow, Source::Exact];
+
+/// What a report runs on.
+pub struct Options {
+    /// How many scenes: seeds 1, 2, and so on.
+    pub scenes: u64,
+    /// Names of sequences; all without any.
+    pub sequences: Vec<String>,
+    /// Frames of each sequence, if not its own number.
+    pub frames: Option<usize>,
+    /// Whether an earlier run is written up anew, without another.
+    pub redraw: bool,
+}
+
+/// Runs all systems on all sequences and writes `docs/accuracy.md` with its figures; prints where the
+/// time went. The run is kept in `target/eval/results.json`.
+///
+/// # Errors
+/// Where a system fails or a file cannot be written.
+pub fn run(options: &Options) -> Result<()> {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR")).parent().context("the workspace has no root")?;
+    let kept = root.join("target/eval/results.json");
+    let folder = root.join("docs/figures");
+    fs::create_dir_all(&folder)?;
+    let entries = registry::all();
+    let tasks = tasks(options)?;
+    let mut progress = Progress::new(if options.redraw { 0 } else { tasks.len() });
+    if !options.redraw {
+        runner::run(&tasks, &entries, &mut progress)?.write(&kept)?;
+        progress.time("stills", || stills::write_all(&entries, &folder))?;
+    }
+    let results = Results::read(&kept)?;
+    progress.time("charts", || figures::draw_all(&results, &entries, &folder))?;
+    let document = document::fill(TEMPLATE, |name| table(name, &results, &entries))?;
+    fs::write(root.join("docs/accuracy.md"), document)?;
+    println!("{progress}");
+    Ok(())
+}
+
+fn tasks(options: &Options) -> Result<Vec<Task>> {
+    let catalogue: Vec<Settings> = if options.sequences.is_empty() {
+        sequence::catalogue()
+    } else {
+        let find = |name: &String| {
+            sequence::named(name)
+                .with_context(|| format!("no sequence is named {name}; `list` prints the names"))
+        };
+        options.sequences.iter().map(find).collect::<Result<_>>()?
+    };
+    let task = |settings: &Settings, seed: u64| {
+        let frames = options.frames.unwrap_or(settings.frames);
+        let paper = PAPER.contains(&settings.name.as_str());
+        // One scene tells correspondences apart; flow takes the longest of all.
+        let sources = if paper && seed == 1 { SOURCES.to_vec() } else { vec![Source::Sampler] };
+        Task { settings: Settings { seed, frames, ..settings.clone() }, sources, pictures: paper }
+    };
+    let scenes = 1..=options.scenes;
+    Ok(catalogue.iter().flat_map(|settings| scenes.clone().map(move |seed| task(settings, seed))).collect())
+}
+
+/// The table that the template calls by this name.
+fn table(name: &str, results: &Results, entries: &[Entry]) -> Option<String> {
+    let every: Vec<&Entry> = entries.iter().collect();
+    let (controls, others): (Vec<&str>, Vec<&str>) = results
+        .sequences
+        .iter()
+        .map(|info| info.name.as_str())
+        .filter(|name| !PAPER.contains(name))
+        .partition(|name| results.is_control(name));
+    let likeness = |measure: fn(&Likeness) -> f64, digits| {
+        by_sequence(results, &PAPER, &every, &|trial| trial.mean(measure), &number(digits))
+    };
+    Some(match name {
+        "sequences" => tables::sequences(results),
+        "systems" => tables::systems(entries),
+        "left: paper" => by_sequence(results, &PAPER, &every, &Trial::share, &percent),
+        "left: others" => by_sequence(results, &others, &every, &Trial::share, &percent),
+        "p95: paper" => by_sequence(results, &PAPER, &every, &|trial| Some(trial.left.p95), &number(1)),
+        "controls" => by_sequence(results, &controls, &every, &|trial| Some(trial.left.rms), &number(2)),
+        "accuracy" => likeness(|found| found.accuracy, 3),
+        "psnr" => likeness(|found| found.psnr, 1),
+        "ssim" => likeness(|found| found.ssim, 3),
+        "correspondences" => tables::by_source(results, &PAPER, &every, &SOURCES),
+        "prototype" => prototype::compared(results),
+        "charts of the displacement left" => links(&others),
+        _ => return None,
+    })
+}
+
+/// Links to the charts of these sequences.
+fn links(sequences: &[&str]) -> String {
+    let link = |name: &&str| format!("[{name}](figures/left-{name}.svg)");
+    PAPER.iter().chain(sequences).map(link).collect::<Vec<_>>().join(", ")
+}

@@ -1,6 +1,6 @@
 //! How much the rectified pictures of a frame look like the true one.
 
-use crate::footage::{Footage, STEP};
+use crate::footage::Footage;
 use crate::methods::Correction;
 use crate::metrics::colour;
 use crate::metrics::resample::rectified;
@@ -32,21 +32,4 @@ pub fn likeness(
         psnr: colour::psnr(&picture, truth, mask).filter(|psnr| psnr.is_finite())?,
         ssim: colour::ssim(&picture, truth, mask)?,
     })
-}
-
-/// The pixels of the true picture of a frame that the frame shows too: those around the places where
-/// samples of the truth belong.
-pub fn visible(footage: &Footage, frame: usize) -> Vec<bool> {
-    let (width, height) = (footage.settings().width, footage.settings().height);
-    let mut mask = vec![false; width * height];
-    let around = |place: f64, length: usize| {
-        let first = (place.round() as usize).saturating_sub(STEP / 2);
-        first..(first + STEP + 1).min(length)
-    };
-    for sample in &footage.truth[frame].samples {
-        for y in around(sample.truth.y, height) {
-            mask[y * width..][around(sample.truth.x, width)].fill(true);
-        }
-    }
-    mask
 }

@@ -1,6 +1,6 @@
 //! Runs systems on sequences, one footage in memory at a time.
 
-use super::pictures::{likeness, visible};
+use super::pictures::likeness;
 use super::progress::Progress;
 use super::results::{FrameResult, Results, SequenceInfo, Trial};
 use crate::correspondences::{Source, of_run};
@@ -36,7 +36,7 @@ pub fn run(tasks: &[Task], entries: &[Entry], progress: &mut Progress) -> Result
         if !results.sequences.iter().any(|info| info.name == *name) {
             results.sequences.push(info(&task.settings));
         }
-        let footage = progress.time("rendering", || Footage::render(Sequence::new(task.settings.clone())));
+        let footage = progress.time("rendering", || footage(&task.settings));
         for (index, source) in task.sources.iter().enumerate() {
             let pictures = task.pictures && index == 0;
             let found = trials(&footage, *source, pictures, entries, progress);
@@ -45,6 +45,11 @@ pub fn run(tasks: &[Task], entries: &[Entry], progress: &mut Progress) -> Result
         progress.step();
     }
     Ok(results)
+}
+
+/// The footage of a sequence.
+pub(super) fn footage(settings: &Settings) -> Footage {
+    Footage::render(Sequence::new(settings.clone()))
 }
 
 fn info(settings: &Settings) -> SequenceInfo {
@@ -108,7 +113,7 @@ fn displacement(footage: &Footage, source: Source, uncorrected: &Stats, solved: 
 /// Frame by frame, so that a mask serves all systems and only a few pictures are in memory.
 fn judge_pictures(footage: &Footage, solved: &[Solved], trials: &mut [Trial]) {
     for index in 0..footage.frames.len() {
-        let mask = visible(footage, index);
+        let mask = footage.sequence.capture(index).visibility();
         trials.par_iter_mut().zip(solved).for_each(|(trial, solved)| {
             let correction = solved.corrections[index].as_ref();
             trial.frames[index].likeness = likeness(footage, index, correction, &mask);
