@@ -1,6 +1,12 @@
 //! Every system that the method is compared with, behind one trait, and the product itself.
 
+pub mod full3d;
+pub mod knots;
 pub mod product;
+pub mod rotation3d;
+pub mod translation3d;
+#[cfg(test)]
+mod wall;
 
 use crate::footage::Footage;
 use anyhow::Result;
