@@ -2,6 +2,7 @@
 
 pub mod full3d;
 pub mod knots;
+pub mod mixture;
 pub mod product;
 pub mod rotation3d;
 pub mod translation3d;
