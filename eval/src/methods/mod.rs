@@ -2,12 +2,19 @@
 
 pub mod affine;
 pub mod curve;
+pub mod full3d;
+pub mod knots;
+pub mod mixture;
 pub mod paper;
 pub mod product;
 pub mod registry;
 pub mod robust;
+pub mod rotation3d;
 pub mod timed;
 pub mod translation;
+pub mod translation3d;
+#[cfg(test)]
+mod wall;
 
 use crate::footage::Footage;
 use anyhow::Result;
