@@ -1,6 +1,6 @@
 //! The exact truth of a sequence: where each pixel belongs, and where it is seen next.
 
-use crate::sequence::Take;
+use crate::sequence::{Take, Warp};
 use nalgebra::{Vector2, Vector3};
 use rayon::prelude::*;
 use rsrectify::correspond::Correspondence;
@@ -26,6 +26,8 @@ pub struct Capture<'a> {
     pub take: &'a Take,
     /// When the readout starts, in seconds.
     pub start: f64,
+    /// What is done to the frame before it is delivered. Pixels are those of the delivered frame.
+    pub warp: Warp,
 }
 
 impl Capture<'_> {
@@ -40,7 +42,7 @@ impl Capture<'_> {
         let point = self.point(pixel)?;
         let instant = self.reference();
         let truth = self.take.camera.project(instant, point)?;
-        self.take.shows(instant, truth, point).then_some(truth)
+        self.take.shows(instant, truth, point).then(|| self.delivered(truth))?
     }
 
     /// The samples of the frame, every `step` pixels in x and y, that can be judged.
@@ -83,12 +85,19 @@ impl Capture<'_> {
         let point = self.point(pixel)?;
         let camera = &other.take.camera;
         let seen = camera.observe(other.start, point)?;
-        other.take.shows(camera.exposure(other.start, seen), seen, point).then_some(seen)
+        other.take.shows(camera.exposure(other.start, seen), seen, point).then(|| other.delivered(seen))?
+    }
+
+    /// The place in the delivered frame; `None` if it was cut off.
+    fn delivered(&self, captured: Vector2<f64>) -> Option<Vector2<f64>> {
+        let delivered = self.warp.delivered(captured);
+        self.take.camera.lens.contains(delivered).then_some(delivered)
     }
 
     /// The scene point seen at `pixel`.
     fn point(&self, pixel: Vector2<f64>) -> Option<Vector3<f64>> {
         let camera = &self.take.camera;
+        let pixel = self.warp.captured(pixel);
         let (from, direction) = camera.ray(camera.exposure(self.start, pixel), pixel);
         Some(self.take.scene.hit(from, direction)?.point)
     }
@@ -134,7 +143,7 @@ mod tests {
     }
 
     fn frame(take: &Take, k: usize) -> Capture<'_> {
-        Capture { take, start: k as f64 * PERIOD }
+        Capture { take, start: k as f64 * PERIOD, warp: Warp::default() }
     }
 
     /// Time from a pixel's exposure to the middle of the readout, written out by direction.

@@ -1,6 +1,7 @@
 //! A pinhole camera on a path, and its shutter.
 
 use nalgebra::{Matrix3, Rotation3, Vector2, Vector3};
+use serde::Serialize;
 
 /// Where the camera is and how it is turned.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -66,7 +67,7 @@ impl Pinhole {
 }
 
 /// Which edge of the frame is exposed first.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize)]
 pub enum FirstEdge {
     /// Row 0.
     Top,
