@@ -131,7 +131,7 @@ impl Take {
 mod tests {
     use super::*;
     use crate::scene::path::{Oscillation, Oscillations, uniform};
-    use crate::scene::{CameraPath, FirstEdge, Mover, Pinhole, RollingCamera, Scene, Shutter, Surface};
+    use crate::scene::{CameraPath, FirstEdge, Lens, Mover, RollingCamera, Scene, Shutter, Surface};
     use nalgebra::Vector3;
     use std::sync::Arc;
 
@@ -148,7 +148,7 @@ mod tests {
             Vector3::new(0.0, 60.0, 0.0),
         );
         let camera = RollingCamera {
-            lens: Pinhole { width: 320, height: 240, focal: FOCAL },
+            lens: Lens::pinhole(320, 240, FOCAL),
             shutter: Shutter { first, readout: READOUT },
             path: Box::new(path),
         };
@@ -274,7 +274,7 @@ mod tests {
         assert!(truth.at_reference(Vector2::new(5.0, 0.0)).is_none(), "60 px to the left is outside");
         let hides = truth.at_reference(visible).unwrap();
         let pose = take.camera.path.pose(truth.reference()).position;
-        let on_the_way = pose + (take.camera.lens.rays() * hides.push(1.0)) * 0.5;
+        let on_the_way = pose + take.camera.lens.ray(hides) * 0.5;
         let patch = Surface::new(
             on_the_way - Vector3::new(0.01, 0.01, 0.0),
             Vector3::new(0.02, 0.0, 0.0),

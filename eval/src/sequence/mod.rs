@@ -8,7 +8,7 @@ pub use settings::{Settings, Strength};
 
 use crate::metrics::{Stats, distances};
 use crate::scene::path::Oscillations;
-use crate::scene::{Frame, Pinhole, Renderer, RollingCamera, Scene, Shutter, room};
+use crate::scene::{Frame, Lens, Renderer, RollingCamera, Scene, Shutter, room};
 use crate::truth::Capture;
 use std::sync::Arc;
 
@@ -102,7 +102,7 @@ impl Sequence {
 fn camera(settings: &Settings, amplitude: f64) -> RollingCamera {
     let focal = FOCAL * settings.width as f64;
     RollingCamera {
-        lens: Pinhole { width: settings.width, height: settings.height, focal },
+        lens: Lens::pinhole(settings.width, settings.height, focal),
         shutter: Shutter { first: settings.first, readout: settings.readout_time() },
         path: Box::new(Oscillations::new(settings.motion, amplitude, settings.fps, settings.seed)),
     }
