@@ -1,7 +1,12 @@
 //! The exact truth of a sequence: where each pixel belongs, and where it is seen next.
 
+mod dense;
+
+pub use dense::DisplacementMap;
+
+use crate::scene::Hit;
 use crate::sequence::{Take, Warp};
-use nalgebra::{Vector2, Vector3};
+use nalgebra::Vector2;
 use rayon::prelude::*;
 use rsrectify::correspond::Correspondence;
 
@@ -39,23 +44,28 @@ impl Capture<'_> {
     /// Where the scene point seen at `pixel` is at the reference instant; `None` where it is then
     /// outside the frame or hidden.
     pub fn at_reference(&self, pixel: Vector2<f64>) -> Option<Vector2<f64>> {
+        self.to_share(pixel, 0.5)
+    }
+
+    /// Where the scene point seen at `pixel` is when the share of the readout has elapsed (0: its
+    /// start, ½: the reference instant, 1: its end); `None` where it is then outside or hidden.
+    pub fn to_share(&self, pixel: Vector2<f64>, share: f64) -> Option<Vector2<f64>> {
+        let Take { scene, camera } = self.take;
+        let instant = self.start + share * camera.shutter.readout;
         let point = self.point(pixel)?;
-        let instant = self.reference();
-        let truth = self.take.camera.project(instant, point)?;
-        self.take.shows(instant, truth, point).then(|| self.delivered(truth))?
+        let truth = camera.project(instant, scene.position(instant, &point))?;
+        self.take.shows(instant, truth, &point).then(|| self.delivered(truth))?
     }
 
     /// The samples of the frame, every `step` pixels in x and y, that can be judged.
     pub fn samples(&self, step: usize) -> Vec<Sample> {
-        let lens = &self.take.camera.lens;
-        let places = |length: usize| (step / 2..length).step_by(step.max(1));
-        let rows: Vec<usize> = places(lens.height).collect();
-        rows.into_par_iter()
-            .flat_map_iter(|y| {
-                places(lens.width).filter_map(move |x| {
-                    let seen = Vector2::new(x as f64, y as f64);
-                    self.at_reference(seen).map(|truth| Sample { seen, truth })
-                })
+        let [columns, rows] = self.places(step);
+        let places = (0..columns.len() * rows.len()).into_par_iter();
+        places
+            .filter_map(|index| {
+                let (x, y) = (columns[index % columns.len()], rows[index / columns.len()]);
+                let seen = Vector2::new(x as f64, y as f64);
+                self.at_reference(seen).map(|truth| Sample { seen, truth })
             })
             .collect()
     }
@@ -82,10 +92,14 @@ impl Capture<'_> {
 
     /// Where another frame of the take sees the scene point that this one sees at `pixel`.
     pub fn seen_by(&self, other: &Self, pixel: Vector2<f64>) -> Option<Vector2<f64>> {
-        let point = self.point(pixel)?;
-        let camera = &other.take.camera;
-        let seen = camera.observe(other.start, point)?;
-        other.take.shows(camera.exposure(other.start, seen), seen, point).then(|| other.delivered(seen))?
+        other.observe(&self.point(pixel)?)
+    }
+
+    /// Where this frame sees a point of an object; `None` where that is outside it or hidden.
+    fn observe(&self, point: &Hit) -> Option<Vector2<f64>> {
+        let Take { scene, camera } = self.take;
+        let seen = camera.observe(self.start, |t| scene.position(t, point))?;
+        self.take.shows(camera.exposure(self.start, seen), seen, point).then(|| self.delivered(seen))?
     }
 
     /// The place in the delivered frame; `None` if it was cut off.
@@ -94,60 +108,69 @@ impl Capture<'_> {
         self.take.camera.lens.contains(delivered).then_some(delivered)
     }
 
-    /// The scene point seen at `pixel`.
-    fn point(&self, pixel: Vector2<f64>) -> Option<Vector3<f64>> {
-        let camera = &self.take.camera;
+    /// The columns and the rows at which the frame is sampled every `step` pixels.
+    fn places(&self, step: usize) -> [Vec<usize>; 2] {
+        let lens = &self.take.camera.lens;
+        [lens.width, lens.height].map(|length| (step / 2..length).step_by(step.max(1)).collect())
+    }
+
+    /// The point of an object seen at `pixel`.
+    fn point(&self, pixel: Vector2<f64>) -> Option<Hit> {
         let pixel = self.warp.captured(pixel);
-        let (from, direction) = camera.ray(camera.exposure(self.start, pixel), pixel);
-        Some(self.take.scene.hit(from, direction)?.point)
+        self.take.look(self.take.camera.exposure(self.start, pixel), pixel)
     }
 }
 
 impl Take {
-    /// Whether a point that projects to `pixel` at `instant` is inside the frame and not hidden.
-    fn shows(&self, instant: f64, pixel: Vector2<f64>, point: Vector3<f64>) -> bool {
-        if !self.camera.lens.contains(pixel) {
-            return false;
-        }
+    /// What is seen at `pixel` at an instant.
+    fn look(&self, instant: f64, pixel: Vector2<f64>) -> Option<Hit> {
         let (from, direction) = self.camera.ray(instant, pixel);
-        self.scene.hit(from, direction).is_some_and(|hit| (hit.point - point).norm() < 1e-6)
+        self.scene.hit(instant, from, direction)
+    }
+
+    /// Whether a point that projects to `pixel` at `instant` is inside the frame and not hidden.
+    fn shows(&self, instant: f64, pixel: Vector2<f64>, point: &Hit) -> bool {
+        let place = |hit: &Hit| self.scene.position(instant, hit);
+        self.camera.lens.contains(pixel)
+            && self.look(instant, pixel).is_some_and(|hit| (place(&hit) - place(point)).norm() < 1e-6)
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::scene::path::uniform;
-    use crate::scene::{CameraPath, FirstEdge, Pinhole, RollingCamera, Scene, Shutter, Surface};
+    use crate::scene::path::{Oscillation, Oscillations, uniform};
+    use crate::scene::{CameraPath, FirstEdge, Lens, Mover, RollingCamera, Scene, Shutter, Surface};
+    use nalgebra::Vector3;
     use std::sync::Arc;
 
-    const DEPTH: f64 = 3.0;
-    const FOCAL: f64 = 300.0;
-    const PERIOD: f64 = 0.04;
-    const READOUT: f64 = 0.03;
+    pub const DEPTH: f64 = 3.0;
+    pub const FOCAL: f64 = 300.0;
+    pub const PERIOD: f64 = 0.04;
+    pub const READOUT: f64 = 0.03;
 
     /// A camera of 320×240 that looks at a wall, far wider than it sees, at `DEPTH`.
-    fn wall(first: FirstEdge, path: impl CameraPath + 'static) -> Take {
+    pub fn wall(first: FirstEdge, path: impl CameraPath + 'static) -> Take {
         let surface = Surface::new(
             Vector3::new(-30.0, -30.0, DEPTH),
             Vector3::new(60.0, 0.0, 0.0),
             Vector3::new(0.0, 60.0, 0.0),
         );
         let camera = RollingCamera {
-            lens: Pinhole { width: 320, height: 240, focal: FOCAL },
+            lens: Lens::pinhole(320, 240, FOCAL),
             shutter: Shutter { first, readout: READOUT },
             path: Box::new(path),
         };
-        let scene = Arc::new(Scene { surfaces: vec![surface], textures: Vec::new() });
+        let scene = Arc::new(Scene { surfaces: vec![surface], ..Scene::default() });
         Take { scene, camera }
     }
 
-    fn frame(take: &Take, k: usize) -> Capture<'_> {
+    pub fn frame(take: &Take, k: usize) -> Capture<'_> {
         Capture { take, start: k as f64 * PERIOD, warp: Warp::default() }
     }
 
     /// Time from a pixel's exposure to the middle of the readout, written out by direction.
-    fn until_reference(first: FirstEdge, pixel: Vector2<f64>) -> f64 {
+    pub fn until_reference(first: FirstEdge, pixel: Vector2<f64>) -> f64 {
         READOUT
             * match first {
                 FirstEdge::Top => 0.5 - (pixel.y + 0.5) / 240.0,
@@ -203,6 +226,53 @@ mod tests {
         }
     }
 
+    /// Where the swinging wall is at time `t`, in metres.
+    fn swing(t: f64) -> Vector2<f64> {
+        Vector2::new(0.3, -0.2) * (std::f64::consts::TAU * (1.5 * t + 0.1)).sin()
+    }
+
+    /// The wall of [`wall`] before a camera at rest, carried by a mover along [`swing`].
+    fn swinging_wall(first: FirstEdge) -> Take {
+        let mut take = wall(first, uniform(0.0, Vector3::zeros()));
+        let along = |amplitude| vec![Oscillation { amplitude, frequency: 1.5, phase: 0.1 }];
+        let path = Oscillations {
+            fps: 1.0,
+            rotation: Default::default(),
+            position: [along(0.3), along(-0.2), Vec::new()],
+        };
+        let surfaces = take.scene.surfaces.iter().map(|wall| wall.clone().carried(0)).collect();
+        let movers = vec![Mover { rest: Vector3::zeros(), path }];
+        take.scene = Arc::new(Scene { surfaces, movers, ..Scene::default() });
+        take
+    }
+
+    #[test]
+    fn the_truth_follows_an_object_that_moves_on_its_own() {
+        for first in EDGES {
+            let take = swinging_wall(first);
+            let capture = frame(&take, 2);
+            let samples = capture.samples(16);
+            assert!(samples.len() > 250);
+            for Sample { seen, truth } in samples {
+                let shift =
+                    swing(capture.reference()) - swing(capture.reference() - until_reference(first, seen));
+                assert!((truth - seen - shift * (FOCAL / DEPTH)).norm() < 1e-9, "{first:?} {seen}");
+            }
+        }
+    }
+
+    #[test]
+    fn exact_correspondences_follow_an_object_that_moves_on_its_own() {
+        let take = swinging_wall(FirstEdge::Top);
+        let time = |k: f64, pixel: Vector2<f64>| k * PERIOD + READOUT * (pixel.y + 0.5) / 240.0;
+        let pairs = frame(&take, 3).exact_correspondences(&frame(&take, 4), 8, 6);
+        assert!(pairs.len() >= 36);
+        for pair in pairs {
+            let shift = swing(time(4.0, pair.to)) - swing(time(3.0, pair.from));
+            assert!((pair.to - pair.from - shift * (FOCAL / DEPTH)).norm() < 1e-7);
+        }
+    }
+
     #[test]
     fn points_that_leave_the_frame_or_hide_are_not_judged() {
         let velocity = Vector3::new(40.0, 0.0, 0.0);
@@ -213,14 +283,14 @@ mod tests {
         assert!(truth.at_reference(Vector2::new(5.0, 0.0)).is_none(), "60 px to the left is outside");
         let hides = truth.at_reference(visible).unwrap();
         let pose = take.camera.path.pose(truth.reference()).position;
-        let on_the_way = pose + (take.camera.lens.rays() * hides.push(1.0)) * 0.5;
+        let on_the_way = pose + take.camera.lens.ray(hides) * 0.5;
         let patch = Surface::new(
             on_the_way - Vector3::new(0.01, 0.01, 0.0),
             Vector3::new(0.02, 0.0, 0.0),
             Vector3::new(0.0, 0.02, 0.0),
         );
         let surfaces = [take.scene.surfaces.clone(), vec![patch]].concat();
-        take.scene = Arc::new(Scene { surfaces, textures: Vec::new() });
+        take.scene = Arc::new(Scene { surfaces, ..Scene::default() });
         assert!(frame(&take, 0).at_reference(visible).is_none());
     }
 }

@@ -1,5 +1,7 @@
 //! Textured rectangles in space. World axes: x right, y down, z ahead; metres.
 
+use super::camera::Pose;
+use super::mover::Mover;
 use super::noise::mix;
 use super::texture::Texture;
 use nalgebra::{Matrix3, Vector2, Vector3};
@@ -17,6 +19,8 @@ pub struct Surface {
     pub tiling: Vector2<f32>,
     /// Where in the texture the corner lies, in repetitions.
     pub shift: Vector2<f32>,
+    /// Index of the mover that carries it, in whose axes it is then given; `None`: it stands still.
+    pub mover: Option<usize>,
     /// Brightness at the corners (u, v) = (0,0), (1,0), (0,1), (1,1).
     pub light: [f32; 4],
 }
@@ -32,6 +36,7 @@ impl Surface {
             texture: 0,
             tiling: Vector2::new(1.0, 1.0),
             shift: Vector2::new(0.0, 0.0),
+            mover: None,
             light: [1.0; 4],
         }
     }
@@ -54,6 +59,12 @@ impl Surface {
             (0.55 + 0.65 * facing / (1.0 + 0.03 * distance * distance)) as f32
         };
         self.light = [light(0.0, 0.0), light(1.0, 0.0), light(0.0, 1.0), light(1.0, 1.0)];
+        self
+    }
+
+    /// The same rectangle carried by a mover, in whose axes it is given.
+    pub fn carried(mut self, mover: usize) -> Self {
+        self.mover = Some(mover);
         self
     }
 
@@ -98,32 +109,56 @@ impl Surface {
 pub struct Hit {
     /// Distance in lengths of the ray's direction.
     pub distance: f64,
-    /// The point met.
+    /// The point met, in the axes of the surface: those of its mover or of the world. It stays on
+    /// the object as that moves; [`Scene::position`] tells where it is.
     pub point: Vector3<f64>,
     /// Index of the surface.
     pub surface: usize,
 }
 
-/// Surfaces and what covers them.
-#[derive(Clone, Debug)]
+/// Surfaces, what covers them, and what moves them.
+#[derive(Clone, Debug, Default)]
 pub struct Scene {
     /// The rectangles.
     pub surfaces: Vec<Surface>,
     /// What they are covered with.
     pub textures: Vec<Texture>,
+    /// The objects that move on their own. Surfaces of one mover stand together in the list.
+    pub movers: Vec<Mover>,
 }
 
 impl Scene {
-    /// The nearest surface on a ray.
-    pub fn hit(&self, from: Vector3<f64>, direction: Vector3<f64>) -> Option<Hit> {
-        let (mut distance, mut surface) = (f64::INFINITY, None);
-        for (index, rectangle) in self.surfaces.iter().enumerate() {
-            if let Some(nearer) = rectangle.hit(from, direction, distance) {
-                (distance, surface) = (nearer, Some(index));
+    /// The nearest surface on a ray at time `t` (seconds).
+    pub fn hit(&self, t: f64, from: Vector3<f64>, direction: Vector3<f64>) -> Option<Hit> {
+        let mut nearest: Option<Hit> = None;
+        let (mut mover, mut own_from, mut own_direction) = (None, from, direction);
+        for (surface, rectangle) in self.surfaces.iter().enumerate() {
+            // Neighbours mostly share their axes, so that the ray is seldom taken to other ones.
+            if rectangle.mover != mover {
+                mover = rectangle.mover;
+                let pose = self.axes(mover, t);
+                own_from = pose.to_own(from);
+                own_direction = pose.rotation.inverse() * direction;
+            }
+            let limit = nearest.map_or(f64::INFINITY, |hit| hit.distance);
+            if let Some(distance) = rectangle.hit(own_from, own_direction, limit) {
+                nearest = Some(Hit { distance, point: own_from + own_direction * distance, surface });
             }
         }
-        let surface = surface?;
-        Some(Hit { distance, point: from + direction * distance, surface })
+        nearest
+    }
+
+    /// Where a point that a ray has met is at time `t`, in the world.
+    pub fn position(&self, t: f64, hit: &Hit) -> Vector3<f64> {
+        match self.surfaces[hit.surface].mover {
+            None => hit.point,
+            mover => self.axes(mover, t).to_world(hit.point),
+        }
+    }
+
+    /// The pose of a mover at time `t`; of the world itself for none.
+    pub fn axes(&self, mover: Option<usize>, t: f64) -> Pose {
+        mover.map_or_else(Pose::identity, |index| self.movers[index].pose(t))
     }
 }
 
@@ -169,8 +204,8 @@ mod tests {
             Vector3::new(2.0, 0.0, 0.0),
             Vector3::new(0.0, 2.0, 0.0),
         );
-        let scene = Scene { surfaces: vec![far, tilted()], textures: Vec::new() };
-        let hit = scene.hit(Vector3::zeros(), Vector3::new(0.0, 0.0, 1.0)).unwrap();
+        let scene = Scene { surfaces: vec![far, tilted()], ..Scene::default() };
+        let hit = scene.hit(0.0, Vector3::zeros(), Vector3::new(0.0, 0.0, 1.0)).unwrap();
         assert_eq!(hit.surface, 1);
         assert!(hit.point.z < 5.0 && (hit.point.z - hit.distance).abs() < 1e-12);
     }

@@ -4,6 +4,7 @@
 
 pub mod camera;
 pub mod geometry;
+pub mod mover;
 mod noise;
 pub mod path;
 pub mod picture;
@@ -12,7 +13,8 @@ pub mod render;
 pub mod room;
 pub mod texture;
 
-pub use camera::{CameraPath, FirstEdge, Pinhole, Pose, RollingCamera, Shutter};
-pub use geometry::{Scene, Surface};
+pub use camera::{CameraPath, FirstEdge, Lens, Pose, RollingCamera, Shutter};
+pub use geometry::{Hit, Scene, Surface};
+pub use mover::Mover;
 pub use picture::{Frame, Picture};
 pub use render::Renderer;

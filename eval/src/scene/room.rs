@@ -2,6 +2,8 @@
 //! along +z.
 
 use super::geometry::{Scene, Surface};
+use super::mover::Mover;
+use super::path::{Oscillation, Oscillations};
 use super::procedural::{Pattern, bake_all};
 use nalgebra::{Vector2, Vector3};
 use rand::{RngExt, SeedableRng};
@@ -9,6 +11,8 @@ use rand_chacha::ChaCha8Rng;
 
 /// x of the left and right wall, y of ceiling and floor, z of rear and front wall, in metres.
 const WALLS: [[f64; 2]; 3] = [[-2.7, 2.7], [-1.6, 1.25], [-2.0, 6.0]];
+/// The middle of the foreground at rest.
+const FOREGROUND: Vector3<f64> = Vector3::new(0.05, 0.0, 1.45);
 const LAMP: Vector3<f64> = Vector3::new(0.6, -1.45, 2.2);
 
 /// Builds the room of a seed: the seed chooses textures, colours and small turns, not the layout.
@@ -19,7 +23,33 @@ pub fn room(seed: u64) -> Scene {
     builder.furniture();
     builder.crates();
     builder.hanging();
-    Scene { surfaces: builder.surfaces, textures: bake_all(seed) }
+    Scene { surfaces: builder.surfaces, textures: bake_all(seed), movers: Vec::new() }
+}
+
+/// The room of a seed with a block before the camera that swings on its own and covers about a third
+/// of the picture.
+pub fn room_with_foreground(seed: u64) -> Scene {
+    let mut scene = room(seed);
+    let mut builder = Builder { surfaces: Vec::new(), random: ChaCha8Rng::seed_from_u64(!seed) };
+    builder.block(Block::new([0.0, 0.36, 0.0], [0.72, 0.72, 0.16], 0.0), Pattern::Collage, 0.72);
+    let (mover, lamp) = (scene.movers.len(), LAMP - FOREGROUND);
+    scene.surfaces.extend(builder.surfaces.into_iter().map(|side| side.carried(mover).lit(lamp)));
+    let path = swing(&mut builder.random);
+    scene.movers.push(Mover { rest: FOREGROUND, path });
+    scene
+}
+
+/// A swing that takes the foreground some ten pixels of 640 from one frame to the next.
+fn swing(random: &mut ChaCha8Rng) -> Oscillations {
+    let mut two = |amplitude: f64| {
+        [(1.0, 0.03), (0.5, 0.05)].map(|(share, frequency)| {
+            let phase = random.random();
+            Oscillation { amplitude: share * amplitude, frequency, phase }
+        })
+    };
+    let rotation = [0.05, 0.08, 0.08].map(|turn| two(turn).to_vec());
+    let position = [0.12, 0.06, 0.03].map(|shift| two(shift).to_vec());
+    Oscillations { fps: 30.0, rotation, position }
 }
 
 struct Builder {
@@ -175,9 +205,26 @@ mod tests {
             let (turn, height) = (f64::from(i) * 2.399_963, f64::from(i) / 1000.0 - 0.999);
             let radius = (1.0 - height * height).sqrt();
             let direction = Vector3::new(radius * turn.cos(), height, radius * turn.sin());
-            let hit = scene.hit(from, direction).expect("the room is closed");
+            let hit = scene.hit(0.0, from, direction).expect("the room is closed");
             assert!(hit.distance > 1.0, "{}", hit.distance);
         }
+    }
+
+    #[test]
+    fn the_foreground_covers_a_third_of_the_picture_and_moves() {
+        let scene = room_with_foreground(1);
+        let seen = |t: f64| -> Vec<bool> {
+            let rays =
+                (0..1200).map(|i| (f64::from(i % 40) / 40.0 - 0.4875, f64::from(i / 40) / 40.0 - 0.3625));
+            let hits = rays.map(|(x, y)| scene.hit(t, Vector3::zeros(), Vector3::new(x, y, 1.0)).unwrap());
+            hits.map(|hit| scene.surfaces[hit.surface].mover.is_some()).collect()
+        };
+        let first = seen(0.0);
+        for frame in [0.0, 8.0, 16.0, 24.0, 40.0] {
+            let share = seen(frame / 30.0).iter().filter(|own| **own).count() as f64 / 1200.0;
+            assert!((0.25..0.45).contains(&share), "{share}");
+        }
+        assert_ne!(first, seen(0.2));
     }
 
     #[test]
@@ -186,7 +233,7 @@ mod tests {
         let depths: Vec<f64> = (0..400)
             .map(|i| {
                 let (x, y) = (f64::from(i % 20) / 19.0 - 0.5, f64::from(i / 20) / 19.0 - 0.5);
-                scene.hit(Vector3::zeros(), Vector3::new(1.1 * x, 0.85 * y, 1.0)).unwrap().distance
+                scene.hit(0.0, Vector3::zeros(), Vector3::new(1.1 * x, 0.85 * y, 1.0)).unwrap().distance
             })
             .collect();
         let share = |low: f64, high: f64| {

@@ -22,15 +22,14 @@ impl Stabilisation {
     /// With the turn R of the camera, the smoothed turn S, the lens K and the enlargement Z about the
     /// image centre this is the homography Z·K·Sᵀ·R·K⁻¹.
     pub fn warp(&self, camera: &RollingCamera, t: f64, fps: f64) -> Warp {
-        let rays = camera.lens.rays();
-        let lens = Matrix3::new_translation(&camera.lens.centre())
-            * Matrix3::new_nonuniform_scaling(&Vector2::repeat(camera.lens.focal));
         let centre = camera.lens.centre();
+        let lens = Matrix3::new_translation(&centre)
+            * Matrix3::new_nonuniform_scaling(&Vector2::repeat(camera.lens.focal));
         let enlarge = Matrix3::new_translation(&centre)
             * Matrix3::new_scaling(self.zoom)
             * Matrix3::new_translation(&-centre);
         let turn = self.smoothed(camera, t, fps).inverse() * camera.path.pose(t).rotation;
-        Warp::new(enlarge * lens * turn.matrix() * rays)
+        Warp::new(enlarge * lens * turn.matrix() * lens.try_inverse().expect("a focal length above 0"))
     }
 
     /// The smoothed turn: the weighted mean of the rotation vectors of the frames around.
@@ -128,10 +127,10 @@ fn cubic_weights(t: f32) -> [f32; 4] {
 mod tests {
     use super::*;
     use crate::scene::path::uniform;
-    use crate::scene::{CameraPath, FirstEdge, Pinhole, Pose, Shutter};
+    use crate::scene::{CameraPath, FirstEdge, Lens, Pose, Shutter};
     use std::f64::consts::TAU;
 
-    const LENS: Pinhole = Pinhole { width: 64, height: 48, focal: 60.0 };
+    const LENS: Lens = Lens { width: 64, height: 48, focal: 60.0, distortion: [0.0; 2] };
 
     fn camera(path: impl CameraPath + 'static) -> RollingCamera {
         let shutter = Shutter { first: FirstEdge::Top, readout: 0.02 };

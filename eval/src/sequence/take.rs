@@ -3,7 +3,7 @@
 use super::settings::{Settings, Strength};
 use crate::metrics::{Stats, distances};
 use crate::scene::path::Oscillations;
-use crate::scene::{Pinhole, RollingCamera, Scene, Shutter};
+use crate::scene::{Lens, RollingCamera, Scene, Shutter};
 use crate::truth::Capture;
 use std::ops::Range;
 use std::sync::Arc;
@@ -24,7 +24,7 @@ impl Take {
     pub fn new(settings: &Settings, scene: Arc<Scene>, seed: u64, amplitude: f64) -> Self {
         let focal = FOCAL * settings.width.max(settings.height) as f64;
         let camera = RollingCamera {
-            lens: Pinhole { width: settings.width, height: settings.height, focal },
+            lens: Lens::pinhole(settings.width, settings.height, focal),
             shutter: Shutter { first: settings.first, readout: settings.readout_time() },
             path: Box::new(Oscillations::new(settings.motion, amplitude, settings.fps, seed)),
         };
