@@ -10,7 +10,7 @@ use rsrectify::rectifier::Settings;
 
 /// Asserts that at most the share `most` of the uncorrected RMS displacement is left.
 fn assert_left(name: &str, most: f64) {
-    let footage = Footage::render(Sequence::new(named(name).expect("a sequence of the catalogue")));
+    let footage = Footage::render(Sequence::new(named(name).expect("a sequence of the catalogue"))).unwrap();
     let settings = product::settings(footage.settings(), Delay::True, 12);
     let corrections = product::corrections(product::solve(&footage, settings).unwrap());
     let left = displacement::left(&footage.truth, &corrections);
@@ -40,7 +40,7 @@ fn a_readout_set_far_wrong_is_survived() {
     let mut settings = named("rot1_B0").expect("a sequence of the catalogue");
     settings.frames = 8;
     let period = 1.0 / settings.fps;
-    let footage = Footage::render(Sequence::new(settings));
+    let footage = Footage::render(Sequence::new(settings)).unwrap();
     let delays = [40.0, 5e3, 1e9].map(ReadoutTime::DelayRows);
     let seconds = [1e-9, period * 1.5, 0.5, 1e9].map(ReadoutTime::Seconds);
     for readout_time in delays.into_iter().chain(seconds) {

@@ -37,10 +37,10 @@ fn shots(first: FirstEdge, share: f64, scene: Arc<Scene>) -> Shots {
     };
     let sequence = Sequence::in_scene(settings, scene);
     let instant = |k| sequence.start(k) + share * sequence.settings.readout_time();
-    let global = |k| sequence.renderer().global(instant(k)).sense(0.0, 0);
+    let global = |k| sequence.renderer(0).global(instant(k)).sense(0.0, 0);
     Shots {
         readout_ns: (sequence.settings.readout_time() * 1e9).round() as u64,
-        rolling: sequence.frames().collect(),
+        rolling: sequence.frames().unwrap().collect(),
         global: (0..FRAMES).map(global).collect(),
     }
 }

@@ -33,7 +33,7 @@ pub fn of_run(footage: &Footage, run: &[usize], source: Source) -> Result<Vec<Ve
 }
 
 fn exact(footage: &Footage, run: &[usize]) -> Vec<Vec<Correspondence>> {
-    let capture = |index: usize| footage.sequence.capture(index);
+    let capture = |index: usize| footage.capture(index);
     let [columns, rows] = GRID;
     run.windows(2)
         .map(|pair| capture(pair[0]).exact_correspondences(&capture(pair[1]), columns, rows))

@@ -3,7 +3,8 @@
 use crate::metrics::{Stats, distances};
 use crate::scene::{FirstEdge, Frame};
 use crate::sequence::{Sequence, Settings};
-use crate::truth::Sample;
+use crate::truth::{Capture, Sample};
+use anyhow::Result;
 use rsrectify::readout::{Readout, ReadoutDirection, ReadoutTime};
 
 /// Truth is sampled every so many pixels.
@@ -15,13 +16,16 @@ pub struct Footage {
     pub sequence: Sequence,
     /// The frames as they arrive.
     pub frames: Vec<Frame>,
-    /// The timestamp of each frame in seconds: the start of its readout.
+    /// The timestamp of each frame in seconds: the start of its readout, unless the clip was resampled.
     pub stamps: Vec<f64>,
-    /// The truth of each frame.
+    /// The capture that each frame shows.
+    pub captures: Vec<usize>,
+    /// The truth of each frame: that of the capture it shows.
     pub truth: Vec<FrameTruth>,
 }
 
 /// What is known of one frame.
+#[derive(Clone, Debug, PartialEq)]
 pub struct FrameTruth {
     /// Where every [`STEP`]th pixel belongs at the reference instant, where that can be judged.
     pub samples: Vec<Sample>,
@@ -29,18 +33,37 @@ pub struct FrameTruth {
     pub global: Frame,
 }
 
+impl FrameTruth {
+    fn of(sequence: &Sequence, capture: usize) -> Self {
+        Self { samples: sequence.capture(capture).samples(STEP), global: sequence.global(capture) }
+    }
+}
+
 impl Footage {
     /// Renders a sequence.
-    pub fn render(sequence: Sequence) -> Self {
-        let count = sequence.settings.frames;
-        let truth = |k: usize| FrameTruth {
-            samples: sequence.capture(k).samples(STEP),
-            global: sequence.renderer().global(sequence.capture(k).reference()).sense(0.0, 0),
-        };
-        let truth = (0..count).map(truth).collect();
-        let frames = sequence.frames().collect();
-        let stamps = (0..count).map(|k| sequence.start(k)).collect();
-        Self { sequence, frames, stamps, truth }
+    ///
+    /// # Errors
+    /// Where the settings ask for H.264 and it is not to be had.
+    pub fn render(sequence: Sequence) -> Result<Self> {
+        let frames = sequence.frames()?.collect();
+        let deliveries = sequence.deliveries();
+        let mut truth: Vec<FrameTruth> = Vec::with_capacity(deliveries.len());
+        for (index, delivery) in deliveries.iter().enumerate() {
+            let repeated =
+                index.checked_sub(1).filter(|before| deliveries[*before].capture == delivery.capture);
+            truth.push(match repeated {
+                Some(before) => truth[before].clone(),
+                None => FrameTruth::of(&sequence, delivery.capture),
+            });
+        }
+        let stamps = deliveries.iter().map(|delivery| delivery.stamp).collect();
+        let captures = deliveries.iter().map(|delivery| delivery.capture).collect();
+        Ok(Self { sequence, frames, stamps, captures, truth })
+    }
+
+    /// The truth of frame `index`, computed from the geometry on demand.
+    pub fn capture(&self, index: usize) -> Capture<'_> {
+        self.sequence.capture(self.captures[index])
     }
 
     /// What determines the footage.
@@ -53,13 +76,16 @@ impl Footage {
         let settings = self.settings();
         let time = ReadoutTime::Seconds(settings.readout_time());
         let direction = direction(settings.first);
-        Readout::new(settings.width, settings.height, direction, time, 1.0 / settings.fps)
+        Readout::new(settings.width, settings.height, direction, time, 1.0 / settings.delivered_fps())
     }
 
     /// The stretches of frames over which motion can be followed: frames of one take, in order and
     /// each picture once. Every frame that shows a picture of its own is in one of them.
     pub fn runs(&self) -> Vec<Vec<usize>> {
-        vec![(0..self.frames.len()).collect()]
+        let mut frames: Vec<usize> = (0..self.captures.len()).collect();
+        frames.dedup_by_key(|index| self.captures[*index]);
+        let take = |index: &usize| self.sequence.take_index(self.captures[*index]);
+        frames.chunk_by(|a, b| take(a) == take(b)).map(<[usize]>::to_vec).collect()
     }
 
     /// The displacement of the footage as it arrives.
@@ -76,5 +102,76 @@ pub fn direction(first: FirstEdge) -> ReadoutDirection {
         FirstEdge::Bottom => ReadoutDirection::BottomToTop,
         FirstEdge::Left => ReadoutDirection::LeftToRight,
         FirstEdge::Right => ReadoutDirection::RightToLeft,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::correspondences::{self, Source};
+    use crate::methods::{self, Correction, Corrections, Input, Method};
+    use crate::sequence::{Timeline, named};
+    use nalgebra::Vector2;
+
+    fn footage(settings: Settings) -> Footage {
+        Footage::render(Sequence::new(Settings { width: 96, height: 72, ..settings })).unwrap()
+    }
+
+    fn phone(timeline: Timeline, cut: Option<usize>) -> Footage {
+        footage(Settings { frames: 6, timeline, cut, ..named("cut").unwrap() })
+    }
+
+    #[test]
+    fn runs_hold_each_picture_once_and_stop_at_cuts() {
+        let runs = |timeline, cut| phone(timeline, cut).runs();
+        assert_eq!(runs(Timeline::Whole, None), [vec![0, 1, 2, 3, 4, 5]]);
+        assert_eq!(runs(Timeline::Whole, Some(2)), [vec![0, 1], vec![2, 3, 4, 5]]);
+        // The captures shown are 0 0 2 2 2 | 5, then 0 1 | 3 4 5.
+        assert_eq!(runs(Timeline::Duplicates(vec![1, 3, 4]), Some(5)), [vec![0, 2], vec![5]]);
+        assert_eq!(runs(Timeline::Drops(vec![2]), Some(3)), [vec![0, 1], vec![2, 3, 4]]);
+    }
+
+    #[test]
+    fn duplicates_repeat_frame_and_truth() {
+        let footage = phone(Timeline::Duplicates(vec![2]), None);
+        assert_eq!(footage.captures, [0, 1, 1, 3, 4, 5]);
+        assert_eq!((&footage.frames[2], &footage.truth[2]), (&footage.frames[1], &footage.truth[1]));
+        assert_ne!(footage.frames[2], footage.frames[3]);
+        assert_eq!(footage.capture(2).start, footage.stamps[1]);
+    }
+
+    /// Moves each frame by its timestamp in seconds.
+    struct ByStamp;
+
+    impl Method for ByStamp {
+        fn name(&self) -> String {
+            "by-stamp".into()
+        }
+
+        fn solve(&self, input: &Input) -> Result<Corrections> {
+            let by = |shift: f64| Box::new(move |x| x + Vector2::new(shift, 0.0)) as Box<dyn Correction>;
+            Ok(input.stamps.iter().map(|stamp| by(*stamp)).collect())
+        }
+    }
+
+    #[test]
+    fn a_duplicate_is_corrected_as_the_frame_it_repeats() {
+        let footage = phone(Timeline::Duplicates(vec![2, 3]), Some(5));
+        let pairs: Result<Vec<_>> =
+            footage.runs().iter().map(|run| correspondences::of_run(&footage, run, Source::Exact)).collect();
+        let corrections = methods::solve(&ByStamp, &footage, footage.readout(), &pairs.unwrap()).unwrap();
+        let shifts: Vec<f64> = corrections.iter().map(|c| 30.0 * c.correct(Vector2::zeros()).x).collect();
+        for (shift, expected) in shifts.iter().zip([0.0, 1.0, 1.0, 1.0, 4.0, 5.0]) {
+            assert!((shift - expected).abs() < 1e-9, "{shifts:?}");
+        }
+    }
+
+    #[test]
+    fn coded_footage_differs_from_its_source() {
+        let source = phone(Timeline::Whole, None);
+        let coded = footage(Settings { bitrate: Some(300), ..source.settings().clone() });
+        assert_eq!(coded.frames.len(), 6);
+        assert_ne!(coded.frames, source.frames);
+        assert_eq!(coded.truth, source.truth);
     }
 }

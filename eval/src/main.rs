@@ -134,8 +134,8 @@ fn find(name: &str) -> Result<Settings> {
 }
 
 fn render(settings: Settings, out: &std::path::Path) -> Result<()> {
-    let (size, fps) = ([settings.width, settings.height], settings.fps);
-    video::write(out, size, fps, Sequence::new(settings).frames())
+    let (size, fps) = ([settings.width, settings.height], settings.delivered_fps());
+    video::write(out, size, fps, Sequence::new(settings).frames()?)
 }
 
 fn measure(names: &[String], lookahead: usize, changes: &Changes) -> Result<()> {
@@ -152,7 +152,7 @@ fn measure(names: &[String], lookahead: usize, changes: &Changes) -> Result<()> 
     let scene = Arc::new(room::room(seed));
     for settings in settings {
         let sequence = Sequence::in_scene(changes.apply(settings), scene.clone());
-        println!("{}", measured_row(&Footage::render(sequence), lookahead)?);
+        println!("{}", measured_row(&Footage::render(sequence)?, lookahead)?);
     }
     Ok(())
 }

@@ -5,7 +5,7 @@ mod dense;
 pub use dense::DisplacementMap;
 
 use crate::scene::Hit;
-use crate::sequence::Take;
+use crate::sequence::{Take, Warp};
 use nalgebra::Vector2;
 use rayon::prelude::*;
 use rsrectify::correspond::Correspondence;
@@ -31,6 +31,8 @@ pub struct Capture<'a> {
     pub take: &'a Take,
     /// When the readout starts, in seconds.
     pub start: f64,
+    /// What is done to the frame before it is delivered. Pixels are those of the delivered frame.
+    pub warp: Warp,
 }
 
 impl Capture<'_> {
@@ -52,7 +54,7 @@ impl Capture<'_> {
         let instant = self.start + share * camera.shutter.readout;
         let point = self.point(pixel)?;
         let truth = camera.project(instant, scene.position(instant, &point))?;
-        self.take.shows(instant, truth, &point).then_some(truth)
+        self.take.shows(instant, truth, &point).then(|| self.delivered(truth))?
     }
 
     /// The samples of the frame, every `step` pixels in x and y, that can be judged.
@@ -97,7 +99,13 @@ impl Capture<'_> {
     fn observe(&self, point: &Hit) -> Option<Vector2<f64>> {
         let Take { scene, camera } = self.take;
         let seen = camera.observe(self.start, |t| scene.position(t, point))?;
-        self.take.shows(camera.exposure(self.start, seen), seen, point).then_some(seen)
+        self.take.shows(camera.exposure(self.start, seen), seen, point).then(|| self.delivered(seen))?
+    }
+
+    /// The place in the delivered frame; `None` if it was cut off.
+    fn delivered(&self, captured: Vector2<f64>) -> Option<Vector2<f64>> {
+        let delivered = self.warp.delivered(captured);
+        self.take.camera.lens.contains(delivered).then_some(delivered)
     }
 
     /// The columns and the rows at which the frame is sampled every `step` pixels.
@@ -108,6 +116,7 @@ impl Capture<'_> {
 
     /// The point of an object seen at `pixel`.
     fn point(&self, pixel: Vector2<f64>) -> Option<Hit> {
+        let pixel = self.warp.captured(pixel);
         self.take.look(self.take.camera.exposure(self.start, pixel), pixel)
     }
 }
@@ -131,7 +140,7 @@ impl Take {
 mod tests {
     use super::*;
     use crate::scene::path::{Oscillation, Oscillations, uniform};
-    use crate::scene::{CameraPath, FirstEdge, Mover, Pinhole, RollingCamera, Scene, Shutter, Surface};
+    use crate::scene::{CameraPath, FirstEdge, Lens, Mover, RollingCamera, Scene, Shutter, Surface};
     use nalgebra::Vector3;
     use std::sync::Arc;
 
@@ -148,7 +157,7 @@ mod tests {
             Vector3::new(0.0, 60.0, 0.0),
         );
         let camera = RollingCamera {
-            lens: Pinhole { width: 320, height: 240, focal: FOCAL },
+            lens: Lens::pinhole(320, 240, FOCAL),
             shutter: Shutter { first, readout: READOUT },
             path: Box::new(path),
         };
@@ -157,7 +166,7 @@ mod tests {
     }
 
     pub fn frame(take: &Take, k: usize) -> Capture<'_> {
-        Capture { take, start: k as f64 * PERIOD }
+        Capture { take, start: k as f64 * PERIOD, warp: Warp::default() }
     }
 
     /// Time from a pixel's exposure to the middle of the readout, written out by direction.
@@ -274,7 +283,7 @@ mod tests {
         assert!(truth.at_reference(Vector2::new(5.0, 0.0)).is_none(), "60 px to the left is outside");
         let hides = truth.at_reference(visible).unwrap();
         let pose = take.camera.path.pose(truth.reference()).position;
-        let on_the_way = pose + (take.camera.lens.rays() * hides.push(1.0)) * 0.5;
+        let on_the_way = pose + take.camera.lens.ray(hides) * 0.5;
         let patch = Surface::new(
             on_the_way - Vector3::new(0.01, 0.01, 0.0),
             Vector3::new(0.02, 0.0, 0.0),

@@ -21,6 +21,7 @@ use anyhow::Result;
 use nalgebra::Vector2;
 use rsrectify::correspond::Correspondence;
 use rsrectify::readout::Readout;
+use std::sync::Arc;
 
 /// What a method finds out about one frame: where each of its pixels belongs.
 pub trait Correction: Send + Sync {
@@ -73,21 +74,27 @@ pub fn solve(
     readout: Readout,
     pairs: &[Vec<Vec<Correspondence>>],
 ) -> Result<Corrections> {
-    let mut corrections: Vec<Option<Box<dyn Correction>>> = Vec::new();
-    corrections.resize_with(footage.frames.len(), || None);
+    let mut found: Vec<Option<Arc<dyn Correction>>> = vec![None; footage.frames.len()];
     for (run, pairs) in footage.runs().iter().zip(pairs) {
         let input = Input {
             readout,
-            focal: footage.sequence.take.camera.lens.focal,
-            period: 1.0 / footage.settings().fps,
+            focal: footage.sequence.focal(),
+            period: 1.0 / footage.settings().delivered_fps(),
             stamps: run.iter().map(|index| footage.stamps[*index]).collect(),
             pairs,
         };
         for (index, correction) in run.iter().zip(method.solve(&input)?) {
-            corrections[*index] = Some(correction);
+            found[*index] = Some(correction.into());
         }
     }
-    Ok(corrections.into_iter().map(|found| found.unwrap_or_else(|| Box::new(|pixel| pixel))).collect())
+    let mut corrections: Corrections = Vec::with_capacity(found.len());
+    let mut last: Arc<dyn Correction> = Arc::new(|pixel| pixel);
+    for own in found {
+        last = own.unwrap_or(last);
+        let shared = last.clone();
+        corrections.push(Box::new(move |pixel| shared.correct(pixel)));
+    }
+    Ok(corrections)
 }
 
 /// Leaves every frame as it is.

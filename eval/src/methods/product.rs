@@ -31,7 +31,7 @@ pub fn settings(sequence: &sequence::Settings, delay: Delay, lookahead: usize) -
 /// Pushes the frames of a sequence and collects the motion of each.
 pub fn solve(footage: &Footage, settings: Settings) -> Result<Vec<FrameSolution>> {
     let (width, height) = (footage.settings().width, footage.settings().height);
-    let period = Some(1.0 / footage.settings().fps);
+    let period = Some(1.0 / footage.settings().delivered_fps());
     let mut rectifier = Rectifier::new(settings, width, height, period);
     let mut solutions = Vec::with_capacity(footage.frames.len());
     for (frame, stamp) in footage.frames.iter().zip(&footage.stamps) {
@@ -93,7 +93,7 @@ mod tests {
     fn every_frame_gets_its_motion() {
         let settings =
             sequence::Settings { width: 160, height: 120, frames: 5, ..sequence::named("btt_g085").unwrap() };
-        let footage = Footage::render(Sequence::new(settings));
+        let footage = Footage::render(Sequence::new(settings)).unwrap();
         for lookahead in [0, 3, 12] {
             let settings = super::settings(footage.settings(), Delay::True, lookahead);
             let solutions = solve(&footage, settings).unwrap();

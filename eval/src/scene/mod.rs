@@ -13,7 +13,7 @@ pub mod render;
 pub mod room;
 pub mod texture;
 
-pub use camera::{CameraPath, FirstEdge, Pinhole, Pose, RollingCamera, Shutter};
+pub use camera::{CameraPath, FirstEdge, Lens, Pose, RollingCamera, Shutter};
 pub use geometry::{Hit, Scene, Surface};
 pub use mover::Mover;
 pub use picture::{Frame, Picture};

@@ -7,6 +7,7 @@ use super::camera::{CameraPath, Pose};
 use nalgebra::{Rotation3, Vector3};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
+use serde::Serialize;
 use std::f64::consts::TAU;
 
 /// amplitude · sin(2π·(frequency·t + phase)).
@@ -27,7 +28,7 @@ impl Oscillation {
 }
 
 /// What kind of motion a camera makes.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub enum Motion {
     /// None.
     Still,

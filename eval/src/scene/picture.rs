@@ -89,6 +89,13 @@ impl Frame {
         [0, 1, 2].map(|channel| f32::from(self.rgb[start + channel]) / 255.0)
     }
 
+    /// The frame as a picture.
+    pub fn picture(&self) -> Picture {
+        let colours = self.rgb.chunks_exact(3);
+        let colours = colours.map(|rgb| [0, 1, 2].map(|channel| f32::from(rgb[channel]) / 255.0));
+        Picture::new(self.width, self.height, colours.collect())
+    }
+
     /// The luma that video carries: 16 to 235.
     pub fn luma(&self) -> Vec<u8> {
         let luma = |rgb: &[u8]| {

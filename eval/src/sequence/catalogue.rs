@@ -1,6 +1,7 @@
 //! The named sequences.
 
 use super::settings::{Settings, Strength};
+use super::{Gain, Stabilisation, Timeline};
 use crate::scene::FirstEdge;
 use crate::scene::path::Motion;
 
@@ -10,7 +11,7 @@ use crate::scene::path::Motion;
 /// video from hand-held devices*, CVPR 2010, in name, kind of motion, frame size and blank rows.
 pub fn catalogue() -> Vec<Settings> {
     use Strength::{Amplitude, Displacement};
-    let shake = |lowest, highest| Motion::Shake { lowest, highest };
+    let phone = |name| phone(name, Displacement(5.0));
     vec![
         Settings::new("rot1_B0", Motion::SpiralRotation, Displacement(9.0)),
         Settings::new("rot1_B40", Motion::SpiralRotation, Displacement(9.0)).blank_rows(40.0),
@@ -30,10 +31,35 @@ pub fn catalogue() -> Vec<Settings> {
             frames: 30,
             ..Settings::new("btt_g085", shake(0.015, 0.15), Displacement(5.0))
         },
+        Settings { width: 480, height: 640, first: FirstEdge::Left, ..phone("ltr_g08") },
         Settings { frames: 30, ..Settings::new("vibration", Motion::Vibration, Displacement(5.0)) },
+        Settings { cut: Some(15), ..phone("cut") },
+        Settings { timeline: Timeline::Duplicates(vec![5, 12, 13, 21]), ..phone("duplicates") },
+        Settings { timeline: Timeline::Drops(vec![5, 12, 13, 21]), ..phone("drops") },
+        Settings { gain: Some(Gain { ramp: [6, 14], end: 0.6, flash: Some((20, 1.8)) }), ..phone("gain") },
+        Settings { stabilisation: Some(STABILISATION), ..self::phone("eis", Displacement(3.5)) },
+        Settings { timeline: Timeline::Resampled(25.0), ..phone("resampled_25") },
+        Settings { timeline: Timeline::Resampled(60.0), ..phone("resampled_60") },
         Settings { readout_ratio: 0.0, ..Settings::new("control_global", shake(0.04, 0.4), Amplitude(1.0)) },
         Settings { noise: 2.0, ..Settings::new("control_still", Motion::Still, Amplitude(0.0)) },
+        Settings {
+            readout_ratio: 0.0,
+            stabilisation: Some(STABILISATION),
+            ..self::phone("control_eis", Amplitude(1.0))
+        },
     ]
+}
+
+const STABILISATION: Stabilisation = Stabilisation { smoothing: 5.0, zoom: 1.25 };
+
+/// What a phone in a hand takes: 30 frames with shake up to 0.15 cycles a frame, γ = 0.8, some noise.
+fn phone(name: &str, strength: Strength) -> Settings {
+    let motion = shake(0.015, 0.15);
+    Settings { readout_ratio: 0.8, noise: 2.0, frames: 30, ..Settings::new(name, motion, strength) }
+}
+
+fn shake(lowest: f64, highest: f64) -> Motion {
+    Motion::Shake { lowest, highest }
 }
 
 /// The settings of the sequence with this name.

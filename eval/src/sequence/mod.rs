@@ -1,34 +1,38 @@
 //! Named sequences and their settings.
 
 mod catalogue;
+mod gain;
 mod settings;
+mod stabilisation;
+mod take;
+mod timeline;
 
 pub use catalogue::{catalogue, demo, named};
+pub use gain::Gain;
 pub use settings::{Settings, Strength};
+pub use stabilisation::{Stabilisation, Warp};
+pub use take::Take;
+pub use timeline::{Delivery, Timeline};
 
+use crate::media;
 use crate::metrics::{Stats, distances};
-use crate::scene::path::Oscillations;
-use crate::scene::{Frame, Pinhole, Renderer, RollingCamera, Scene, Shutter, room};
+use crate::scene::{Frame, Picture, Renderer, Scene, room};
 use crate::truth::Capture;
+use anyhow::Result;
+use std::ops::Range;
 use std::sync::Arc;
 
-/// Focal length in frame widths: a field of view of 53° across.
-const FOCAL: f64 = 1.0;
+/// What the seed of a take after a cut differs by from the one before.
+const OTHER_TAKE: u64 = 0x6d2b_79f5;
 
 /// A sequence ready to be rendered and judged.
 pub struct Sequence {
     /// What determines it.
     pub settings: Settings,
-    /// What is seen, and who sees it.
-    pub take: Take,
-}
-
-/// A scene and the camera that films it.
-pub struct Take {
-    /// What is seen.
-    pub scene: Arc<Scene>,
-    /// Who sees it.
-    pub camera: RollingCamera,
+    /// What its motion was multiplied by, for each take, to have the strength that the settings ask for.
+    pub amplitudes: Vec<f64>,
+    /// The take before the cut and the one after it, or the only one.
+    takes: Vec<Take>,
 }
 
 impl Sequence {
@@ -38,73 +42,132 @@ impl Sequence {
         Self::in_scene(settings, scene)
     }
 
-    /// A sequence in a scene that is there already.
+    /// A sequence in a scene that is there already; after a cut it is another one.
     pub fn in_scene(settings: Settings, scene: Arc<Scene>) -> Self {
-        let take = Take { scene, camera: camera(&settings, 1.0) };
-        let mut sequence = Self { settings, take };
-        match sequence.settings.strength {
-            Strength::Amplitude(amplitude) => sequence.take.camera = camera(&sequence.settings, amplitude),
-            Strength::Displacement(pixels) => sequence.reach(pixels),
-        }
-        sequence
+        Self::build(settings, scene, None)
     }
 
-    /// When frame `k` starts to be read, in seconds.
+    /// A sequence of which the amplitudes are known.
+    pub fn with_amplitudes(settings: Settings, amplitudes: &[f64]) -> Self {
+        let scene = Arc::new(room::room(settings.seed));
+        Self::build(settings, scene, Some(amplitudes))
+    }
+
+    fn build(settings: Settings, scene: Arc<Scene>, known: Option<&[f64]>) -> Self {
+        let (mut amplitudes, mut takes) = (Vec::new(), Vec::new());
+        for (index, captures) in stretches(&settings).into_iter().enumerate() {
+            let (seed, scene) = match index {
+                0 => (settings.seed, scene.clone()),
+                _ => (settings.seed ^ OTHER_TAKE, Arc::new(room::room(settings.seed ^ OTHER_TAKE))),
+            };
+            let known = known.and_then(|amplitudes| amplitudes.get(index).copied());
+            let amplitude = known.unwrap_or_else(|| Take::amplitude(&settings, &scene, seed, captures));
+            amplitudes.push(amplitude);
+            takes.push(Take::new(&settings, scene, seed, amplitude));
+        }
+        Self { settings, amplitudes, takes }
+    }
+
+    /// When capture `k` starts to be read, in seconds.
     pub fn start(&self, k: usize) -> f64 {
         k as f64 / self.settings.fps
     }
 
-    /// The truth of frame `k`.
-    pub fn capture(&self, k: usize) -> Capture<'_> {
-        Capture { take: &self.take, start: self.start(k) }
+    /// The number of the take that capture `k` belongs to.
+    pub fn take_index(&self, k: usize) -> usize {
+        usize::from(self.settings.cut.is_some_and(|cut| k >= cut))
     }
 
-    /// The displacement of the sequence as it arrives, sampled every `step` pixels.
+    /// The take that capture `k` belongs to.
+    pub fn take(&self, k: usize) -> &Take {
+        &self.takes[self.take_index(k)]
+    }
+
+    /// The truth of capture `k`.
+    pub fn capture(&self, k: usize) -> Capture<'_> {
+        self.take(k).capture(&self.settings, k)
+    }
+
+    /// The displacement of the captures as they arrive, sampled every `step` pixels.
     pub fn uncorrected(&self, step: usize) -> Stats {
         let frames = (0..self.settings.frames).map(|k| self.capture(k).samples(step));
         Stats::of(frames.flat_map(|samples| distances(&samples, |x| x).collect::<Vec<_>>()).collect())
     }
 
-    /// Frame `k` as the camera gives it.
+    /// Focal length of the delivered frames in pixels.
+    pub fn focal(&self) -> f64 {
+        self.takes[0].camera.lens.focal * self.settings.stabilisation.map_or(1.0, |s| s.zoom)
+    }
+
+    /// Which capture each delivered frame shows, and its timestamp.
+    pub fn deliveries(&self) -> Vec<Delivery> {
+        self.settings.timeline.deliveries(self.settings.frames, self.settings.fps)
+    }
+
+    /// Capture `k` as it leaves the camera, before it is coded.
     pub fn frame(&self, k: usize) -> Frame {
-        let picture = self.renderer().rolling(self.start(k));
+        let picture = self.exposed(k, self.renderer(k).rolling(self.start(k)));
         let seed = self.settings.seed ^ (k as u64 + 1).wrapping_mul(0x9e37_79b9_7f4a_7c15);
-        picture.sense(self.settings.noise, seed)
-    }
-
-    /// All frames, one after another.
-    pub fn frames(&self) -> impl Iterator<Item = Frame> + '_ {
-        (0..self.settings.frames).map(|k| self.frame(k))
-    }
-
-    /// The renderer of its frames.
-    pub fn renderer(&self) -> Renderer<'_> {
-        Renderer { scene: &self.take.scene, camera: &self.take.camera, samples: 2 }
-    }
-
-    /// Scales the motion until the uncorrected frames are `target` pixels from their truth.
-    ///
-    /// Displacement is nearly proportional to the amplitude, so that repeated proportion settles
-    /// quickly; the visibility mask and perspective bend it a little.
-    fn reach(&mut self, target: f64) {
-        let mut amplitude = 1.0;
-        for _ in 0..8 {
-            self.take.camera = camera(&self.settings, amplitude);
-            let reached = self.uncorrected(self.settings.width / 40).rms;
-            if (reached - target).abs() < 1e-3 * target {
-                break;
-            }
-            amplitude *= target / reached.max(1e-6);
+        let sensed = picture.sense(self.settings.noise, seed);
+        match self.settings.stabilisation {
+            None => sensed,
+            Some(_) => self.capture(k).warp.resample(&sensed.picture()).sense(0.0, 0),
         }
+    }
+
+    /// The frame that a global shutter takes at the reference instant of capture `k`, without noise and
+    /// uncoded, but with the same gain and stabilised as the capture was.
+    pub fn global(&self, k: usize) -> Frame {
+        let capture = self.capture(k);
+        let picture = self.exposed(k, self.renderer(k).global(capture.reference()));
+        match self.settings.stabilisation {
+            None => picture.sense(0.0, 0),
+            Some(_) => capture.warp.resample(&picture.sense(0.0, 0).picture()).sense(0.0, 0),
+        }
+    }
+
+    fn exposed(&self, k: usize, picture: Picture) -> Picture {
+        match self.settings.gain {
+            None => picture,
+            Some(gain) => gain.apply(k, picture),
+        }
+    }
+
+    /// The frames of the clip. They come one after another as they are asked for, except where they
+    /// are coded, which takes all of them.
+    ///
+    /// # Errors
+    /// Where the settings ask for H.264 and it is not to be had.
+    pub fn frames(&self) -> Result<Box<dyn Iterator<Item = Frame> + '_>> {
+        let mut last: Option<(usize, Frame)> = None;
+        let frames = self.deliveries().into_iter().map(move |delivery| {
+            // A frame shown twice is rendered once.
+            let known = last.take().filter(|(capture, _)| *capture == delivery.capture);
+            let (_, frame) =
+                last.insert(known.unwrap_or_else(|| (delivery.capture, self.frame(delivery.capture))));
+            frame.clone()
+        });
+        Ok(match self.settings.bitrate {
+            None => Box::new(frames),
+            Some(bitrate) => {
+                let coded = media::through_h264(frames.collect(), self.settings.delivered_fps(), bitrate)?;
+                Box::new(coded.into_iter())
+            }
+        })
+    }
+
+    /// The renderer of capture `k`, before it is stabilised.
+    pub fn renderer(&self, k: usize) -> Renderer<'_> {
+        let take = self.take(k);
+        Renderer { scene: &take.scene, camera: &take.camera, samples: 2 }
     }
 }
 
-fn camera(settings: &Settings, amplitude: f64) -> RollingCamera {
-    let focal = FOCAL * settings.width as f64;
-    RollingCamera {
-        lens: Pinhole { width: settings.width, height: settings.height, focal },
-        shutter: Shutter { first: settings.first, readout: settings.readout_time() },
-        path: Box::new(Oscillations::new(settings.motion, amplitude, settings.fps, settings.seed)),
+/// The captures of each take.
+fn stretches(settings: &Settings) -> Vec<Range<usize>> {
+    match settings.cut {
+        None => vec![0..settings.frames],
+        Some(cut) => vec![0..cut, cut..settings.frames.max(cut)],
     }
 }
 
@@ -123,16 +186,56 @@ mod tests {
         for settings in catalogue() {
             let Strength::Displacement(target) = settings.strength else { continue };
             let name = settings.name.clone();
-            let reached = Sequence::in_scene(settings, scene.clone()).uncorrected(8).rms;
+            let reached = Sequence::in_scene(settings, scene.clone()).uncorrected(12).rms;
             assert!((reached - target).abs() < 0.03 * target, "{name}: {reached} px for {target} px");
         }
     }
 
     #[test]
     fn controls_are_without_displacement() {
-        for name in ["control_global", "control_still"] {
+        for name in ["control_global", "control_still", "control_eis"] {
             assert!(Sequence::new(small(name)).uncorrected(16).rms < 1e-9);
         }
+    }
+
+    #[test]
+    fn stabilised_frames_show_no_border() {
+        for name in ["eis", "control_eis"] {
+            let sequence = Sequence::new(named(name).unwrap());
+            let Settings { width, height, frames, .. } = sequence.settings;
+            let (right, bottom) = (width as f64 - 1.0, height as f64 - 1.0);
+            for k in 0..frames {
+                let capture = sequence.capture(k);
+                for (x, y) in [(0.0, 0.0), (right, 0.0), (0.0, bottom), (right, bottom)] {
+                    let corner = capture.warp.captured(Vector2::new(x, y));
+                    assert!(sequence.take(k).camera.lens.contains(corner), "{name} {k}: {corner}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn a_cut_changes_room_and_path() {
+        let moving = Sequence::new(Settings { cut: Some(2), ..small("cut") });
+        let pose = |k: usize| moving.take(k).camera.path.pose(0.1);
+        assert_eq!(pose(0), pose(1));
+        assert_ne!(pose(1), pose(2));
+        let still = Sequence::new(Settings { cut: Some(2), ..small("control_still") });
+        assert_eq!(still.frame(0), still.frame(1));
+        assert_eq!(still.frame(2), still.frame(3));
+        let (before, after) = (still.frame(1).luma(), still.frame(2).luma());
+        let changed = before.iter().zip(&after).filter(|(a, b)| a.abs_diff(**b) > 10).count();
+        assert!(changed > before.len() / 2, "{changed}");
+    }
+
+    #[test]
+    fn gain_brightens_the_frame_and_its_truth() {
+        let flash = Some(Gain { ramp: [0, 1], end: 0.5, flash: Some((2, 1.5)) });
+        let sequence = Sequence::new(Settings { gain: flash, ..small("control_still") });
+        let mean = |frame: Frame| frame.rgb.iter().map(|byte| f64::from(*byte)).sum::<f64>();
+        let ratio = |k| mean(sequence.frame(k)) / mean(sequence.frame(0));
+        assert!((ratio(1) - 0.5).abs() < 0.02 && (ratio(2) - 0.75).abs() < 0.03, "{} {}", ratio(1), ratio(2));
+        assert_eq!(sequence.frame(2), sequence.global(2));
     }
 
     #[test]
@@ -161,10 +264,10 @@ mod tests {
 
     #[test]
     fn the_truth_takes_rolling_frames_to_global_ones() {
-        for name in ["rot1_B0", "trans_rot1_B40", "btt_g085"] {
+        for name in ["rot1_B0", "trans_rot1_B40", "btt_g085", "ltr_g08", "eis"] {
             let sequence = Sequence::new(small(name));
-            let rolling = sequence.renderer().rolling(sequence.start(2)).grey();
-            let global = sequence.renderer().global(sequence.capture(2).reference()).grey();
+            let rolling = sequence.frame(2).picture().grey();
+            let global = sequence.global(2).picture().grey();
             let (mut moved, mut left, mut count) = (0.0, 0.0, 0.0);
             for sample in sequence.capture(2).samples(3) {
                 let seen = at(&rolling, 320, sample.seen);

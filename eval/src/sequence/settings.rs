@@ -1,10 +1,12 @@
 //! What determines a sequence.
 
+use super::{Gain, Stabilisation, Timeline};
 use crate::scene::FirstEdge;
 use crate::scene::path::Motion;
+use serde::Serialize;
 
 /// How strong the motion is.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub enum Strength {
     /// A factor on the motion's own amplitude.
     Amplitude(f64),
@@ -13,7 +15,7 @@ pub enum Strength {
 }
 
 /// Everything that determines a sequence.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Settings {
     /// The sequence's name.
     pub name: String,
@@ -21,16 +23,26 @@ pub struct Settings {
     pub width: usize,
     /// Frame height in pixels.
     pub height: usize,
-    /// Number of frames.
+    /// Number of frames that are captured.
     pub frames: usize,
-    /// Frames a second.
+    /// Frames captured a second.
     pub fps: f64,
+    /// How the captures become the frames of the clip.
+    pub timeline: Timeline,
+    /// The capture from which another camera films another room.
+    pub cut: Option<usize>,
     /// Readout ratio γ = T / frame period, 0 (global shutter) to 1.
     pub readout_ratio: f64,
     /// The edge exposed first.
     pub first: FirstEdge,
+    /// How the camera's gain changes, if it does.
+    pub gain: Option<Gain>,
     /// Standard deviation of the sensor noise in grey levels.
     pub noise: f32,
+    /// What the camera does against shake, if it does.
+    pub stabilisation: Option<Stabilisation>,
+    /// H.264 at so many kilobits a second; `None` leaves the frames uncompressed.
+    pub bitrate: Option<u32>,
     /// How the camera moves.
     pub motion: Motion,
     /// How strongly.
@@ -47,9 +59,14 @@ impl Settings {
             height: 480,
             frames: 24,
             fps: 30.0,
+            timeline: Timeline::Whole,
+            cut: None,
             readout_ratio: 1.0,
             first: FirstEdge::Top,
+            gain: None,
             noise: 0.0,
+            stabilisation: None,
+            bitrate: None,
             motion,
             strength,
             seed: 1,
@@ -60,6 +77,11 @@ impl Settings {
     pub(super) fn blank_rows(mut self, rows: f64) -> Self {
         self.readout_ratio = 480.0 / (480.0 + rows);
         self
+    }
+
+    /// Frames a second of the clip.
+    pub fn delivered_fps(&self) -> f64 {
+        self.timeline.fps(self.fps)
     }
 
     /// Readout time T in seconds.

@@ -71,7 +71,8 @@ impl Capture<'_> {
         let [columns, rows] = [lens.width, lens.height].map(traced);
         let trace = |index: usize| {
             let (x, y) = (columns[index % columns.len()], rows[index / columns.len()]);
-            let point = self.take.look(self.reference(), Vector2::new(x as f64, y as f64));
+            let pixel = self.warp.captured(Vector2::new(x as f64, y as f64));
+            let point = self.take.look(self.reference(), pixel);
             point.is_some_and(|point| self.observe(&point).is_some())
         };
         let seen: Vec<bool> = (0..columns.len() * rows.len()).into_par_iter().map(trace).collect();

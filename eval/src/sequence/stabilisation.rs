@@ -1,0 +1,179 @@
+//! Footage that was stabilised in the camera, by one homography a frame.
+
+use crate::scene::{Picture, RollingCamera};
+use nalgebra::{Matrix3, Rotation3, Vector2, Vector3};
+use rayon::prelude::*;
+use serde::Serialize;
+
+/// Electronic stabilisation as phones do it without correction by rows: each frame is turned, about the
+/// camera's centre, from where the camera looked in the middle of the readout to where a smoothed path
+/// looks, and enlarged so that the frame's border stays out of sight.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Stabilisation {
+    /// Standard deviation, in frames, of the Gaussian that smooths the turns.
+    pub smoothing: f64,
+    /// Enlargement; 1.2 leaves a margin of a twelfth of the frame at each side.
+    pub zoom: f64,
+}
+
+impl Stabilisation {
+    /// What is done to the frame whose readout has its middle at the instant `t`, in seconds.
+    ///
+    /// With the turn R of the camera, the smoothed turn S, the lens K and the enlargement Z about the
+    /// image centre this is the homography Z·K·Sᵀ·R·K⁻¹.
+    pub fn warp(&self, camera: &RollingCamera, t: f64, fps: f64) -> Warp {
+        let centre = camera.lens.centre();
+        let lens = Matrix3::new_translation(&centre)
+            * Matrix3::new_nonuniform_scaling(&Vector2::repeat(camera.lens.focal));
+        let enlarge = Matrix3::new_translation(&centre)
+            * Matrix3::new_scaling(self.zoom)
+            * Matrix3::new_translation(&-centre);
+        let turn = self.smoothed(camera, t, fps).inverse() * camera.path.pose(t).rotation;
+        Warp::new(enlarge * lens * turn.matrix() * lens.try_inverse().expect("a focal length above 0"))
+    }
+
+    /// The smoothed turn: the weighted mean of the rotation vectors of the frames around.
+    fn smoothed(&self, camera: &RollingCamera, t: f64, fps: f64) -> Rotation3<f64> {
+        let reach = (3.0 * self.smoothing).ceil() as i32;
+        let (mut sum, mut weights) = (Vector3::zeros(), 0.0);
+        for frame in (-reach..=reach).map(f64::from) {
+            let weight = (-0.5 * (frame / self.smoothing).powi(2)).exp();
+            sum += camera.path.pose(t + frame / fps).rotation.scaled_axis() * weight;
+            weights += weight;
+        }
+        Rotation3::new(sum / weights)
+    }
+}
+
+/// A homography from a frame as it was captured to the frame as it is delivered, and its inverse.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Warp {
+    forward: Matrix3<f64>,
+    backward: Matrix3<f64>,
+}
+
+impl Default for Warp {
+    /// Frames are delivered as they were captured.
+    fn default() -> Self {
+        Self { forward: Matrix3::identity(), backward: Matrix3::identity() }
+    }
+}
+
+impl Warp {
+    /// # Panics
+    /// If the homography cannot be inverted.
+    fn new(forward: Matrix3<f64>) -> Self {
+        let backward = forward.try_inverse().expect("turns and enlargements can be undone");
+        Self { forward, backward }
+    }
+
+    /// Where a place of the captured frame is in the delivered one, in pixels.
+    pub fn delivered(&self, captured: Vector2<f64>) -> Vector2<f64> {
+        apply(&self.forward, captured)
+    }
+
+    /// Where a place of the delivered frame was in the captured one, in pixels.
+    pub fn captured(&self, delivered: Vector2<f64>) -> Vector2<f64> {
+        apply(&self.backward, delivered)
+    }
+
+    /// The captured picture as it is delivered, resampled bicubically; beyond the border the nearest
+    /// pixel is repeated.
+    pub fn resample(&self, picture: &Picture) -> Picture {
+        let mut colours = vec![[0.0; 3]; picture.colours.len()];
+        colours.par_chunks_mut(picture.width).enumerate().for_each(|(y, row)| {
+            for (x, colour) in row.iter_mut().enumerate() {
+                *colour = cubic(picture, self.captured(Vector2::new(x as f64, y as f64)));
+            }
+        });
+        Picture::new(picture.width, picture.height, colours)
+    }
+}
+
+fn apply(homography: &Matrix3<f64>, pixel: Vector2<f64>) -> Vector2<f64> {
+    let place = homography * pixel.push(1.0);
+    place.xy() / place.z
+}
+
+/// Catmull–Rom interpolation.
+fn cubic(picture: &Picture, place: Vector2<f64>) -> [f32; 3] {
+    let corner = place.map(f64::floor);
+    let [across, down] = [place.x - corner.x, place.y - corner.y].map(|share| cubic_weights(share as f32));
+    let index = |start: f64, tap: usize, length: usize| {
+        (start + tap as f64 - 1.0).clamp(0.0, length as f64 - 1.0) as usize
+    };
+    let columns: [usize; 4] = std::array::from_fn(|tap| index(corner.x, tap, picture.width));
+    let mut sum = [0.0; 3];
+    for (tap, weight_down) in down.into_iter().enumerate() {
+        let row = &picture.colours[index(corner.y, tap, picture.height) * picture.width..][..picture.width];
+        for (column, weight) in columns.into_iter().zip(across) {
+            let colour = row[column];
+            sum = std::array::from_fn(|channel| sum[channel] + weight_down * weight * colour[channel]);
+        }
+    }
+    sum
+}
+
+/// The weights of the four neighbours at −1, 0, 1, 2 for a place at `t` in 0..1.
+///
+/// R. G. Keys, *Cubic convolution interpolation for digital image processing*, IEEE Transactions on
+/// Acoustics, Speech, and Signal Processing 29(6), 1981, with a = −½.
+fn cubic_weights(t: f32) -> [f32; 4] {
+    let (t2, t3) = (t * t, t * t * t);
+    [-0.5 * t3 + t2 - 0.5 * t, 1.5 * t3 - 2.5 * t2 + 1.0, -1.5 * t3 + 2.0 * t2 + 0.5 * t, 0.5 * t3 - 0.5 * t2]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scene::path::uniform;
+    use crate::scene::{CameraPath, FirstEdge, Lens, Pose, Shutter};
+    use std::f64::consts::TAU;
+
+    const LENS: Lens = Lens { width: 64, height: 48, focal: 60.0, distortion: [0.0; 2] };
+
+    fn camera(path: impl CameraPath + 'static) -> RollingCamera {
+        let shutter = Shutter { first: FirstEdge::Top, readout: 0.02 };
+        RollingCamera { lens: LENS, shutter, path: Box::new(path) }
+    }
+
+    #[test]
+    fn a_steady_turn_is_only_enlarged() {
+        // The mean of a steady turn over a window is the turn in its middle.
+        let camera = camera(uniform(0.7, Vector3::zeros()));
+        let warp = Stabilisation { smoothing: 4.0, zoom: 1.25 }.warp(&camera, 0.3, 30.0);
+        let corner = warp.delivered(Vector2::new(31.5 + 8.0, 23.5 - 4.0));
+        assert!((corner - Vector2::new(41.5, 18.5)).norm() < 1e-9, "{corner}");
+    }
+
+    #[test]
+    fn a_fast_swing_is_taken_out() {
+        // At a third of a cycle a frame a Gaussian of 3 frames leaves nothing, but for its cut tails:
+        // 0.3 % of the swing's 3 px.
+        let swing = |t: f64| 0.05 * (TAU * 10.0 * t).sin();
+        let camera = camera(move |t: f64| Pose {
+            rotation: Rotation3::from_axis_angle(&Vector3::y_axis(), swing(t)),
+            ..Pose::identity()
+        });
+        let t = 0.02;
+        let warp = Stabilisation { smoothing: 3.0, zoom: 1.0 }.warp(&camera, t, 30.0);
+        // A direction straight ahead is seen left of the centre by the camera that turned right.
+        let captured = Vector2::new(31.5 - 60.0 * swing(t).tan(), 23.5);
+        assert!((warp.delivered(captured) - LENS.centre()).norm() < 0.01);
+        assert!((warp.captured(LENS.centre()) - captured).norm() < 0.01);
+    }
+
+    #[test]
+    fn resampling_reproduces_a_parabola() {
+        // Keys' kernel is exact for polynomials of the second degree.
+        let value = |x: f64, y: f64| (0.1 + 0.01 * x - 1e-4 * x * x + 2e-4 * x * y + 3e-4 * y * y) as f32;
+        let colours = (0..64 * 48).map(|i| [value(f64::from(i % 64), f64::from(i / 64)); 3]);
+        let picture = Picture::new(64, 48, colours.collect());
+        let shift = Matrix3::new_translation(&Vector2::new(-2.3, 1.6));
+        let moved = Warp::new(shift).resample(&picture);
+        for (x, y) in [(10.0, 10.0), (40.0, 30.0), (31.0, 5.0)] {
+            let colour = moved.colours[y as usize * 64 + x as usize][1];
+            assert!((colour - value(x + 2.3, y - 1.6)).abs() < 1e-5);
+        }
+    }
+}
