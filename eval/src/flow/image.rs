@@ -100,20 +100,18 @@ impl Image {
         let (left, top) = (left as isize - 1, top as isize - 1);
         let inside = left >= 0 && left + 4 <= self.width as isize;
         let mut jet = Jet::default();
-        for (j, (weight, derivative)) in down.iter().enumerate() {
+        for j in 0..4 {
             let y = (top + j as isize).clamp(0, self.height as isize - 1);
-            let samples: [f32; 4] = if inside {
-                std::array::from_fn(|i| self.row(y as usize)[left as usize..][..4][i])
+            let mut samples = [0.0; 4];
+            if inside {
+                samples.copy_from_slice(&self.row(y as usize)[left as usize..][..4]);
             } else {
-                std::array::from_fn(|i| self.clamped(left + i as isize, y))
-            };
-            let sum = |of: fn(&(f32, f32)) -> f32| -> f32 {
-                across.iter().zip(samples).map(|(weights, sample)| of(weights) * sample).sum()
-            };
-            let (value, slope) = (sum(|weights| weights.0), sum(|weights| weights.1));
-            jet.value += weight * value;
-            jet.slope[0] += weight * slope;
-            jet.slope[1] += derivative * value;
+                (left..).zip(&mut samples).for_each(|(x, sample)| *sample = self.clamped(x, y));
+            }
+            let (value, slope) = (dot(&across.values, &samples), dot(&across.slopes, &samples));
+            jet.value += down.values[j] * value;
+            jet.slope[0] += down.values[j] * slope;
+            jet.slope[1] += down.slopes[j] * value;
         }
         jet
     }
@@ -126,16 +124,33 @@ impl Image {
     }
 }
 
-/// Weights of the four samples around the place `t` between the middle two, and their derivatives.
-fn cubic_weights(t: f32) -> [(f32, f32); 4] {
+/// Weights of four successive samples.
+struct Weights {
+    /// For the value.
+    values: [f32; 4],
+    /// For the derivative.
+    slopes: [f32; 4],
+}
+
+/// The weights for the place `t` between the middle two samples.
+#[inline(always)]
+fn cubic_weights(t: f32) -> Weights {
     let (a, b, c) = (t + 1.0, t - 1.0, t - 2.0);
     let square = 3.0 * t * t;
-    [
-        (-t * b * c / 6.0, -(square - 6.0 * t + 2.0) / 6.0),
-        (a * b * c / 2.0, (square - 4.0 * t - 1.0) / 2.0),
-        (-a * t * c / 2.0, -(square - 2.0 * t - 2.0) / 2.0),
-        (a * t * b / 6.0, (square - 1.0) / 6.0),
-    ]
+    Weights {
+        values: [-t * b * c / 6.0, a * b * c / 2.0, -a * t * c / 2.0, a * t * b / 6.0],
+        slopes: [
+            -(square - 6.0 * t + 2.0) / 6.0,
+            (square - 4.0 * t - 1.0) / 2.0,
+            -(square - 2.0 * t - 2.0) / 2.0,
+            (square - 1.0) / 6.0,
+        ],
+    }
+}
+
+#[inline(always)]
+fn dot(a: &[f32; 4], b: &[f32; 4]) -> f32 {
+    (a[0] * b[0] + a[1] * b[1]) + (a[2] * b[2] + a[3] * b[3])
 }
 
 #[cfg(test)]

@@ -81,10 +81,15 @@ fn extremes_to_ends(values: &mut [Lanes]) {
 #[inline(always)]
 fn exchange(values: &mut [Lanes], low: usize, high: usize) {
     let (a, b) = (values[low], values[high]);
+    let (mut least, mut greatest) = (a, a);
     for lane in 0..LANES {
-        values[low][lane] = if a[lane] < b[lane] { a[lane] } else { b[lane] };
-        values[high][lane] = if a[lane] < b[lane] { b[lane] } else { a[lane] };
+        least[lane] = if b[lane] < a[lane] { b[lane] } else { a[lane] };
     }
+    for lane in 0..LANES {
+        greatest[lane] = if b[lane] > a[lane] { b[lane] } else { a[lane] };
+    }
+    values[low] = least;
+    values[high] = greatest;
 }
 
 #[cfg(test)]

@@ -41,12 +41,13 @@ pub struct Prepared {
 impl Prepared {
     /// Makes a frame ready.
     pub fn new(luma: Image) -> Self {
-        let mut levels = vec![texture::of(&luma)];
+        let mut greys = vec![luma.clone()];
         while let Some(half) =
-            levels.last().map(Image::halved).filter(|half| half.width.min(half.height) >= COARSEST)
+            greys.last().map(Image::halved).filter(|half| half.width.min(half.height) >= COARSEST)
         {
-            levels.push(half);
+            greys.push(half);
         }
+        let levels = greys.iter().map(texture::of).collect();
         Self { luma, levels }
     }
 }

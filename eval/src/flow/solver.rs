@@ -147,37 +147,44 @@ impl System {
         let weights = self.weights(line);
         let around = others.each_ref().map(|part| part.around(line));
         for k in (0..span).step_by(LANES) {
-            let at = weights.lanes(k);
-            let [u_sum, v_sum] = around.each_ref().map(|around| weighted(&at, &around.lanes(k)));
-            let [xx, xy, yy, bu, bv]: [Lanes; NUMBERS] =
-                std::array::from_fn(|n| lanes(numbers, n * span + k));
+            let [u_sum, v_sum] = [weighted(&weights, &around[0], k), weighted(&weights, &around[1], k)];
+            let number = |n: usize| lanes(numbers, n * span + k);
+            let (xx, xy, yy, bu, bv) = (number(0), number(1), number(2), number(3), number(4));
+            let (mut u, mut v) = (lanes(us, k), lanes(vs, k));
             for lane in 0..LANES {
                 let (right_u, right_v) = (bu[lane] + u_sum[lane], bv[lane] + v_sum[lane]);
-                let (u, v) = (&mut us[k + lane], &mut vs[k + lane]);
-                *u += RELAXATION * (xx[lane] * right_u + xy[lane] * right_v - *u);
-                *v += RELAXATION * (xy[lane] * right_u + yy[lane] * right_v - *v);
+                u[lane] += RELAXATION * (xx[lane] * right_u + xy[lane] * right_v - u[lane]);
+                v[lane] += RELAXATION * (xy[lane] * right_u + yy[lane] * right_v - v[lane]);
             }
+            us[k..k + LANES].copy_from_slice(&u);
+            vs[k..k + LANES].copy_from_slice(&v);
         }
-    }
-}
-
-impl Around<'_> {
-    /// Left, right, up, down of the squares from the k-th on.
-    #[inline(always)]
-    fn lanes(&self, k: usize) -> [Lanes; 4] {
-        [self.left, self.right, self.up, self.down].map(|neighbours| lanes(neighbours, k))
     }
 }
 
 #[inline(always)]
 fn lanes(values: &[f32], from: usize) -> Lanes {
-    std::array::from_fn(|lane| values[from..from + LANES][lane])
+    let mut lanes = [0.0; LANES];
+    lanes.copy_from_slice(&values[from..from + LANES]);
+    lanes
+}
+
+/// ∑ weight · value over the four neighbours of the squares from the k-th on.
+#[inline(always)]
+fn weighted(weights: &Around, values: &Around, k: usize) -> Lanes {
+    let mut sum = [0.0; LANES];
+    add_product(&mut sum, lanes(weights.left, k), lanes(values.left, k));
+    add_product(&mut sum, lanes(weights.right, k), lanes(values.right, k));
+    add_product(&mut sum, lanes(weights.up, k), lanes(values.up, k));
+    add_product(&mut sum, lanes(weights.down, k), lanes(values.down, k));
+    sum
 }
 
 #[inline(always)]
-fn weighted(weights: &[Lanes; 4], values: &[Lanes; 4]) -> Lanes {
-    let product = |n: usize, lane: usize| weights[n][lane] * values[n][lane];
-    std::array::from_fn(|lane| (product(0, lane) + product(1, lane)) + (product(2, lane) + product(3, lane)))
+fn add_product(sum: &mut Lanes, weights: Lanes, values: Lanes) {
+    for lane in 0..LANES {
+        sum[lane] += weights[lane] * values[lane];
+    }
 }
 
 /// λ/ψ of the steps in the flow from the first `pixels` squares of a line to a neighbour, into a row of
