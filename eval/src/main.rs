@@ -2,11 +2,15 @@
 
 use anyhow::{Context, Result};
 use clap::{Args, Parser, Subcommand};
+use eval::clip;
 use eval::footage::Footage;
+use eval::media;
 use eval::methods::product::{self, Delay};
 use eval::metrics::{Stats, displacement};
+use eval::pairs;
 use eval::scene::room;
 use eval::sequence::{self, Sequence, Settings};
+use eval::shutter::Shutter;
 use eval::speed;
 use eval::video;
 use std::path::PathBuf;
@@ -59,6 +63,27 @@ enum Command {
         #[arg(long, default_value_t = 4)]
         lookahead: usize,
     },
+    /// Scores the library on two-frame clips with a global-shutter truth: folders as Carla-RS,
+    /// Fastec-RS and BS-RSC have them, or rs_0, rs_1 and gs_1_m.
+    Pairs {
+        /// The folder that is searched, with the folders below it.
+        folder: PathBuf,
+        #[command(flatten)]
+        shutter: Shutter,
+    },
+    /// Judges the library on a real clip without truth: wobble and jitter, before and after.
+    Clip {
+        /// The clip, of any kind that GStreamer decodes.
+        file: PathBuf,
+        /// Frames the library may look ahead.
+        #[arg(long, default_value_t = 4)]
+        lookahead: usize,
+        /// The folder in which to write stills, before and after side by side.
+        #[arg(long)]
+        out: Option<PathBuf>,
+        #[command(flatten)]
+        shutter: Shutter,
+    },
     /// Prints the names of the sequences.
     List,
 }
@@ -96,6 +121,14 @@ fn main() -> Result<()> {
         Command::Demo { out, changes } => render(changes.apply(sequence::demo()), &out),
         Command::Measure { sequence, lookahead, changes } => measure(&sequence, lookahead, &changes),
         Command::Speed { file, lookahead } => speed(&file, lookahead),
+        Command::Pairs { folder, shutter } => {
+            print!("{}", pairs::table(&pairs::score(&pairs::find(&folder)?, &shutter)?));
+            Ok(())
+        }
+        Command::Clip { file, lookahead, out, shutter } => {
+            print!("{}", clip::judge(&media::decode(&file)?, &shutter, lookahead, out.as_deref())?);
+            Ok(())
+        }
         Command::List => {
             sequence::catalogue().iter().for_each(|settings| println!("{}", settings.name));
             Ok(())

@@ -74,7 +74,7 @@ impl Homography {
 
     /// One linear step of weighted least squares, with the denominators of this map.
     fn refined(&self, pairs: &[Correspondence], weights: &[f64], units: &Units) -> Option<Self> {
-        let before = units.from_pixels(self);
+        let before = units.normalised_map(self);
         let mut normal = SMatrix::<f64, 8, 8>::zeros();
         let mut right = SVector::<f64, 8>::zeros();
         for (pair, weight) in pairs.iter().zip(weights) {
@@ -130,7 +130,7 @@ impl Units {
     }
 
     /// Scaled to a last entry of 1.
-    fn from_pixels(&self, map: &Homography) -> Matrix3<f64> {
+    fn normalised_map(&self, map: &Homography) -> Matrix3<f64> {
         let map = self.inverse() * map.0 * self.matrix();
         map / map[(2, 2)]
     }
@@ -144,7 +144,7 @@ fn tukey(distances: &[f64]) -> Vec<f64> {
 }
 
 /// The median, the mean of the middle two where there are as many below as above.
-pub(super) fn median(values: &mut [f64]) -> f64 {
+pub fn median(values: &mut [f64]) -> f64 {
     let middle = values.len() / 2;
     let odd = values.len() % 2 == 1;
     let (below, upper, _) = values.select_nth_unstable_by(middle, f64::total_cmp);

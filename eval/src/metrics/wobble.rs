@@ -86,7 +86,7 @@ mod tests {
     #[test]
     fn a_homography_alone_has_none_and_strays_add_none() {
         let strays = |x: Vector2<f64>| {
-            let stray = (x.x * 7.0 + x.y * 13.0) as usize % 5 == 0;
+            let stray = ((x.x * 7.0 + x.y * 13.0) as usize).is_multiple_of(5);
             if stray { Vector2::new(31.0, -17.0) } else { Vector2::zeros() }
         };
         let readout = readout(ReadoutDirection::TopToBottom);
