@@ -41,27 +41,43 @@ fn exact(footage: &Footage, run: &[usize]) -> Vec<Vec<Correspondence>> {
 }
 
 fn sampled(footage: &Footage, run: &[usize]) -> Result<Vec<Vec<Correspondence>>> {
-    let (width, height) = (footage.settings().width, footage.settings().height);
-    let mut sampler = Sampler::new(width, height, GRID[0], GRID[1]);
-    let build = |sampler: &Sampler, frame: &Frame| -> Result<Pyramid> {
+    let mut follower = Follower::new(footage.settings().width, footage.settings().height);
+    let found = run.iter().map(|index| follower.follow(&footage.frames[*index]));
+    found.filter_map(Result::transpose).collect()
+}
+
+/// Measures the correspondences of successive frames with the library's sampler.
+pub struct Follower {
+    size: [usize; 2],
+    sampler: Sampler,
+    before: Option<Pyramid>,
+}
+
+impl Follower {
+    /// For frames of `width` × `height` pixels.
+    pub fn new(width: usize, height: usize) -> Self {
+        let sampler = Sampler::new(width, height, GRID[0], GRID[1]);
+        Self { size: [width, height], sampler, before: None }
+    }
+
+    /// The correspondences from the frame before to this one; `None` for the first.
+    ///
+    /// # Errors
+    /// If the frame is of another size.
+    pub fn follow(&mut self, frame: &Frame) -> Result<Option<Vec<Correspondence>>> {
+        let [width, height] = self.size;
         let luma = frame.luma();
         let plane = Plane::new(&luma, PlaneLayout::packed(width, height, SampleFormat::U8))?;
-        let mut pyramid = Pyramid::new();
-        sampler.build(&Luma::from(plane), &mut pyramid);
-        Ok(pyramid)
-    };
-    let mut pairs = Vec::with_capacity(run.len().saturating_sub(1));
-    let mut before: Option<Pyramid> = None;
-    for index in run {
-        let now = build(&sampler, &footage.frames[*index])?;
-        if let Some(before) = &before {
+        let mut now = Pyramid::new();
+        self.sampler.build(&Luma::from(plane), &mut now);
+        let found = self.before.as_ref().map(|before| {
             let mut found = Vec::new();
-            sampler.correspond(before, &now, |pixel| pixel, &mut found);
-            pairs.push(found);
-        }
-        before = Some(now);
+            self.sampler.correspond(before, &now, |pixel| pixel, &mut found);
+            found
+        });
+        self.before = Some(now);
+        Ok(found)
     }
-    Ok(pairs)
 }
 
 fn flowed(footage: &Footage, run: &[usize]) -> Vec<Vec<Correspondence>> {

@@ -11,19 +11,25 @@
 //! | [`methods`] | the systems that are compared, among them the library under test |
 //! | [`metrics`] | how far a rectified frame is from the truth |
 //! | [`report`] | runs everything and writes tables, charts and stills |
+//! | [`shutter`] | what a user says of a camera's shutter |
+//! | [`pairs`] | two-frame clips with a global-shutter truth, as data sets have them |
+//! | [`clip`] | a real clip without truth |
 //! | [`speed`] | how long the library takes for a frame |
 //! | [`video`] | frames to files |
 //! | [`media`] | coded video: any clip to frames, frames through H.264 |
 
+pub mod clip;
 pub mod correspondences;
 pub mod flow;
 pub mod footage;
 pub mod media;
 pub mod methods;
 pub mod metrics;
+pub mod pairs;
 pub mod report;
 pub mod scene;
 pub mod sequence;
+pub mod shutter;
 pub mod speed;
 pub mod truth;
 pub mod video;

@@ -2,12 +2,16 @@
 
 use anyhow::{Context, Result};
 use clap::{Args, Parser, Subcommand};
+use eval::clip;
 use eval::footage::Footage;
+use eval::media;
 use eval::methods::product::{self, Delay};
 use eval::metrics::{Stats, displacement};
+use eval::pairs;
 use eval::report::{self, quick};
 use eval::scene::room;
 use eval::sequence::{self, Sequence, Settings};
+use eval::shutter::Shutter;
 use eval::speed;
 use eval::video;
 use std::path::PathBuf;
@@ -81,6 +85,27 @@ enum Command {
         #[arg(long)]
         record: bool,
     },
+    /// Scores the library on two-frame clips with a global-shutter truth: folders as Carla-RS,
+    /// Fastec-RS and BS-RSC have them, or rs_0, rs_1 and gs_1_m.
+    Pairs {
+        /// The folder that is searched, with the folders below it.
+        folder: PathBuf,
+        #[command(flatten)]
+        shutter: Shutter,
+    },
+    /// Judges the library on a real clip without truth: wobble and jitter, before and after.
+    Clip {
+        /// The clip, of any kind that GStreamer decodes.
+        file: PathBuf,
+        /// Frames the library may look ahead.
+        #[arg(long, default_value_t = 4)]
+        lookahead: usize,
+        /// The folder in which to write stills, before and after side by side.
+        #[arg(long)]
+        out: Option<PathBuf>,
+        #[command(flatten)]
+        shutter: Shutter,
+    },
     /// Prints the names of the sequences.
     List,
 }
@@ -122,6 +147,14 @@ fn main() -> Result<()> {
             report::run(&report::Options { scenes, sequences, frames, redraw })
         }
         Command::Quick { record } => quick::run(record),
+        Command::Pairs { folder, shutter } => {
+            print!("{}", pairs::table(&pairs::score(&pairs::find(&folder)?, &shutter)?));
+            Ok(())
+        }
+        Command::Clip { file, lookahead, out, shutter } => {
+            print!("{}", clip::judge(&media::decode(&file)?, &shutter, lookahead, out.as_deref())?);
+            Ok(())
+        }
         Command::List => {
             sequence::catalogue().iter().for_each(|settings| println!("{}", settings.name));
             Ok(())

@@ -2,6 +2,7 @@
 
 use super::{Correction, Corrections};
 use crate::footage::{Footage, direction};
+use crate::scene::Frame;
 use crate::sequence;
 use anyhow::{Context, Result};
 use nalgebra::Vector2;
@@ -33,16 +34,25 @@ pub fn solve(footage: &Footage, settings: Settings) -> Result<Vec<FrameSolution>
     let (width, height) = (footage.settings().width, footage.settings().height);
     let period = Some(1.0 / footage.settings().delivered_fps());
     let mut rectifier = Rectifier::new(settings, width, height, period);
-    let mut solutions = Vec::with_capacity(footage.frames.len());
-    for (frame, stamp) in footage.frames.iter().zip(&footage.stamps) {
+    motions(&mut rectifier, footage.frames.iter().zip(footage.stamps.iter().copied()))
+}
+
+/// Pushes frames, each with its timestamp in seconds, and collects the motion of each.
+pub fn motions<'a>(
+    rectifier: &mut Rectifier,
+    frames: impl IntoIterator<Item = (&'a Frame, f64)>,
+) -> Result<Vec<FrameSolution>> {
+    let (mut solutions, mut pushed) = (Vec::new(), 0);
+    for (frame, stamp) in frames {
         let luma = frame.luma();
-        let plane = Plane::new(&luma, PlaneLayout::packed(width, height, SampleFormat::U8))?;
-        rectifier.push(&Luma::from(plane), Some(*stamp), false);
+        let layout = PlaneLayout::packed(frame.width, frame.height, SampleFormat::U8);
+        rectifier.push(&Luma::from(Plane::new(&luma, layout)?), Some(stamp), false);
         solutions.extend(std::iter::from_fn(|| rectifier.pop()));
+        pushed += 1;
     }
     rectifier.drain();
     solutions.extend(std::iter::from_fn(|| rectifier.pop()));
-    (solutions.len() == footage.frames.len())
+    (solutions.len() == pushed)
         .then_some(solutions)
         .context("the rectifier gave out another number of motions than it was given frames")
 }

@@ -2,9 +2,14 @@
 
 use super::affine::Affine;
 use super::curve::Curve;
+use super::full3d::Full3d;
+use super::knots::Window;
+use super::mixture::HomographyMixture;
 use super::paper::Paper;
 use super::product::{self, Delay};
+use super::rotation3d::Rotation3d;
 use super::translation::Translation;
+use super::translation3d::Translation3d;
 use super::{Corrections, Method, Uncorrected, solve};
 use crate::footage::Footage;
 use anyhow::Result;
@@ -89,6 +94,7 @@ pub fn all() -> Vec<Entry> {
     use Delay::{True, Zero};
     let mut entries = vec![Entry::runs(Uncorrected, True, "uncorrected", "–")];
     entries.extend(image_plane());
+    entries.extend(calibrated());
     entries.extend([
         Entry::product(4, Zero, "rsrectify, delay 0"),
         Entry::product(12, Zero, "rsrectify, lookahead 12, delay 0"),
@@ -110,6 +116,23 @@ fn image_plane() -> Vec<Entry> {
         Entry::runs(Paper::Sequential, True, "2D rotation, sequential", chapter),
         Entry::runs(Paper::Full, Zero, "2D rotation, delay 0", chapter),
         Entry::runs(Paper::Full, True, "2D rotation", chapter),
+        Entry::runs(HomographyMixture, True, "homography mixture", "Grundmann et al. 2012"),
+    ]
+}
+
+/// Models of the camera in space, which are told its focal length. `Window` says over how many frames.
+fn calibrated() -> Vec<Entry> {
+    use Delay::True;
+    let source = "Forssén and Ringaby 2010";
+    let window = |frames, knots| Window { frames, knots };
+    vec![
+        Entry::runs(Rotation3d(window(2, 0)), True, "3D rotation, 2 frames, constant", source),
+        Entry::runs(Rotation3d(window(2, 1)), True, "3D rotation, 2 frames", source),
+        Entry::runs(Rotation3d(window(3, 1)), True, "3D rotation, 3 frames", source),
+        Entry::runs(Translation3d(window(2, 1)), True, "3D translation, 2 frames", source),
+        Entry::runs(Translation3d(window(3, 1)), True, "3D translation, 3 frames", source),
+        Entry::runs(Full3d(window(2, 1)), True, "3D full, 2 frames", source),
+        Entry::runs(Full3d(window(3, 1)), True, "3D full, 3 frames", source),
     ]
 }
 
@@ -133,7 +156,7 @@ mod tests {
     fn every_system_corrects_every_frame_by_a_finite_amount() {
         let settings =
             sequence::Settings { width: 160, height: 120, frames: 5, ..sequence::named("rot1_B40").unwrap() };
-        let footage = Footage::render(Sequence::new(settings));
+        let footage = Footage::render(Sequence::new(settings)).unwrap();
         let pairs: Vec<_> =
             footage.runs().iter().map(|run| of_run(&footage, run, Source::Exact).unwrap()).collect();
         for entry in all() {
@@ -150,7 +173,7 @@ mod tests {
     fn delay_0_is_told_as_a_readout_of_the_whole_period() {
         let settings =
             sequence::Settings { width: 160, height: 120, frames: 2, ..sequence::named("btt_g085").unwrap() };
-        let footage = Footage::render(Sequence::new(settings));
+        let footage = Footage::render(Sequence::new(settings)).unwrap();
         assert!((readout(&footage, Delay::Zero).time - 1.0 / 30.0).abs() < 1e-12);
         assert!((readout(&footage, Delay::True).time - 0.85 / 30.0).abs() < 1e-12);
     }

@@ -64,11 +64,8 @@ pub fn ssim(picture: &Frame, truth: &Frame, mask: &[bool]) -> Option<f64> {
     assert_eq!(mask.len(), truth.width * truth.height, "a mask of the pictures' size");
     let moments = moments(picture, truth, mask);
     let blurred = blurred(moments, truth.width);
-    let similar = blurred.par_iter().zip(mask).filter(|(_, counts)| **counts);
-    let (sum, count) = similar
-        .map(|(moments, _)| (similarity(moments), 1usize))
-        .reduce(|| (0.0, 0), |a, b| (a.0 + b.0, a.1 + b.1));
-    (count > 0).then(|| sum / count as f64)
+    let similar = blurred.iter().zip(mask).filter(|(_, counts)| **counts);
+    mean(similar.map(|(moments, _)| similarity(moments)))
 }
 
 /// Of one pixel or window: weight, the means a and b of both pictures, and the means of a², b², ab.

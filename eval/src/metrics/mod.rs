@@ -6,12 +6,18 @@
 //! | no displacement at all | [`harm`] | pixels added |
 //! | a global frame | [`colour`] | the paper's colour distance, PSNR, SSIM |
 //! | the true shutter | [`readout`] | error of the readout ratio |
+//! | nothing | [`wobble`] | what depends on the row between successive frames |
+//! | nothing | [`jitter`] | unsteadiness of the correction, and of the content |
 //!
+//! [`resample`] makes the rectified picture; [`homography`] is what [`wobble`] takes away.
 
 pub mod colour;
 pub mod displacement;
 pub mod harm;
+pub mod homography;
+pub mod jitter;
 pub mod readout;
 pub mod resample;
+pub mod wobble;
 
 pub use displacement::{Stats, distances};

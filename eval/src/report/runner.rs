@@ -36,7 +36,7 @@ pub fn run(tasks: &[Task], entries: &[Entry], progress: &mut Progress) -> Result
         if !results.sequences.iter().any(|info| info.name == *name) {
             results.sequences.push(info(&task.settings));
         }
-        let footage = progress.time("rendering", || footage(&task.settings));
+        let footage = progress.time("rendering", || footage(&task.settings))?;
         for (index, source) in task.sources.iter().enumerate() {
             let pictures = task.pictures && index == 0;
             let found = trials(&footage, *source, pictures, entries, progress);
@@ -48,7 +48,10 @@ pub fn run(tasks: &[Task], entries: &[Entry], progress: &mut Progress) -> Result
 }
 
 /// The footage of a sequence.
-pub(super) fn footage(settings: &Settings) -> Footage {
+///
+/// # Errors
+/// Where it cannot be coded.
+pub(super) fn footage(settings: &Settings) -> Result<Footage> {
     Footage::render(Sequence::new(settings.clone()))
 }
 
@@ -113,7 +116,7 @@ fn displacement(footage: &Footage, source: Source, uncorrected: &Stats, solved: 
 /// Frame by frame, so that a mask serves all systems and only a few pictures are in memory.
 fn judge_pictures(footage: &Footage, solved: &[Solved], trials: &mut [Trial]) {
     for index in 0..footage.frames.len() {
-        let mask = footage.sequence.capture(index).visibility();
+        let mask = footage.capture(index).visibility();
         trials.par_iter_mut().zip(solved).for_each(|(trial, solved)| {
             let correction = solved.corrections[index].as_ref();
             trial.frames[index].likeness = likeness(footage, index, correction, &mask);

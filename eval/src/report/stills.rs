@@ -38,7 +38,7 @@ pub fn write_all(entries: &[Entry], folder: &Path) -> Result<()> {
     let entry = entries.iter().find(|entry| entry.id == SHOWN).context("the system of the stills is gone")?;
     for name in SEQUENCES {
         let settings = sequence::named(name).with_context(|| format!("no sequence is named {name}"))?;
-        let footage = footage(&sequence::Settings { frames: FRAMES, ..settings });
+        let footage = footage(&sequence::Settings { frames: FRAMES, ..settings })?;
         let sheet = sheet(&footage, entry)?;
         let file = BufWriter::new(File::create(folder.join(format!("still-{name}.jpg")))?);
         JpegEncoder::new_with_quality(file, QUALITY).encode_image(&sheet)?;
@@ -53,7 +53,7 @@ fn sheet(footage: &Footage, entry: &Entry) -> Result<RgbImage> {
     let before = &footage.frames[FRAME];
     let after = rectified(before, correction.as_ref()).frame;
     let truth = &footage.truth[FRAME].global;
-    let mask = footage.sequence.capture(FRAME).visibility();
+    let mask = footage.capture(FRAME).visibility();
     let pictures = [
         picture(before),
         picture(&after),
