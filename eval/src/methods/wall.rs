@@ -3,7 +3,7 @@
 use super::{Input, Method};
 use crate::footage::direction;
 use crate::scene::{
-    CameraPath, FirstEdge, Pinhole, Pose, RollingCamera, Scene, Shutter, Surface, path::uniform,
+    CameraPath, FirstEdge, Lens, Pose, RollingCamera, Scene, Shutter, Surface, path::uniform,
 };
 use crate::sequence::Take;
 use crate::truth::Capture;
@@ -36,11 +36,11 @@ impl Wall {
         );
         let readout = ratio * PERIOD;
         let camera = RollingCamera {
-            lens: Pinhole { width: 320, height: 240, focal: FOCAL },
+            lens: Lens { width: 320, height: 240, focal: FOCAL, distortion: [0.0; 2] },
             shutter: Shutter { first, readout },
             path: Box::new(path),
         };
-        let scene = Arc::new(Scene { surfaces: vec![surface], textures: Vec::new() });
+        let scene = Arc::new(Scene { surfaces: vec![surface], ..Scene::default() });
         Self { first, readout, take: Take { scene, camera } }
     }
 
