@@ -5,7 +5,7 @@ use crate::footage::direction;
 use crate::scene::{
     CameraPath, FirstEdge, Lens, Pose, RollingCamera, Scene, Shutter, Surface, path::uniform,
 };
-use crate::sequence::Take;
+use crate::sequence::{Take, Warp};
 use crate::truth::Capture;
 use nalgebra::{Rotation3, Vector3};
 use rsrectify::correspond::Correspondence;
@@ -56,7 +56,7 @@ impl Wall {
     }
 
     fn capture(&self, k: usize) -> Capture<'_> {
-        Capture { take: &self.take, start: k as f64 * PERIOD }
+        Capture { take: &self.take, start: k as f64 * PERIOD, warp: Warp::default() }
     }
 
     /// Correspondences between the frames of a run of `count`, without error.
