@@ -8,7 +8,8 @@ pub use settings::{Settings, Strength};
 
 use crate::metrics::{Stats, distances};
 use crate::scene::path::Oscillations;
-use crate::scene::{Frame, Lens, Renderer, RollingCamera, Scene, Shutter, room};
+use crate::scene::procedural::bake_all;
+use crate::scene::{Frame, Lens, Renderer, RollingCamera, Scene, Shutter};
 use crate::truth::Capture;
 use std::sync::Arc;
 
@@ -32,10 +33,10 @@ pub struct Take {
 }
 
 impl Sequence {
-    /// Builds the room and chooses the amplitude.
+    /// Builds the scene with procedural textures and chooses the amplitude.
     pub fn new(settings: Settings) -> Self {
-        let scene = Arc::new(room::room(settings.seed));
-        Self::in_scene(settings, scene)
+        let scene = settings.scene.covered(settings.seed, bake_all(settings.seed));
+        Self::in_scene(settings, Arc::new(scene))
     }
 
     /// A sequence in a scene that is there already.
@@ -102,8 +103,8 @@ impl Sequence {
 fn camera(settings: &Settings, amplitude: f64) -> RollingCamera {
     let focal = FOCAL * settings.width as f64;
     RollingCamera {
-        lens: Lens::pinhole(settings.width, settings.height, focal),
-        shutter: Shutter { first: settings.first, readout: settings.readout_time() },
+        lens: Lens { width: settings.width, height: settings.height, focal, distortion: settings.distortion },
+        shutter: Shutter { first: settings.first, readout: settings.readout_time(), open: settings.exposure },
         path: Box::new(Oscillations::new(settings.motion, amplitude, settings.fps, settings.seed)),
     }
 }
@@ -111,6 +112,7 @@ fn camera(settings: &Settings, amplitude: f64) -> RollingCamera {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::scene::room;
     use nalgebra::Vector2;
 
     fn small(name: &str) -> Settings {

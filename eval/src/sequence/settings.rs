@@ -1,7 +1,7 @@
 //! What determines a sequence.
 
-use crate::scene::FirstEdge;
 use crate::scene::path::Motion;
+use crate::scene::{FirstEdge, SceneKind};
 
 /// How strong the motion is.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -37,6 +37,12 @@ pub struct Settings {
     pub strength: Strength,
     /// Seed of the path, the textures and the noise.
     pub seed: u64,
+    /// Exposure time in seconds: how long each line collects light; 0 is without motion blur.
+    pub exposure: f64,
+    /// Radial distortion k₁, k₂ of the lens, as in [`Lens::distortion`](crate::scene::Lens).
+    pub distortion: [f64; 2],
+    /// What is seen.
+    pub scene: SceneKind,
 }
 
 impl Settings {
@@ -53,6 +59,9 @@ impl Settings {
             motion,
             strength,
             seed: 1,
+            exposure: 0.0,
+            distortion: [0.0; 2],
+            scene: SceneKind::Room,
         }
     }
 
