@@ -5,12 +5,10 @@ use clap::{Args, Parser, Subcommand};
 use eval::footage::Footage;
 use eval::methods::product::{self, Delay};
 use eval::metrics::{Stats, displacement};
-use eval::scene::room;
 use eval::sequence::{self, Sequence, Settings};
 use eval::speed;
 use eval::video;
 use std::path::PathBuf;
-use std::sync::Arc;
 
 /// Renders rolling-shutter sequences with exact truth and judges rsrectify on them.
 #[derive(Parser)]
@@ -122,10 +120,8 @@ fn measure(names: &[String], lookahead: usize, changes: &Changes) -> Result<()> 
         "| sequence | uncorrected px (p95) | delay 0: left px (p95) | share | true delay: left px (p95) | share |"
     );
     println!("|---|---|---|---|---|---|");
-    let seed = changes.seed.unwrap_or(1);
-    let scene = Arc::new(room::room(seed));
     for settings in settings {
-        let sequence = Sequence::in_scene(changes.apply(settings), scene.clone());
+        let sequence = Sequence::new(changes.apply(settings));
         println!("{}", measured_row(&Footage::render(sequence)?, lookahead)?);
     }
     Ok(())
