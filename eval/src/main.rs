@@ -2,6 +2,7 @@
 
 use anyhow::{Context, Result};
 use clap::{Args, Parser, Subcommand};
+use eval::cache::Cache;
 use eval::footage::Footage;
 use eval::methods::product::{self, Delay};
 use eval::metrics::{Stats, displacement};
@@ -48,6 +49,8 @@ enum Command {
         lookahead: usize,
         #[command(flatten)]
         changes: Changes,
+        #[command(flatten)]
+        place: Place,
     },
     /// Measures the time that the library takes for a frame of a YUV4MPEG2 file (8-bit 4:2:0).
     Speed {
@@ -78,6 +81,24 @@ struct Changes {
     seed: Option<u64>,
 }
 
+/// Where footage comes from and is kept.
+#[derive(Args)]
+struct Place {
+    /// A folder of photographs to be used as textures; procedural ones without it.
+    #[arg(long)]
+    textures: Option<PathBuf>,
+    /// The folder in which rendered footage is kept, `~/.cache/rsrectify-eval` without it.
+    #[arg(long)]
+    cache: Option<PathBuf>,
+}
+
+impl Place {
+    fn footage(&self, settings: &Settings) -> Result<Footage> {
+        let cache = self.cache.as_ref().map_or_else(Cache::in_default_folder, |folder| Ok(Cache::new(folder)))?;
+        Footage::load(settings, self.textures.as_deref(), &cache)
+    }
+}
+
 impl Changes {
     fn apply(&self, mut settings: Settings) -> Settings {
         settings.frames = self.frames.unwrap_or(settings.frames);
@@ -92,7 +113,9 @@ fn main() -> Result<()> {
     match Cli::parse().command {
         Command::Render { sequence, out, changes } => render(changes.apply(find(&sequence)?), &out),
         Command::Demo { out, changes } => render(changes.apply(sequence::demo()), &out),
-        Command::Measure { sequence, lookahead, changes } => measure(&sequence, lookahead, &changes),
+        Command::Measure { sequence, lookahead, changes, place } => {
+            measure(&sequence, lookahead, &changes, &place)
+        }
         Command::Speed { file, lookahead } => speed(&file, lookahead),
         Command::List => {
             sequence::catalogue().iter().for_each(|settings| println!("{}", settings.name));
@@ -110,7 +133,7 @@ fn render(settings: Settings, out: &std::path::Path) -> Result<()> {
     video::write(out, size, fps, Sequence::new(settings).frames()?)
 }
 
-fn measure(names: &[String], lookahead: usize, changes: &Changes) -> Result<()> {
+fn measure(names: &[String], lookahead: usize, changes: &Changes, place: &Place) -> Result<()> {
     let settings: Vec<Settings> = if names.is_empty() {
         sequence::catalogue()
     } else {
@@ -121,8 +144,7 @@ fn measure(names: &[String], lookahead: usize, changes: &Changes) -> Result<()> 
     );
     println!("|---|---|---|---|---|---|");
     for settings in settings {
-        let sequence = Sequence::new(changes.apply(settings));
-        println!("{}", measured_row(&Footage::render(sequence)?, lookahead)?);
+        println!("{}", measured_row(&place.footage(&changes.apply(settings))?, lookahead)?);
     }
     Ok(())
 }
