@@ -4,6 +4,7 @@
 
 pub mod camera;
 pub mod geometry;
+mod line;
 pub mod mover;
 mod noise;
 pub mod path;
