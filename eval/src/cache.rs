@@ -21,6 +21,7 @@ use image::{ExtendedColorType, ImageEncoder};
 use nalgebra::Vector2;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
+use std::collections::btree_map::Entry;
 use std::fs::{self, File};
 use std::io::BufWriter;
 use std::path::{Path, PathBuf};
@@ -215,9 +216,9 @@ fn write(folder: &Path, footage: &Footage) -> Result<()> {
     for (index, frame) in footage.frames.iter().enumerate() {
         picture(frame_name(index), frame)?;
         let (capture, known) = (footage.captures[index], &footage.truth[index]);
-        if !truth.contains_key(&capture) {
+        if let Entry::Vacant(place) = truth.entry(capture) {
             picture(global_name(capture), &known.global)?;
-            truth.insert(capture, Known::of(known));
+            place.insert(Known::of(known));
         }
     }
     let record = Record { amplitudes: footage.sequence.amplitudes.clone(), truth, pictures };

@@ -94,7 +94,8 @@ struct Place {
 
 impl Place {
     fn footage(&self, settings: &Settings) -> Result<Footage> {
-        let cache = self.cache.as_ref().map_or_else(Cache::in_default_folder, |folder| Ok(Cache::new(folder)))?;
+        let cache =
+            self.cache.as_ref().map_or_else(Cache::in_default_folder, |folder| Ok(Cache::new(folder)))?;
         Footage::load(settings, self.textures.as_deref(), &cache)
     }
 }

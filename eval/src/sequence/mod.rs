@@ -195,10 +195,10 @@ fn scenes_of(settings: &Settings, textures: Option<&Path>) -> Result<Vec<Arc<Sce
 
 /// The captures of each take.
 fn stretches(settings: &Settings) -> Vec<Range<usize>> {
-    match settings.cut {
-        None => vec![0..settings.frames],
-        Some(cut) => vec![0..cut, cut..settings.frames.max(cut)],
-    }
+    let cut = settings.cut.filter(|cut| *cut < settings.frames);
+    let first = 0..cut.unwrap_or(settings.frames);
+    let second = cut.map(|cut| cut..settings.frames);
+    std::iter::once(first).chain(second).collect()
 }
 
 #[cfg(test)]
