@@ -1,11 +1,14 @@
 //! A sequence in memory: its frames as they arrive, and what is known of each.
 
+use crate::cache::Cache;
 use crate::metrics::{Stats, distances};
 use crate::scene::{FirstEdge, Frame};
 use crate::sequence::{Sequence, Settings};
-use crate::truth::{Capture, Sample};
+use crate::truth::{Capture, DisplacementMap, Sample};
 use anyhow::Result;
 use rsrectify::readout::{Readout, ReadoutDirection, ReadoutTime};
+use std::collections::BTreeMap;
+use std::path::Path;
 
 /// Truth is sampled every so many pixels.
 pub const STEP: usize = 8;
@@ -31,34 +34,71 @@ pub struct FrameTruth {
     pub samples: Vec<Sample>,
     /// The frame that a global shutter sees at the reference instant.
     pub global: Frame,
+    /// For each pixel of `global`, row by row, whether the frame shows what is seen there.
+    pub visible: Vec<bool>,
+    /// To where points are at the first instant of the readout, every [`STEP`]th pixel.
+    pub first: DisplacementMap,
+    /// To where they are at its last instant.
+    pub last: DisplacementMap,
+    /// To where the next frame of the run sees them; `None` for the last one.
+    pub forward: Option<DisplacementMap>,
+    /// To where the frame before it in the run sees them; `None` for the first one.
+    pub backward: Option<DisplacementMap>,
 }
 
 impl FrameTruth {
-    fn of(sequence: &Sequence, capture: usize) -> Self {
-        Self { samples: sequence.capture(capture).samples(STEP), global: sequence.global(capture) }
+    /// The truth of a capture, and of its displacement to the captures shown before and after it.
+    fn of(sequence: &Sequence, capture: usize, before: Option<usize>, after: Option<usize>) -> Self {
+        let own = sequence.capture(capture);
+        let to = |other: usize| own.displacement_to(&sequence.capture(other), STEP);
+        Self {
+            samples: own.samples(STEP),
+            global: sequence.global(capture),
+            visible: own.visibility(),
+            first: own.displacement_to_share(0.0, STEP),
+            last: own.displacement_to_share(1.0, STEP),
+            forward: after.map(to),
+            backward: before.map(to),
+        }
     }
 }
 
 impl Footage {
+    /// The footage of the settings with the photographs of a folder as textures, procedural ones without
+    /// it: from the cache, or rendered and kept there.
+    ///
+    /// # Errors
+    /// If the textures or the cache's folder cannot be used, or where the settings ask for H.264 and it
+    /// is not to be had.
+    pub fn load(settings: &Settings, textures: Option<&Path>, cache: &Cache) -> Result<Self> {
+        cache.footage(settings, textures)
+    }
+
     /// Renders a sequence.
     ///
     /// # Errors
     /// Where the settings ask for H.264 and it is not to be had.
     pub fn render(sequence: Sequence) -> Result<Self> {
         let frames = sequence.frames()?.collect();
-        let deliveries = sequence.deliveries();
-        let mut truth: Vec<FrameTruth> = Vec::with_capacity(deliveries.len());
-        for (index, delivery) in deliveries.iter().enumerate() {
-            let repeated =
-                index.checked_sub(1).filter(|before| deliveries[*before].capture == delivery.capture);
-            truth.push(match repeated {
-                Some(before) => truth[before].clone(),
-                None => FrameTruth::of(&sequence, delivery.capture),
-            });
+        let mut footage = Self::of(sequence, frames, Vec::new());
+        let (sequence, captures) = (&footage.sequence, &footage.captures);
+        let mut truth: BTreeMap<usize, FrameTruth> = BTreeMap::new();
+        for run in footage.runs() {
+            for (place, index) in run.iter().enumerate() {
+                let shown = |place: Option<usize>| Some(captures[*run.get(place?)?]);
+                let (before, after) = (shown(place.checked_sub(1)), shown(Some(place + 1)));
+                truth.insert(captures[*index], FrameTruth::of(sequence, captures[*index], before, after));
+            }
         }
-        let stamps = deliveries.iter().map(|delivery| delivery.stamp).collect();
-        let captures = deliveries.iter().map(|delivery| delivery.capture).collect();
-        Ok(Self { sequence, frames, stamps, captures, truth })
+        footage.truth = captures.iter().map(|capture| truth[capture].clone()).collect();
+        Ok(footage)
+    }
+
+    /// Puts together frames and their truth, which are there already.
+    pub(crate) fn of(sequence: Sequence, frames: Vec<Frame>, truth: Vec<FrameTruth>) -> Self {
+        let (captures, stamps) =
+            sequence.deliveries().iter().map(|delivery| (delivery.capture, delivery.stamp)).unzip();
+        Self { sequence, frames, stamps, captures, truth }
     }
 
     /// The truth of frame `index`, computed from the geometry on demand.

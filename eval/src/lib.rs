@@ -6,6 +6,7 @@
 //! | [`sequence`] | named sequences and their settings |
 //! | [`truth`] | where each pixel belongs, and where it is seen next |
 //! | [`footage`] | a sequence in memory: frames, timestamps, truth |
+//! | [`cache`] | footage kept on disk |
 //! | [`correspondences`] | where the correspondences come from that every method is given |
 //! | [`flow`] | dense optical flow, one of the sources |
 //! | [`methods`] | the systems that are compared, among them the library under test |
@@ -18,6 +19,7 @@
 //! | [`video`] | frames to files |
 //! | [`media`] | coded video: any clip to frames, frames through H.264 |
 
+pub mod cache;
 pub mod clip;
 pub mod correspondences;
 pub mod flow;

@@ -2,6 +2,7 @@
 
 use anyhow::{Context, Result};
 use clap::{Args, Parser, Subcommand};
+use eval::cache::Cache;
 use eval::clip;
 use eval::footage::Footage;
 use eval::media;
@@ -9,13 +10,11 @@ use eval::methods::product::{self, Delay};
 use eval::metrics::{Stats, displacement};
 use eval::pairs;
 use eval::report::{self, quick};
-use eval::scene::room;
 use eval::sequence::{self, Sequence, Settings};
 use eval::shutter::Shutter;
 use eval::speed;
 use eval::video;
 use std::path::PathBuf;
-use std::sync::Arc;
 
 /// Renders rolling-shutter sequences with exact truth and judges rsrectify on them.
 #[derive(Parser)]
@@ -55,6 +54,8 @@ enum Command {
         lookahead: usize,
         #[command(flatten)]
         changes: Changes,
+        #[command(flatten)]
+        place: Place,
     },
     /// Measures the time that the library takes for a frame of a YUV4MPEG2 file (8-bit 4:2:0).
     Speed {
@@ -127,6 +128,25 @@ struct Changes {
     seed: Option<u64>,
 }
 
+/// Where footage comes from and is kept.
+#[derive(Args)]
+struct Place {
+    /// A folder of photographs to be used as textures; procedural ones without it.
+    #[arg(long)]
+    textures: Option<PathBuf>,
+    /// The folder in which rendered footage is kept, `~/.cache/rsrectify-eval` without it.
+    #[arg(long)]
+    cache: Option<PathBuf>,
+}
+
+impl Place {
+    fn footage(&self, settings: &Settings) -> Result<Footage> {
+        let cache =
+            self.cache.as_ref().map_or_else(Cache::in_default_folder, |folder| Ok(Cache::new(folder)))?;
+        Footage::load(settings, self.textures.as_deref(), &cache)
+    }
+}
+
 impl Changes {
     fn apply(&self, mut settings: Settings) -> Settings {
         settings.frames = self.frames.unwrap_or(settings.frames);
@@ -141,7 +161,9 @@ fn main() -> Result<()> {
     match Cli::parse().command {
         Command::Render { sequence, out, changes } => render(changes.apply(find(&sequence)?), &out),
         Command::Demo { out, changes } => render(changes.apply(sequence::demo()), &out),
-        Command::Measure { sequence, lookahead, changes } => measure(&sequence, lookahead, &changes),
+        Command::Measure { sequence, lookahead, changes, place } => {
+            measure(&sequence, lookahead, &changes, &place)
+        }
         Command::Speed { file, lookahead } => speed(&file, lookahead),
         Command::Report { scenes, sequence: sequences, frames, redraw } => {
             report::run(&report::Options { scenes, sequences, frames, redraw })
@@ -171,7 +193,7 @@ fn render(settings: Settings, out: &std::path::Path) -> Result<()> {
     video::write(out, size, fps, Sequence::new(settings).frames()?)
 }
 
-fn measure(names: &[String], lookahead: usize, changes: &Changes) -> Result<()> {
+fn measure(names: &[String], lookahead: usize, changes: &Changes, place: &Place) -> Result<()> {
     let settings: Vec<Settings> = if names.is_empty() {
         sequence::catalogue()
     } else {
@@ -181,11 +203,8 @@ fn measure(names: &[String], lookahead: usize, changes: &Changes) -> Result<()> 
         "| sequence | uncorrected px (p95) | delay 0: left px (p95) | share | true delay: left px (p95) | share |"
     );
     println!("|---|---|---|---|---|---|");
-    let seed = changes.seed.unwrap_or(1);
-    let scene = Arc::new(room::room(seed));
     for settings in settings {
-        let sequence = Sequence::in_scene(changes.apply(settings), scene.clone());
-        println!("{}", measured_row(&Footage::render(sequence)?, lookahead)?);
+        println!("{}", measured_row(&place.footage(&changes.apply(settings))?, lookahead)?);
     }
     Ok(())
 }

@@ -158,7 +158,7 @@ mod tests {
         );
         let camera = RollingCamera {
             lens: Lens::pinhole(320, 240, FOCAL),
-            shutter: Shutter { first, readout: READOUT },
+            shutter: Shutter { first, readout: READOUT, open: 0.0 },
             path: Box::new(path),
         };
         let scene = Arc::new(Scene { surfaces: vec![surface], ..Scene::default() });

@@ -37,7 +37,7 @@ impl Wall {
         let readout = ratio * PERIOD;
         let camera = RollingCamera {
             lens: Lens { width: 320, height: 240, focal: FOCAL, distortion: [0.0; 2] },
-            shutter: Shutter { first, readout },
+            shutter: Shutter { first, readout, open: 0.0 },
             path: Box::new(path),
         };
         let scene = Arc::new(Scene { surfaces: vec![surface], ..Scene::default() });

@@ -181,6 +181,9 @@ pub struct Shutter {
     /// Time in seconds from the first line to the one that would follow the last; 0 is a global
     /// shutter.
     pub readout: f64,
+    /// Time in seconds for which each line collects light, half of it before the instant that
+    /// [`RollingCamera::exposure`] gives; 0 is without motion blur.
+    pub open: f64,
 }
 
 impl Shutter {
@@ -208,7 +211,8 @@ pub struct RollingCamera {
 }
 
 impl RollingCamera {
-    /// When a position of the frame that starts at `start` is exposed, in seconds.
+    /// When a position of the frame that starts at `start` is exposed (the middle of its exposure), in
+    /// seconds.
     pub fn exposure(&self, start: f64, pixel: Vector2<f64>) -> f64 {
         start + self.shutter.readout * self.shutter.share(&self.lens, pixel)
     }
@@ -295,7 +299,7 @@ mod tests {
 
     #[test]
     fn the_share_runs_from_the_first_edge() {
-        let share = |first| Shutter { first, readout: 1.0 }.share(&LENS, Vector2::new(16.0, 36.0));
+        let share = |first| Shutter { first, readout: 1.0, open: 0.0 }.share(&LENS, Vector2::new(16.0, 36.0));
         assert!((share(FirstEdge::Top) - 36.5 / 48.0).abs() < 1e-15);
         assert!((share(FirstEdge::Bottom) - 11.5 / 48.0).abs() < 1e-15);
         assert!((share(FirstEdge::Left) - 16.5 / 64.0).abs() < 1e-15);
@@ -308,7 +312,7 @@ mod tests {
             rotation: Rotation3::from_euler_angles(0.4 * t, 0.3 * t, -0.6 * t),
             position: Vector3::new(0.5 * t, 0.0, 0.2 * t),
         };
-        let shutter = Shutter { first: FirstEdge::Bottom, readout: 0.4 };
+        let shutter = Shutter { first: FirstEdge::Bottom, readout: 0.4, open: 0.0 };
         let camera = RollingCamera { lens: LENS, shutter, path: Box::new(path) };
         let point = Vector3::new(0.3, -0.2, 2.0);
         let seen = camera.observe(0.1, |_| point).unwrap();

@@ -4,9 +4,11 @@
 
 pub mod camera;
 pub mod geometry;
+mod line;
 pub mod mover;
 mod noise;
 pub mod path;
+pub mod photographs;
 pub mod picture;
 pub mod procedural;
 pub mod render;
@@ -18,3 +20,4 @@ pub use geometry::{Hit, Scene, Surface};
 pub use mover::Mover;
 pub use picture::{Frame, Picture};
 pub use render::Renderer;
+pub use room::SceneKind;

@@ -4,39 +4,84 @@
 use super::geometry::{Scene, Surface};
 use super::mover::Mover;
 use super::path::{Oscillation, Oscillations};
+use super::photographs;
 use super::procedural::{Pattern, bake_all};
+use super::texture::Texture;
+use anyhow::Result;
 use nalgebra::{Vector2, Vector3};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
+use serde::{Deserialize, Serialize};
+use std::path::Path;
 
 /// x of the left and right wall, y of ceiling and floor, z of rear and front wall, in metres.
 const WALLS: [[f64; 2]; 3] = [[-2.7, 2.7], [-1.6, 1.25], [-2.0, 6.0]];
 /// The middle of the foreground at rest.
 const FOREGROUND: Vector3<f64> = Vector3::new(0.05, 0.0, 1.45);
+/// What is left of the contrast of textures in a scene of low texture.
+const LOW_CONTRAST: f32 = 0.05;
 const LAMP: Vector3<f64> = Vector3::new(0.6, -1.45, 2.2);
 
-/// Builds the room of a seed: the seed chooses textures, colours and small turns, not the layout.
-pub fn room(seed: u64) -> Scene {
-    let mut builder = Builder { surfaces: Vec::new(), random: ChaCha8Rng::seed_from_u64(seed) };
-    builder.shell();
-    builder.pictures();
-    builder.furniture();
-    builder.crates();
-    builder.hanging();
-    Scene { surfaces: builder.surfaces, textures: bake_all(seed), movers: Vec::new() }
+/// What the room holds.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
+pub enum SceneKind {
+    /// Clutter with texture everywhere.
+    #[default]
+    Room,
+    /// The same, and a block before the camera that swings on its own and covers about a third of
+    /// the picture.
+    Foreground,
+    /// Walls and furniture that are nearly flat: what is left are the edges.
+    LowTexture,
 }
 
-/// The room of a seed with a block before the camera that swings on its own and covers about a third
-/// of the picture.
+impl SceneKind {
+    /// Builds the scene of a seed with the photographs of a folder as textures, the first for the
+    /// first [`Pattern`] and so on, all over again where they are fewer; procedural textures without
+    /// a folder. The seed chooses textures, colours and small turns, not the layout.
+    ///
+    /// # Errors
+    /// Those of [`photographs::load`].
+    pub fn build(self, seed: u64, folder: Option<&Path>) -> Result<Scene> {
+        let textures = match folder {
+            Some(folder) => photographs::load(folder)?,
+            None => bake_all(seed),
+        };
+        Ok(self.covered(seed, textures))
+    }
+
+    /// Builds the scene of a seed with these textures.
+    ///
+    /// # Panics
+    /// If there are none.
+    pub fn covered(self, seed: u64, textures: Vec<Texture>) -> Scene {
+        let mut builder = Builder {
+            surfaces: Vec::new(),
+            random: ChaCha8Rng::seed_from_u64(seed),
+            textures: textures.len(),
+        };
+        builder.shell();
+        builder.pictures();
+        builder.furniture();
+        if self == Self::LowTexture {
+            let textures = textures.iter().map(|texture| texture.faded(LOW_CONTRAST)).collect();
+            return Scene { surfaces: builder.surfaces, textures, movers: Vec::new() };
+        }
+        builder.crates();
+        builder.hanging();
+        let movers = if self == Self::Foreground { vec![builder.foreground()] } else { Vec::new() };
+        Scene { surfaces: builder.surfaces, textures, movers }
+    }
+}
+
+/// The procedural room of a seed.
+pub fn room(seed: u64) -> Scene {
+    SceneKind::Room.covered(seed, bake_all(seed))
+}
+
+/// The procedural room of a seed with a foreground that moves on its own.
 pub fn room_with_foreground(seed: u64) -> Scene {
-    let mut scene = room(seed);
-    let mut builder = Builder { surfaces: Vec::new(), random: ChaCha8Rng::seed_from_u64(!seed) };
-    builder.block(Block::new([0.0, 0.36, 0.0], [0.72, 0.72, 0.16], 0.0), Pattern::Collage, 0.72);
-    let (mover, lamp) = (scene.movers.len(), LAMP - FOREGROUND);
-    scene.surfaces.extend(builder.surfaces.into_iter().map(|side| side.carried(mover).lit(lamp)));
-    let path = swing(&mut builder.random);
-    scene.movers.push(Mover { rest: FOREGROUND, path });
-    scene
+    SceneKind::Foreground.covered(seed, bake_all(seed))
 }
 
 /// A swing that takes the foreground some ten pixels of 640 from one frame to the next.
@@ -55,6 +100,8 @@ fn swing(random: &mut ChaCha8Rng) -> Oscillations {
 struct Builder {
     surfaces: Vec<Surface>,
     random: ChaCha8Rng,
+    /// How many textures there are.
+    textures: usize,
 }
 
 /// A box that stands upright.
@@ -86,7 +133,7 @@ impl Builder {
             Pattern::Crate | Pattern::Books => Vector2::zeros(),
             _ => shift,
         };
-        self.surfaces.push(surface.covered(pattern as usize, metres, shift).lit(LAMP));
+        self.surfaces.push(surface.covered(pattern as usize % self.textures, metres, shift).lit(LAMP));
     }
 
     /// Walls, floor and ceiling.
@@ -169,6 +216,16 @@ impl Builder {
             let cord = Block::new([base[0], top, base[2]], [0.025, top - WALLS[1][0], 0.025], turn);
             self.block(cord, Pattern::Cloth, 0.4);
         }
+    }
+
+    /// The block that swings: the first mover, in whose axes its sides are given.
+    fn foreground(&mut self) -> Mover {
+        let room = self.surfaces.len();
+        self.block(Block::new([0.0, 0.36, 0.0], [0.72, 0.72, 0.16], 0.0), Pattern::Collage, 0.72);
+        for side in &mut self.surfaces[room..] {
+            *side = side.clone().carried(0).lit(LAMP - FOREGROUND);
+        }
+        Mover { rest: FOREGROUND, path: swing(&mut self.random) }
     }
 
     /// The six sides of a block.

@@ -43,6 +43,15 @@ impl Texture {
         Self { levels }
     }
 
+    /// The same texture with its contrast, the differences from its mean colour, scaled by `share`.
+    pub fn faded(&self, share: f32) -> Self {
+        let colour = |texel: &Texel| [0, 1, 2].map(|channel| f32::from(texel[channel]) / 255.0);
+        let [finest, .., coarsest] = &self.levels[..] else { return self.clone() };
+        let mean = colour(&coarsest.texels[0]);
+        let fade = |texel| add_scaled(mean.map(|channel| channel * (1.0 - share)), colour(texel), share);
+        Self::new(finest.size, finest.texels.iter().map(fade).collect())
+    }
+
     /// Texels along one side of the finest level.
     pub fn size(&self) -> usize {
         self.levels[0].size
@@ -131,6 +140,13 @@ mod tests {
         let point = [1e-6, 0.0];
         assert_eq!(texture.sample(0.5 / 8.0, 0.5 / 8.0, point, [0.0, 1e-6])[0], 1.0);
         assert_eq!(texture.sample(1.5 / 8.0 - 3.0, 0.5 / 8.0 + 2.0, point, [0.0, 1e-6])[0], 0.0);
+    }
+
+    #[test]
+    fn a_faded_texture_keeps_its_mean() {
+        let faded = checkers(8).faded(0.1);
+        let texel = |u: f32| faded.sample(u, 0.5 / 8.0, [1e-6, 0.0], [0.0, 1e-6])[0];
+        assert!((texel(0.5 / 8.0) - 0.55).abs() < 0.005 && (texel(1.5 / 8.0) - 0.45).abs() < 0.005);
     }
 
     #[test]

@@ -2,8 +2,8 @@
 
 use super::settings::{Settings, Strength};
 use super::{Gain, Stabilisation, Timeline};
-use crate::scene::FirstEdge;
 use crate::scene::path::Motion;
+use crate::scene::{FirstEdge, SceneKind};
 
 /// The settings of all named sequences.
 ///
@@ -33,10 +33,14 @@ pub fn catalogue() -> Vec<Settings> {
         },
         Settings { width: 480, height: 640, first: FirstEdge::Left, ..phone("ltr_g08") },
         Settings { frames: 30, ..Settings::new("vibration", Motion::Vibration, Displacement(5.0)) },
+        Settings { scene: SceneKind::Foreground, ..phone("foreground") },
+        Settings { scene: SceneKind::LowTexture, ..phone("low_texture") },
+        Settings { exposure: 0.015, bitrate: Some(1500), ..phone("blur_h264") },
         Settings { cut: Some(15), ..phone("cut") },
         Settings { timeline: Timeline::Duplicates(vec![5, 12, 13, 21]), ..phone("duplicates") },
         Settings { timeline: Timeline::Drops(vec![5, 12, 13, 21]), ..phone("drops") },
         Settings { gain: Some(Gain { ramp: [6, 14], end: 0.6, flash: Some((20, 1.8)) }), ..phone("gain") },
+        Settings { distortion: [-0.3, 0.05], ..phone("fisheye") },
         Settings { stabilisation: Some(STABILISATION), ..self::phone("eis", Displacement(3.5)) },
         Settings { timeline: Timeline::Resampled(25.0), ..phone("resampled_25") },
         Settings { timeline: Timeline::Resampled(60.0), ..phone("resampled_60") },
@@ -50,6 +54,7 @@ pub fn catalogue() -> Vec<Settings> {
     ]
 }
 
+/// Takes most of a hand's shake out of the frame's middle.
 const STABILISATION: Stabilisation = Stabilisation { smoothing: 5.0, zoom: 1.25 };
 
 /// What a phone in a hand takes: 30 frames with shake up to 0.15 cycles a frame, γ = 0.8, some noise.

@@ -2,6 +2,7 @@
 
 mod catalogue;
 mod gain;
+mod scenes;
 mod settings;
 mod stabilisation;
 mod take;
@@ -16,10 +17,11 @@ pub use timeline::{Delivery, Timeline};
 
 use crate::media;
 use crate::metrics::{Stats, distances};
-use crate::scene::{Frame, Picture, Renderer, Scene, room};
+use crate::scene::{Frame, Picture, Renderer, Scene};
 use crate::truth::Capture;
 use anyhow::Result;
 use std::ops::Range;
+use std::path::Path;
 use std::sync::Arc;
 
 /// What the seed of a take after a cut differs by from the one before.
@@ -36,35 +38,52 @@ pub struct Sequence {
 }
 
 impl Sequence {
-    /// Builds the room and chooses the amplitude.
+    /// Builds the scene with procedural textures and chooses the amplitude.
     pub fn new(settings: Settings) -> Self {
-        let scene = Arc::new(room::room(settings.seed));
-        Self::in_scene(settings, scene)
+        Self::with_textures(settings, None).expect("procedural textures need no file")
     }
 
-    /// A sequence in a scene that is there already; after a cut it is another one.
+    /// Builds the scene with the photographs of a folder as textures, procedural ones without it, and
+    /// chooses the amplitude.
+    ///
+    /// # Errors
+    /// If the folder cannot be read or holds no photographs.
+    pub fn with_textures(settings: Settings, textures: Option<&Path>) -> Result<Self> {
+        let scenes = scenes_of(&settings, textures)?;
+        let captures = stretches(&settings).into_iter().enumerate();
+        let amplitudes = captures.zip(&scenes).map(|((take, captures), scene)| {
+            Take::amplitude(&settings, scene, seed_of(&settings, take), captures)
+        });
+        let amplitudes = amplitudes.collect();
+        Ok(Self::of_scenes(settings, scenes, amplitudes))
+    }
+
+    /// A sequence of which the amplitude of each take is known.
+    ///
+    /// # Errors
+    /// As [`with_textures`](Self::with_textures).
+    pub fn with_amplitudes(
+        settings: Settings,
+        textures: Option<&Path>,
+        amplitudes: Vec<f64>,
+    ) -> Result<Self> {
+        let scenes = scenes_of(&settings, textures)?;
+        Ok(Self::of_scenes(settings, scenes, amplitudes))
+    }
+
+    /// A sequence without a cut in a scene that is there already.
     pub fn in_scene(settings: Settings, scene: Arc<Scene>) -> Self {
-        Self::build(settings, scene, None)
+        let settings = Settings { cut: None, ..settings };
+        let amplitude = Take::amplitude(&settings, &scene, settings.seed, 0..settings.frames);
+        Self::of_scenes(settings, vec![scene], vec![amplitude])
     }
 
-    /// A sequence of which the amplitudes are known.
-    pub fn with_amplitudes(settings: Settings, amplitudes: &[f64]) -> Self {
-        let scene = Arc::new(room::room(settings.seed));
-        Self::build(settings, scene, Some(amplitudes))
-    }
-
-    fn build(settings: Settings, scene: Arc<Scene>, known: Option<&[f64]>) -> Self {
-        let (mut amplitudes, mut takes) = (Vec::new(), Vec::new());
-        for (index, captures) in stretches(&settings).into_iter().enumerate() {
-            let (seed, scene) = match index {
-                0 => (settings.seed, scene.clone()),
-                _ => (settings.seed ^ OTHER_TAKE, Arc::new(room::room(settings.seed ^ OTHER_TAKE))),
-            };
-            let known = known.and_then(|amplitudes| amplitudes.get(index).copied());
-            let amplitude = known.unwrap_or_else(|| Take::amplitude(&settings, &scene, seed, captures));
-            amplitudes.push(amplitude);
-            takes.push(Take::new(&settings, scene, seed, amplitude));
-        }
+    fn of_scenes(settings: Settings, scenes: Vec<Arc<Scene>>, amplitudes: Vec<f64>) -> Self {
+        let takes = scenes.into_iter().zip(&amplitudes).enumerate();
+        let takes = takes.map(|(take, (scene, amplitude))| {
+            Take::new(&settings, scene, seed_of(&settings, take), *amplitude)
+        });
+        let takes = takes.collect();
         Self { settings, amplitudes, takes }
     }
 
@@ -163,12 +182,23 @@ impl Sequence {
     }
 }
 
+/// The seed of a take's scene and path.
+fn seed_of(settings: &Settings, take: usize) -> u64 {
+    if take == 0 { settings.seed } else { settings.seed ^ OTHER_TAKE }
+}
+
+/// The scene of each take.
+fn scenes_of(settings: &Settings, textures: Option<&Path>) -> Result<Vec<Arc<Scene>>> {
+    let takes = 0..stretches(settings).len();
+    takes.map(|take| scenes::shared(settings.scene, seed_of(settings, take), textures)).collect()
+}
+
 /// The captures of each take.
 fn stretches(settings: &Settings) -> Vec<Range<usize>> {
-    match settings.cut {
-        None => vec![0..settings.frames],
-        Some(cut) => vec![0..cut, cut..settings.frames.max(cut)],
-    }
+    let cut = settings.cut.filter(|cut| *cut < settings.frames);
+    let first = 0..cut.unwrap_or(settings.frames);
+    let second = cut.map(|cut| cut..settings.frames);
+    std::iter::once(first).chain(second).collect()
 }
 
 #[cfg(test)]
@@ -182,11 +212,10 @@ mod tests {
 
     #[test]
     fn every_sequence_reaches_its_displacement() {
-        let scene = Arc::new(room::room(1));
         for settings in catalogue() {
             let Strength::Displacement(target) = settings.strength else { continue };
             let name = settings.name.clone();
-            let reached = Sequence::in_scene(settings, scene.clone()).uncorrected(12).rms;
+            let reached = Sequence::new(settings).uncorrected(12).rms;
             assert!((reached - target).abs() < 0.03 * target, "{name}: {reached} px for {target} px");
         }
     }

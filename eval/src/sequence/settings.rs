@@ -1,8 +1,8 @@
 //! What determines a sequence.
 
 use super::{Gain, Stabilisation, Timeline};
-use crate::scene::FirstEdge;
 use crate::scene::path::Motion;
+use crate::scene::{FirstEdge, SceneKind};
 use serde::Serialize;
 
 /// How strong the motion is.
@@ -49,6 +49,12 @@ pub struct Settings {
     pub strength: Strength,
     /// Seed of the path, the textures and the noise.
     pub seed: u64,
+    /// Exposure time in seconds: how long each line collects light; 0 is without motion blur.
+    pub exposure: f64,
+    /// Radial distortion k₁, k₂ of the lens, as in [`Lens::distortion`](crate::scene::Lens).
+    pub distortion: [f64; 2],
+    /// What is seen.
+    pub scene: SceneKind,
 }
 
 impl Settings {
@@ -70,6 +76,9 @@ impl Settings {
             motion,
             strength,
             seed: 1,
+            exposure: 0.0,
+            distortion: [0.0; 2],
+            scene: SceneKind::Room,
         }
     }
 

@@ -133,7 +133,7 @@ mod tests {
     const LENS: Lens = Lens { width: 64, height: 48, focal: 60.0, distortion: [0.0; 2] };
 
     fn camera(path: impl CameraPath + 'static) -> RollingCamera {
-        let shutter = Shutter { first: FirstEdge::Top, readout: 0.02 };
+        let shutter = Shutter { first: FirstEdge::Top, readout: 0.02, open: 0.0 };
         RollingCamera { lens: LENS, shutter, path: Box::new(path) }
     }
 

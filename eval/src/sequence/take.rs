@@ -24,8 +24,17 @@ impl Take {
     pub fn new(settings: &Settings, scene: Arc<Scene>, seed: u64, amplitude: f64) -> Self {
         let focal = FOCAL * settings.width.max(settings.height) as f64;
         let camera = RollingCamera {
-            lens: Lens::pinhole(settings.width, settings.height, focal),
-            shutter: Shutter { first: settings.first, readout: settings.readout_time() },
+            lens: Lens {
+                width: settings.width,
+                height: settings.height,
+                focal,
+                distortion: settings.distortion,
+            },
+            shutter: Shutter {
+                first: settings.first,
+                readout: settings.readout_time(),
+                open: settings.exposure,
+            },
             path: Box::new(Oscillations::new(settings.motion, amplitude, settings.fps, seed)),
         };
         Self { scene, camera }
