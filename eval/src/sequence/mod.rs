@@ -112,7 +112,7 @@ fn camera(settings: &Settings, amplitude: f64) -> RollingCamera {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::scene::room;
+    use crate::scene::{SceneKind, room};
     use nalgebra::Vector2;
 
     fn small(name: &str) -> Settings {
@@ -163,8 +163,14 @@ mod tests {
 
     #[test]
     fn the_truth_takes_rolling_frames_to_global_ones() {
-        for name in ["rot1_B0", "trans_rot1_B40", "btt_g085"] {
-            let sequence = Sequence::new(small(name));
+        let textures = bake_all(1);
+        let foreground = Settings { scene: SceneKind::Foreground, ..small("rot2_B40") };
+        let barrel = Settings { distortion: [-0.3, 0.07], ..foreground.clone() };
+        let plain = ["rot1_B0", "trans_rot1_B40", "btt_g085"].map(small);
+        for settings in plain.into_iter().chain([foreground, barrel]) {
+            let name = format!("{} {:?} {:?}", settings.name, settings.scene, settings.distortion);
+            let scene = settings.scene.covered(settings.seed, textures.clone());
+            let sequence = Sequence::in_scene(settings, Arc::new(scene));
             let rolling = sequence.renderer().rolling(sequence.start(2)).grey();
             let global = sequence.renderer().global(sequence.capture(2).reference()).grey();
             let (mut moved, mut left, mut count) = (0.0, 0.0, 0.0);
