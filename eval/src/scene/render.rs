@@ -100,11 +100,20 @@ impl Renderer<'_> {
 #[cfg(test)]
 mod tests {
     use super::super::path::{Motion, Oscillations};
-    use super::super::{FirstEdge, Mover, Pose, SceneKind, room};
+    use super::super::procedural::bake_all;
+    use super::super::texture::Texture;
+    use super::super::{FirstEdge, Mover, Pose, SceneKind};
     use super::*;
+    use std::sync::LazyLock;
 
     const WIDTH: usize = 160;
     const HEIGHT: usize = 120;
+
+    /// A scene whose textures are baked once for all tests.
+    fn scene(kind: SceneKind) -> Scene {
+        static TEXTURES: LazyLock<Vec<Texture>> = LazyLock::new(|| bake_all(1));
+        kind.covered(1, TEXTURES.clone())
+    }
 
     fn camera(scale: usize, first: FirstEdge, readout: f64, motion: Motion) -> RollingCamera {
         let (width, height) = (WIDTH * scale, HEIGHT * scale);
@@ -134,7 +143,7 @@ mod tests {
 
     #[test]
     fn is_anti_aliased() {
-        let scene = room::room(1);
+        let scene = scene(SceneKind::Room);
         let fine = camera(8, FirstEdge::Top, 0.0, Motion::Still);
         let fine = Renderer { scene: &scene, camera: &fine, samples: 2 }.global(0.0);
         let truth = shrunk(&fine, 8);
@@ -151,7 +160,7 @@ mod tests {
 
     #[test]
     fn each_line_of_a_rolling_frame_is_a_line_of_a_global_one() {
-        let scene = room::room(1);
+        let scene = scene(SceneKind::Room);
         for first in [FirstEdge::Top, FirstEdge::Bottom, FirstEdge::Left, FirstEdge::Right] {
             let camera = camera(1, first, 0.03, Motion::Shake { lowest: 0.1, highest: 0.4 });
             let renderer = Renderer { scene: &scene, camera: &camera, samples: 1 };
@@ -188,7 +197,7 @@ mod tests {
 
     #[test]
     fn a_barrel_shows_each_pixel_where_its_ray_leads() {
-        let scene = room::room(1);
+        let scene = scene(SceneKind::Room);
         for first in [FirstEdge::Top, FirstEdge::Left] {
             let still = camera(1, first, 0.0, Motion::Still);
             let lens = Lens { distortion: [-0.25, 0.05], ..still.lens };
@@ -216,7 +225,7 @@ mod tests {
 
     #[test]
     fn blur_is_the_mean_over_the_exposure() {
-        let scene = room::room_with_foreground(1);
+        let scene = scene(SceneKind::Foreground);
         let motion = Motion::Shake { lowest: 0.1, highest: 0.4 };
         let (mut blurred, sharp) =
             (camera(1, FirstEdge::Top, 0.03, motion), camera(1, FirstEdge::Top, 0.03, motion));
@@ -235,7 +244,7 @@ mod tests {
 
     #[test]
     fn an_object_that_turns_looks_as_if_the_camera_turned_the_other_way() {
-        let mut scene = room::room(1);
+        let mut scene = scene(SceneKind::Room);
         let path = Oscillations::new(Motion::RotationAndTranslation, 1.0, 30.0, 5);
         let mover = Mover { rest: Vector3::new(0.2, 0.0, 2.0), path };
         let camera_path = {
@@ -273,13 +282,13 @@ mod tests {
 
     #[test]
     fn detail_is_everywhere() {
-        let contrasts = contrasts(&room::room(1));
+        let contrasts = contrasts(&scene(SceneKind::Room));
         assert!(contrasts.iter().all(|contrast| *contrast >= 4.0), "blocks without texture");
     }
 
     #[test]
     fn low_texture_leaves_edges_alone() {
-        let contrasts = contrasts(&SceneKind::LowTexture.build(1, None).unwrap());
+        let contrasts = contrasts(&scene(SceneKind::LowTexture));
         let share = |low: f32, high: f32| {
             let count = contrasts.iter().filter(|contrast| (low..high).contains(*contrast)).count();
             count as f32 / contrasts.len() as f32

@@ -293,7 +293,7 @@ mod tests {
 
     #[test]
     fn the_truth_takes_rolling_frames_to_global_ones() {
-        for name in ["rot1_B0", "trans_rot1_B40", "btt_g085", "ltr_g08", "eis"] {
+        for name in ["rot1_B0", "trans_rot1_B40", "btt_g085", "ltr_g08", "eis", "foreground", "fisheye"] {
             let sequence = Sequence::new(small(name));
             let rolling = sequence.frame(2).picture().grey();
             let global = sequence.global(2).picture().grey();
