@@ -2,6 +2,7 @@
 
 pub mod affine;
 pub mod curve;
+pub mod jitter;
 pub mod paper;
 pub mod product;
 pub mod robust;
