@@ -214,7 +214,7 @@ mod tests {
     }
 
     #[test]
-    fn a_vibration_of_two_cycles_a_frame_is_undone() {
+    fn a_vibration_above_two_cycles_a_frame_is_halved() {
         // 60 Hz at 25 frames/s; at 2 cycles sharp nothing of it would show from frame to frame.
         let path = |t: f64| Vector2::new(1.0, 0.5) * (TAU * 60.0 * t).sin();
         let (flow, inverse) = translation(path);
