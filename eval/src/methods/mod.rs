@@ -3,6 +3,7 @@
 pub mod affine;
 pub mod curve;
 pub mod full3d;
+pub mod jitter;
 pub mod knots;
 pub mod mixture;
 pub mod paper;

@@ -3,6 +3,7 @@
 use super::affine::Affine;
 use super::curve::Curve;
 use super::full3d::Full3d;
+use super::jitter::Jitter;
 use super::knots::Window;
 use super::mixture::HomographyMixture;
 use super::paper::Paper;
@@ -112,6 +113,8 @@ fn image_plane() -> Vec<Entry> {
         Entry::runs(Translation, True, "translation a frame", "Nicklin 2007, Cho 2007, Chun 2008"),
         Entry::runs(Curve, True, "translation curve", "Liang et al. 2008"),
         Entry::runs(Affine, True, "affine between frames", "Cho and Hong 2007"),
+        Entry::runs(Jitter::Translation, True, "jitter, translation", "Baker et al. 2010"),
+        Entry::runs(Jitter::Affine, True, "jitter, affine", "Baker et al. 2010"),
         Entry::runs(Paper::Initialisation, True, "2D rotation, initialisation only", chapter),
         Entry::runs(Paper::Sequential, True, "2D rotation, sequential", chapter),
         Entry::runs(Paper::Full, Zero, "2D rotation, delay 0", chapter),

@@ -15,7 +15,7 @@ const TUKEY_REACH: f64 = 4.685;
 /// Standard deviation over median of the length of a two-dimensional Gaussian error.
 const RAYLEIGH: f64 = 0.849;
 /// Residuals below this many pixels are told apart no more.
-const FLOOR: f64 = 0.02;
+const FLOOR: f64 = 0.01;
 /// Added to the diagonal, relative to its mean: unknowns without data stay zero.
 const RIDGE: f64 = 1e-12;
 
@@ -26,14 +26,23 @@ pub struct Equation {
     pub terms: Vec<(usize, f64)>,
     /// What the sum should be.
     pub value: Vector2<f64>,
-    /// How much the equation counts.
-    pub weight: f64,
+    /// What being off by a residual costs.
+    pub cost: Cost,
+}
+
+/// What a residual r, in pixels, costs.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Cost {
+    /// As the robust fit says: of a measurement.
+    Robust,
+    /// weight · r²/2: of what is wished for.
+    Squared(f64),
 }
 
 impl Equation {
-    /// An equation that counts once.
+    /// The equation of a measurement.
     pub fn new(terms: impl IntoIterator<Item = (usize, f64)>, value: Vector2<f64>) -> Self {
-        Self { terms: terms.into_iter().filter(|term| term.1 != 0.0).collect(), value, weight: 1.0 }
+        Self { terms: terms.into_iter().filter(|term| term.1 != 0.0).collect(), value, cost: Cost::Robust }
     }
 
     /// The length of what is left of the equation, in pixels.
@@ -43,7 +52,7 @@ impl Equation {
     }
 }
 
-/// The unknowns of least Σ weight · |residual|; `None` where there are no equations or they contradict
+/// The unknowns of least Σ |r| over the measurements; `None` where there are no equations or they contradict
 /// each other beyond numbers (not finite).
 pub fn least_absolute(equations: &[Equation], unknowns: usize) -> Option<Vec<Vector2<f64>>> {
     let mut found = weighted_least_squares(equations, unknowns, |_| 1.0)?;
@@ -55,17 +64,18 @@ pub fn least_absolute(equations: &[Equation], unknowns: usize) -> Option<Vec<Vec
 }
 
 /// The unknowns of least Σ Tukey's biweight loss, from the start that [`least_absolute`] gives; the
-/// scale is the median residual there. Survives outliers up to about a third of the equations.
+/// scale is the median residual there, and a measurement costs about r²/(2·scale). Survives outliers up to about a third of the equations.
 pub fn tukey(equations: &[Equation], unknowns: usize) -> Option<Vec<Vector2<f64>>> {
     let mut found = least_absolute(equations, unknowns)?;
-    let mut residuals: Vec<f64> = equations.iter().map(|equation| equation.residual(&found)).collect();
+    let measured = equations.iter().filter(|equation| equation.cost == Cost::Robust);
+    let mut residuals: Vec<f64> = measured.map(|equation| equation.residual(&found)).collect();
     let middle = residuals.len() / 2;
     let (_, median, _) = residuals.select_nth_unstable_by(middle, f64::total_cmp);
-    let reach = TUKEY_REACH * (RAYLEIGH * *median).max(FLOOR);
+    let scale = (RAYLEIGH * *median).max(FLOOR);
     for _ in 0..TUKEY_ROUNDS {
         let weight = |equation: &Equation| {
-            let share = (equation.residual(&found) / reach).min(1.0);
-            (1.0 - share * share).powi(2)
+            let share = (equation.residual(&found) / (TUKEY_REACH * scale)).min(1.0);
+            (1.0 - share * share).powi(2) / scale
         };
         found = weighted_least_squares(equations, unknowns, weight)?;
     }
@@ -84,7 +94,10 @@ fn weighted_least_squares(
     let mut normal = Banded::zeros(unknowns, equations.iter().map(span).max()?);
     let mut right = vec![Vector2::zeros(); unknowns];
     for equation in equations {
-        let weight = equation.weight * reweight(equation);
+        let weight = match equation.cost {
+            Cost::Robust => reweight(equation),
+            Cost::Squared(weight) => weight,
+        };
         for &(row, left) in &equation.terms {
             right[row] += equation.value * (weight * left);
             for &(column, factor) in equation.terms.iter().filter(|term| term.0 <= row) {

@@ -210,10 +210,10 @@ pub(super) mod closed_form {
         assert_eq!(method.solve(&single.input()).unwrap()[0].correct(pixel), pixel);
     }
 
+    type OwnedFlow = Box<dyn Fn(Vector2<f64>, f64) -> Vector2<f64>>;
+
     /// The flow of a translation path and its inverse.
-    pub fn translation(
-        path: impl Fn(f64) -> Vector2<f64> + Copy,
-    ) -> (impl Fn(Vector2<f64>, f64) -> Vector2<f64>, impl Fn(Vector2<f64>, f64) -> Vector2<f64>) {
-        (move |p: Vector2<f64>, t: f64| p + path(t), move |p: Vector2<f64>, t: f64| p - path(t))
+    pub fn translation(path: impl Fn(f64) -> Vector2<f64> + Copy + 'static) -> (OwnedFlow, OwnedFlow) {
+        (Box::new(move |p, t| p + path(t)), Box::new(move |p, t| p - path(t)))
     }
 }
