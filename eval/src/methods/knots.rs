@@ -6,7 +6,8 @@
 //! x(t) ~ K M(t) K⁻¹ x, where M(t) is what the motion does to rays: R(t) for a rotation, D(t) for a
 //! translation in front of a wall at depth 1, R(t) D(t) for both. Two sights of one point, each
 //! at its row's instant, are therefore related by x′ ~ K M(t′) M(t)⁻¹ K⁻¹ x, and the knots are
-//! found by minimising the distance of either sight from where the other says it is.
+//! found by minimising the distance of either sight from where the other says it is. Robust weights
+//! are added here, since the correspondences are given as they are, wild ones among them.
 
 use super::{Correction, Corrections, Input};
 use levenberg_marquardt::{LeastSquaresProblem, LevenbergMarquardt};
@@ -19,7 +20,7 @@ use std::marker::PhantomData;
 const PER_PAIR: usize = 300;
 /// Fewer correspondences than this in a pair tell nothing.
 const FEWEST: usize = 16;
-/// Rounds of reweighting.
+/// Rounds of reweighting, each from where the one before ended.
 const ROUNDS: usize = 4;
 /// The least scale of a residual in pixels: better than this no correspondence is.
 const LEAST_SCALE: f64 = 0.05;
@@ -74,7 +75,10 @@ impl Window {
             let (from, length) = (pair[0], pair[1] - pair[0]);
             (0..self.knots).map(move |i| from + length * i as f64 / self.knots as f64)
         };
-        bounds.windows(2).flat_map(between).chain([end]).collect()
+        let mut times: Vec<f64> = bounds.windows(2).flat_map(between).chain([end]).collect();
+        // A global shutter reads its last frame in no time.
+        times.dedup();
+        times
     }
 }
 
@@ -193,12 +197,15 @@ impl<M: Motion> Fit<M> {
     /// a Cauchy M-estimator, its scale taken from the median residual.
     fn robust(mut self) -> Option<Curve<M>> {
         for _ in 0..ROUNDS {
-            let solver = LevenbergMarquardt::new().with_tol(1e-7).with_patience(5);
+            let solver = LevenbergMarquardt::new().with_tol(1e-7).with_patience(2);
             self = solver.minimize(self).0;
             let residuals = self.distances()?;
             let mut sorted = residuals.clone();
             let middle = sorted.len() / 2;
             let median = *sorted.select_nth_unstable_by(middle, f64::total_cmp).1;
+            if !median.is_finite() {
+                return None;
+            }
             // 1.18 is the median of a Rayleigh distribution, 2.385 σ Cauchy's usual constant.
             let scale = 2.385 * (median / 1.18).max(LEAST_SCALE);
             let weight = |residual: &f64| 1.0 / (1.0 + (residual / scale).powi(2));

@@ -3,21 +3,21 @@
 //! M. Grundmann, V. Kwatra, D. Castro and I. Essa, *Calibration-free rolling shutter removal*, ICCP
 //! 2012. Between two frames each line has a homography of its own, H(s) = Σₖ wₖ(s) Hₖ, where s is the
 //! line's share of the readout, the Hₖ belong to blocks of lines and the weights wₖ are Gaussians
-//! around the blocks' middles that add up to 1. The perspective entries are the same in all blocks.
-//! With the last entry 1 the direct linear transformation is linear in all of them; it is solved in
-//! normalised coordinates by iteratively reweighted least squares for an L1 norm, with a penalty on
-//! the difference of neighbouring blocks.
+//! around the blocks' middles that add up to 1. With the last entry 1 the direct linear
+//! transformation is linear in all others; it is solved in normalised coordinates by iteratively
+//! reweighted least squares for an L1 norm, with a penalty on the difference of neighbouring blocks.
+//! Here the two perspective entries are the same in all blocks, which a few lines cannot determine.
 //!
 //! # From the mixture to the correction of a line
-//! The source joins the mixtures of successive frames with a stabiliser's virtual camera. What is
-//! judged here is the motion within a frame alone, which follows from the same mixtures. H(s) takes
-//! a point p from where it is when line s of frame k is read to where frame k+1 sees it: to H(s) p,
-//! whose line is read after t = P + T·(s(H(s) p) − s(p)), P being the frame period and T the
-//! readout time. The mean velocity over that time is v = (H(s) p − p)/t. A mixture fitted from frame k to
-//! frame k−1 gives the velocity over the time before, and the mean of the two is, to second
-//! order, the velocity when line s is read. A pixel is carried from its own line to the middle of the
-//! readout by ds → p + v(s, p)·T ds. Of the shutter only the readout time is needed,
-//! which the source in effect takes as the whole period.
+//! The source removes the rolling shutter and stabilises at once. What is judged here is the motion
+//! within a frame alone, which follows from the same mixtures. H(s) takes a point p from where it is
+//! when line s of frame k is read to where frame k+1 sees it: to H(s) p, whose line is read after
+//! t = P + T·(s(H(s) p) − s(p)), P being the frame period and T the readout time. The mean
+//! velocity over that time is v = (H(s) p − p)/t. A mixture fitted from frame k to frame k−1 gives
+//! the velocity over the time before, and the mean of the two is, to second order, the velocity when
+//! line s is read. A pixel is carried from its own line to the middle of the readout along
+//! dp = v(s, p)·T ds. Nothing is known of the lens; of the shutter only the readout's direction and
+//! time, and told the whole period the method needs no calibration at all.
 
 use super::{Correction, Corrections, Input, Method};
 use anyhow::Result;

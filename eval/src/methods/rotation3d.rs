@@ -55,8 +55,7 @@ pub(super) fn slerp(first: &[f64], second: &[f64], share: f64) -> Matrix3<f64> {
 mod tests {
     use super::*;
     use crate::methods::wall::{PERIOD, Wall};
-    use crate::scene::FirstEdge;
-    use crate::scene::Pose;
+    use crate::scene::{FirstEdge, Pose};
     use nalgebra::{Rotation3, Vector2};
 
     const ALL: [Rotation3d; 3] = [Rotation3d::CONSTANT, Rotation3d::TWO_FRAMES, Rotation3d::THREE_FRAMES];
@@ -118,5 +117,14 @@ mod tests {
         let (left, uncorrected) = wall.left(&Rotation3d::CONSTANT, &pairs);
         assert!(left[0] < 1e-3 && left[1] < 1e-3, "{left:?}");
         assert!(left[2] > 0.9 * uncorrected && left[3] > 0.9 * uncorrected, "{left:?}");
+    }
+
+    #[test]
+    fn a_global_shutter_leaves_nothing_to_correct() {
+        let wall = Wall::turning(FirstEdge::Top, 0.0, Vector3::new(0.5, 0.6, 0.7));
+        for method in ALL {
+            let (left, _) = wall.left(&method, &wall.pairs(4));
+            assert!(left.iter().all(|left| *left < 1e-6), "{} {left:?}", method.name());
+        }
     }
 }

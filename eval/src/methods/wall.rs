@@ -84,7 +84,9 @@ impl Wall {
             assert!(samples.len() > 200);
             samples.iter().fold(0.0f64, |largest, sample| {
                 uncorrected = uncorrected.max((sample.seen - sample.truth).norm());
-                largest.max((correction.correct(sample.seen) - sample.truth).norm())
+                let left = (correction.correct(sample.seen) - sample.truth).norm();
+                assert!(left.is_finite(), "frame {k}: {}", sample.seen);
+                largest.max(left)
             })
         });
         (largest.collect(), uncorrected)
