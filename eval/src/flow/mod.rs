@@ -5,7 +5,11 @@
 //! with a Charbonnier penalty: texture decomposition, a pyramid, on each level several warps with
 //! cubic interpolation, and a 5 × 5 median of the flow after each. Unlike theirs, the energy is
 //! convex from the start (no graduated non-convexity), the weights of a step in u and v are shared, the
-//! sizes of the levels go by halves and the median is not weighted.
+//! sizes of the levels go by halves, each level has its own texture and the median is not weighted.
+//!
+//! A flow of 640 × 480 pixels takes about 0.7 s of one core (optimised for speed, without AVX): half of
+//! it for 2 × 5 · 3 · 10 half-sweeps of the solver on the full level, a tenth for the median. It holds
+//! some 25 numbers a pixel at a time, 30 MB.
 //!
 //! | module | what it holds |
 //! |---|---|
@@ -34,7 +38,9 @@ const COARSEST: usize = 12;
 pub struct Prepared {
     /// The frame, in grey levels 0 to 255.
     pub luma: Image,
-    /// Its texture, at full size, half, a quarter ….
+    /// The texture of the frame at full size, half, a quarter …. Each level has a texture of its own:
+    /// halving that of the full size would leave the coarse levels, where large motions are found,
+    /// without contrast.
     levels: Vec<Image>,
 }
 

@@ -97,3 +97,45 @@ impl Patch {
         (squares - sum * sum).max(0.0).sqrt()
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn uniform(u: f32, v: f32) -> Flow {
+        let constant = |value: f32| Image::from_fn(40, 30, |_, _| value);
+        Flow { u: constant(u), v: constant(v) }
+    }
+
+    #[test]
+    fn only_points_that_stay_and_return_are_followed() {
+        let from = Vector2::new(30.0, 10.0);
+        let followed = |forward, backward| followed(&forward, &backward, from);
+        assert_eq!(followed(uniform(5.0, -2.0), uniform(-5.25, 2.25)), Some(Vector2::new(35.0, 8.0)));
+        assert_eq!(followed(uniform(5.0, -2.0), uniform(-4.25, 2.0)), None);
+        assert_eq!(followed(uniform(9.5, 0.0), uniform(-9.5, 0.0)), None);
+    }
+
+    #[test]
+    fn texture_and_residual_by_hand() {
+        let patch = |first: &Image, second: &Image| {
+            Patch::of(first, second, &uniform(1.0, 0.0), Vector2::new(19.5, 14.5))
+        };
+        // A ramp has no texture along its lines. One that moved on by its flow and became brighter by 3
+        // has no residual.
+        let ramp = |start: f32| Image::from_fn(40, 30, move |x, _| start + 4.0 * x as f32);
+        let moved = patch(&ramp(0.0), &ramp(3.0 - 4.0));
+        assert_eq!((moved.count, moved.texture()), (256.0, 0.0));
+        assert!(moved.residual() < 1e-2, "{}", moved.residual());
+        // A roof of gradient (4, ∓2): the products xy cancel and the eigenvalues are 16 and 4, but for the
+        // 2 of 16 rows at the ridge, where the central difference down is half of theirs.
+        let roof = Image::from_fn(40, 30, |x, y| 4.0 * x as f32 + 2.0 * (y as f32 - 14.5).abs());
+        let texture = patch(&roof, &roof).texture();
+        assert!((texture - (4.0 * 14.0 + 1.0 * 2.0) / 16.0).abs() < 0.01, "{texture}");
+        // Stripes of ±5 that the second frame shows inverted differ by ±10.
+        let stripes = |sign: f32| {
+            Image::from_fn(40, 30, move |_, y| if y.is_multiple_of(2) { 5.0 * sign } else { -5.0 * sign })
+        };
+        assert!((patch(&stripes(1.0), &stripes(-1.0)).residual() - 10.0).abs() < 1e-3);
+    }
+}

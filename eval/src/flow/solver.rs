@@ -8,8 +8,9 @@
 use super::board::{Around, Board, LANES, Layout, Line};
 use rayon::prelude::*;
 
-/// λ: grey levels of brightness difference that a step of one pixel in the flow is worth.
-const SMOOTHNESS: f32 = 3.0;
+/// λ: grey levels of brightness difference that a step of one pixel in the flow is worth. More makes
+/// smooth flows more exact, less keeps the edges of what is near.
+const SMOOTHNESS: f32 = 6.0;
 
 /// ε_D in grey levels: a smaller difference counts quadratically.
 const DATA_EPSILON: f32 = 0.5;
