@@ -74,6 +74,14 @@ impl Footage {
         cache.footage(settings, textures)
     }
 
+    /// Renders the sequence of the settings with procedural textures.
+    ///
+    /// # Errors
+    /// Where the settings ask for H.264 and it is not to be had.
+    pub fn of_settings(settings: &Settings) -> Result<Self> {
+        Self::render(Sequence::new(settings.clone()))
+    }
+
     /// Renders a sequence.
     ///
     /// # Errors

@@ -79,6 +79,8 @@ enum Command {
         /// Writes the document of the last run anew, without another run.
         #[arg(long)]
         redraw: bool,
+        #[command(flatten)]
+        place: Place,
     },
     /// Checks in a few minutes that no figure of the library is worse than recorded.
     Quick {
@@ -165,8 +167,9 @@ fn main() -> Result<()> {
             measure(&sequence, lookahead, &changes, &place)
         }
         Command::Speed { file, lookahead } => speed(&file, lookahead),
-        Command::Report { scenes, sequence: sequences, frames, redraw } => {
-            report::run(&report::Options { scenes, sequences, frames, redraw })
+        Command::Report { scenes, sequence: sequences, frames, redraw, place } => {
+            let options = report::Options { scenes, sequences, frames, redraw };
+            report::run(&options, &|settings| place.footage(settings))
         }
         Command::Quick { record } => quick::run(record),
         Command::Pairs { folder, shutter } => {

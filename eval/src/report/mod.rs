@@ -16,6 +16,7 @@ pub mod stills;
 pub mod tables;
 
 use crate::correspondences::Source;
+use crate::footage::Footage;
 use crate::methods::registry::{self, Entry};
 use crate::sequence::{self, Settings};
 use anyhow::{Context, Result};
@@ -46,12 +47,12 @@ pub struct Options {
     pub redraw: bool,
 }
 
-/// Runs all systems on all sequences and writes `docs/accuracy.md` with its figures; prints where the
+/// Runs all systems on what `footage` makes of all sequences and writes `docs/accuracy.md` with its figures; prints where the
 /// time went. The run is kept in `target/eval/results.json`.
 ///
 /// # Errors
 /// Where a system fails or a file cannot be written.
-pub fn run(options: &Options) -> Result<()> {
+pub fn run(options: &Options, footage: &dyn Fn(&Settings) -> Result<Footage>) -> Result<()> {
     let root = Path::new(env!("CARGO_MANIFEST_DIR")).parent().context("the workspace has no root")?;
     let kept = root.join("target/eval/results.json");
     let folder = root.join("docs/figures");
@@ -60,7 +61,7 @@ pub fn run(options: &Options) -> Result<()> {
     let tasks = tasks(options)?;
     let mut progress = Progress::new(if options.redraw { 0 } else { tasks.len() });
     if !options.redraw {
-        runner::run(&tasks, &entries, &mut progress)?.write(&kept)?;
+        runner::run(&tasks, &entries, footage, &mut progress)?.write(&kept)?;
         progress.time("stills", || stills::write_all(&entries, &folder))?;
     }
     let results = Results::read(&kept)?;

@@ -10,6 +10,7 @@ use super::results::Results;
 use super::runner::{self, Task};
 use super::tables::Table;
 use crate::correspondences::Source;
+use crate::footage::Footage;
 use crate::methods::registry::{self, Entry};
 use crate::sequence;
 use anyhow::{Context, Result, bail};
@@ -66,7 +67,7 @@ fn measure() -> Result<Figures> {
         }));
     }
     let mut progress = Progress::new(tasks.len());
-    Ok(figures(&runner::run(&tasks, &entries, &mut progress)?))
+    Ok(figures(&runner::run(&tasks, &entries, &Footage::of_settings, &mut progress)?))
 }
 
 fn figures(results: &Results) -> Figures {

@@ -8,7 +8,7 @@ use crate::footage::Footage;
 use crate::methods::Corrections;
 use crate::methods::registry::Entry;
 use crate::metrics::{Stats, distances};
-use crate::sequence::{Sequence, Settings};
+use crate::sequence::Settings;
 use anyhow::{Context, Result};
 use rayon::prelude::*;
 use rsrectify::correspond::Correspondence;
@@ -23,12 +23,17 @@ pub struct Task {
     pub pictures: bool,
 }
 
-/// Runs every system on every task. Systems that find their own correspondences run once, as from
+/// Runs every system on every task, on what `footage` makes of its settings. Systems that find their own correspondences run once, as from
 /// [`Source::Sampler`], which is theirs.
 ///
 /// # Errors
 /// Those of the systems, with the name of the sequence.
-pub fn run(tasks: &[Task], entries: &[Entry], progress: &mut Progress) -> Result<Results> {
+pub fn run(
+    tasks: &[Task],
+    entries: &[Entry],
+    footage: &dyn Fn(&Settings) -> Result<Footage>,
+    progress: &mut Progress,
+) -> Result<Results> {
     let mut results = Results::default();
     for task in tasks {
         let name = &task.settings.name;
@@ -45,14 +50,6 @@ pub fn run(tasks: &[Task], entries: &[Entry], progress: &mut Progress) -> Result
         progress.step();
     }
     Ok(results)
-}
-
-/// The footage of a sequence.
-///
-/// # Errors
-/// Where it cannot be coded.
-pub(super) fn footage(settings: &Settings) -> Result<Footage> {
-    Footage::render(Sequence::new(settings.clone()))
 }
 
 fn info(settings: &Settings) -> SequenceInfo {
@@ -136,7 +133,7 @@ mod tests {
         let sources = vec![Source::Sampler, Source::Exact];
         let tasks = [Task { settings, sources, pictures: true }];
         let entries = registry::all();
-        let results = run(&tasks, &entries, &mut Progress::new(1)).unwrap();
+        let results = run(&tasks, &entries, &Footage::of_settings, &mut Progress::new(1)).unwrap();
         let own = entries.iter().filter(|entry| !entry.takes_correspondences()).count();
         assert_eq!(results.trials.len(), 2 * entries.len() - own);
         let uncorrected = results.of("rot1_B0", Source::Exact, "uncorrected").next().unwrap();

@@ -1,6 +1,5 @@
 //! Pictures a person looks at: a frame as it arrived, rectified and true, and where they differ.
 
-use super::runner::footage;
 use crate::correspondences::{Source, of_run};
 use crate::footage::Footage;
 use crate::methods::registry::Entry;
@@ -38,7 +37,8 @@ pub fn write_all(entries: &[Entry], folder: &Path) -> Result<()> {
     let entry = entries.iter().find(|entry| entry.id == SHOWN).context("the system of the stills is gone")?;
     for name in SEQUENCES {
         let settings = sequence::named(name).with_context(|| format!("no sequence is named {name}"))?;
-        let footage = footage(&sequence::Settings { frames: FRAMES, ..settings })?;
+        // Never photographs: the pictures are published.
+        let footage = Footage::of_settings(&sequence::Settings { frames: FRAMES, ..settings })?;
         let sheet = sheet(&footage, entry)?;
         let file = BufWriter::new(File::create(folder.join(format!("still-{name}.jpg")))?);
         JpegEncoder::new_with_quality(file, QUALITY).encode_image(&sheet)?;

@@ -127,8 +127,11 @@ impl Oscillations {
     }
 
     fn vibrate(&mut self, random: &mut ChaCha8Rng) {
-        for (axis, amplitude) in [(0, 0.01), (1, 0.01), (2, 0.008)] {
-            self.rotation[axis] = band(random, amplitude, [1.0, 2.5], 4);
+        // Off whole numbers: what makes a whole number of cycles a frame hardly shows between frames
+        // to any method, for all rows come back to where they were.
+        let bands = [(0.01, [1.1, 2.3]), (0.01, [1.2, 2.45]), (0.008, [1.3, 2.4])];
+        for (axis, (amplitude, limits)) in bands.into_iter().enumerate() {
+            self.rotation[axis] = band(random, amplitude, limits, 4);
             self.rotation[axis].extend(band(random, 0.5 * amplitude, [0.01, 0.05], 2));
         }
     }
