@@ -3,11 +3,12 @@
 //! Source: S. Baker, E. Bennett, S. B. Kang and R. Szeliski, *Removing rolling shutter wobble*, CVPR
 //! 2010: what a point moves from one frame to the next is the integral of the camera's velocity between
 //! the two exposures, so that a velocity of many knots a frame can be solved for, as in
-//! super-resolution, under absolute errors and a penalty on its changes.
+//! super-resolution, under a robust error and a penalty on its changes.
 //!
-//! The paper minimises by linear programming, here reweighted least squares do, over the whole run at
-//! once; its velocity is piecewise constant, here it is piecewise linear; and its penalty is on absolute
-//! changes, here on squared ones, as an absolute one takes a vibration away either wholly or not at all.
+//! The paper minimises absolute errors by linear programming; here it is reweighted least squares with
+//! Tukey's loss, over the whole run at once; its velocity is piecewise constant, here it is piecewise linear; and its penalty is on absolute
+//! changes, here on squared ones. One setting of knots and smoothness serves all sequences, the best for
+//! none of them.
 
 use super::robust::{Cost, Equation, tukey};
 use super::timed::{TimedPair, timed, until_reference, untouched};
