@@ -25,6 +25,7 @@ use pictures::Likeness;
 use progress::Progress;
 use results::{Results, Trial};
 use runner::Task;
+use std::collections::HashSet;
 use std::fs;
 use std::path::Path;
 use tables::{by_sequence, number, percent};
@@ -106,6 +107,7 @@ fn table(name: &str, results: &Results, entries: &[Entry]) -> Option<String> {
         by_sequence(results, &PAPER, &every, &|trial| trial.mean(measure), &number(digits))
     };
     Some(match name {
+        "scenes" => scenes(results).to_string(),
         "sequences" => tables::sequences(results),
         "systems" => tables::systems(entries),
         "left: paper" => by_sequence(results, &PAPER, &every, &Trial::share, &percent),
@@ -120,6 +122,11 @@ fn table(name: &str, results: &Results, entries: &[Entry]) -> Option<String> {
         "charts of the displacement left" => links(&others),
         _ => return None,
     })
+}
+
+/// How many scenes were run.
+fn scenes(results: &Results) -> usize {
+    results.trials.iter().map(|trial| trial.seed).collect::<HashSet<_>>().len()
 }
 
 /// Links to the charts of these sequences.
