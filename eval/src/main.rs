@@ -65,7 +65,8 @@ enum Command {
         #[arg(long, default_value_t = 4)]
         lookahead: usize,
     },
-    /// Runs all systems on all sequences and writes docs/accuracy.md and docs/figures.
+    /// Runs all systems on all sequences and writes docs/accuracy.md and docs/figures; to target/eval
+    /// where a sequence, a number of frames or textures are given.
     Report {
         /// How many scenes: seeds 1, 2, and so on.
         #[arg(long, default_value_t = 3)]
@@ -168,7 +169,8 @@ fn main() -> Result<()> {
         }
         Command::Speed { file, lookahead } => speed(&file, lookahead),
         Command::Report { scenes, sequence: sequences, frames, redraw, place } => {
-            let options = report::Options { scenes, sequences, frames, redraw };
+            let photographs = place.textures.is_some();
+            let options = report::Options { scenes, sequences, frames, photographs, redraw };
             report::run(&options, &|settings| place.footage(settings))
         }
         Command::Quick { record } => quick::run(record),

@@ -5,39 +5,17 @@
 //! is of second order in the image coordinates, and parallax drowns it. As in the source, nothing
 //! but the shortness of the window keeps the fit in check.
 
-use super::knots::{self, Motion, Window};
+use super::knots::Motion;
 use super::rotation3d::slerp;
 use super::translation3d::shift;
-use super::{Corrections, Input, Method};
-use anyhow::Result;
 use nalgebra::Matrix3;
 
-/// The method, over a window of frames.
-#[derive(Clone, Copy, Debug)]
-pub struct Full3d(pub Window);
-
-impl Full3d {
-    /// Two frames, one angular and one linear velocity: 6 unknowns.
-    pub const CONSTANT: Self = Self(Window { frames: 2, knots: 0 });
-    /// Two frames with a knot at the start of each and at the end of the last: 12 unknowns.
-    pub const TWO_FRAMES: Self = Self(Window { frames: 2, knots: 1 });
-}
-
-impl Method for Full3d {
-    fn name(&self) -> String {
-        self.0.name("3d-full")
-    }
-
-    fn solve(&self, input: &Input) -> Result<Corrections> {
-        Ok(knots::solve::<Full>(self.0, input))
-    }
-}
-
 /// M(t) = R(t) D(t); a knot is a rotation vector and a displacement.
-#[derive(Clone)]
-struct Full;
+#[derive(Clone, Copy, Debug)]
+pub struct Full3d;
 
-impl Motion for Full {
+impl Motion for Full3d {
+    const NAME: &'static str = "3d-full";
     const FREEDOMS: usize = 6;
 
     fn between(first: &[f64], second: &[f64], share: f64) -> Matrix3<f64> {
@@ -48,6 +26,8 @@ impl Motion for Full {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::methods::Method;
+    use crate::methods::knots::Knotted;
     use crate::methods::wall::Wall;
     use crate::scene::FirstEdge;
     use nalgebra::Vector3;
@@ -61,7 +41,7 @@ mod tests {
             Wall::moving(FirstEdge::Left, 0.8, Vector3::new(-0.4, 0.5, 2.0)),
         ];
         for (index, wall) in walls.iter().enumerate() {
-            for method in [Full3d::CONSTANT, Full3d::TWO_FRAMES] {
+            for method in [Knotted::<Full3d>::new(2, 0), Knotted::new(2, 1)] {
                 let left = wall.most_left(&method, 3);
                 assert!(left < 0.05, "{} {index}: {left} px", method.name());
             }

@@ -9,7 +9,8 @@
 //! found by minimising the distance of either sight from where the other says it is. Robust weights
 //! are added here, since the correspondences are given as they are, wild ones among them.
 
-use super::{Correction, Corrections, Input};
+use super::{Correction, Corrections, Input, Method};
+use anyhow::Result;
 use levenberg_marquardt::{LeastSquaresProblem, LevenbergMarquardt};
 use nalgebra::{DMatrix, DVector, Dyn, Matrix3, Owned, Vector2};
 use rsrectify::motion::image_centre;
@@ -29,6 +30,8 @@ const STEP: f64 = 1e-6;
 
 /// What a camera's motion does to rays, in terms of knots.
 pub trait Motion: Clone + Send + Sync + 'static {
+    /// The name of the model, such as `3d-rotation`.
+    const NAME: &'static str;
     /// Unknowns of a knot; all zero where the camera has not moved.
     const FREEDOMS: usize;
 
@@ -38,17 +41,17 @@ pub trait Motion: Clone + Send + Sync + 'static {
 
 /// The frames that are solved together, and how finely their motion is resolved.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Window {
+struct Window {
     /// Number of frames, at least 2.
-    pub frames: usize,
+    frames: usize,
     /// Knots to a frame; 0 for a constant velocity over the whole window.
-    pub knots: usize,
+    knots: usize,
 }
 
 impl Window {
     /// The name of a model over this window, such as `3d-rotation-2`, with the number of knots to
     /// a frame where that is not 1.
-    pub(super) fn name(self, model: &str) -> String {
+    fn name(self, model: &str) -> String {
         match self.knots {
             0 => format!("{model}-{}-constant", self.frames),
             1 => format!("{model}-{}", self.frames),
@@ -82,16 +85,35 @@ impl Window {
     }
 }
 
-/// Corrects each frame of a run by the motion found in the window around it. A frame whose window
-/// has too few correspondences, or in which the fit goes astray, is left as it is.
-pub fn solve<M: Motion>(window: Window, input: &Input) -> Corrections {
-    let correction = |k| -> Box<dyn Correction> {
-        match correction::<M>(window, input, k) {
-            Some(found) => Box::new(found),
-            None => Box::new(|pixel| pixel),
-        }
-    };
-    (0..input.stamps.len()).map(correction).collect()
+/// The method for one kind of motion: corrects each frame of a run by what is found in the window around it. A frame whose
+/// window has too few correspondences, or in which the fit goes astray, is left as it is.
+#[derive(Clone, Copy, Debug)]
+pub struct Knotted<M> {
+    window: Window,
+    motion: PhantomData<M>,
+}
+
+impl<M: Motion> Knotted<M> {
+    /// The method over windows of so many frames, with so many knots to a frame.
+    pub const fn new(frames: usize, knots: usize) -> Self {
+        Self { window: Window { frames, knots }, motion: PhantomData }
+    }
+}
+
+impl<M: Motion> Method for Knotted<M> {
+    fn name(&self) -> String {
+        self.window.name(M::NAME)
+    }
+
+    fn solve(&self, input: &Input) -> Result<Corrections> {
+        let correction = |k| -> Box<dyn Correction> {
+            match correction::<M>(self.window, input, k) {
+                Some(found) => Box::new(found),
+                None => Box::new(|pixel| pixel),
+            }
+        };
+        Ok((0..input.stamps.len()).map(correction).collect())
+    }
 }
 
 fn correction<M: Motion>(window: Window, input: &Input, k: usize) -> Option<Rectified<M>> {

@@ -4,7 +4,7 @@ use super::affine::Affine;
 use super::curve::Curve;
 use super::full3d::Full3d;
 use super::jitter::Jitter;
-use super::knots::Window;
+use super::knots::Knotted;
 use super::mixture::HomographyMixture;
 use super::paper::Paper;
 use super::product::{self, Delay};
@@ -123,19 +123,18 @@ fn image_plane() -> Vec<Entry> {
     ]
 }
 
-/// Models of the camera in space, which are told its focal length. `Window` says over how many frames.
+/// Models of the camera in space, which are told its focal length: so many frames to a window, so many knots to a frame.
 fn calibrated() -> Vec<Entry> {
     use Delay::True;
     let source = "Forssén and Ringaby 2010";
-    let window = |frames, knots| Window { frames, knots };
     vec![
-        Entry::runs(Rotation3d(window(2, 0)), True, "3D rotation, 2 frames, constant", source),
-        Entry::runs(Rotation3d(window(2, 1)), True, "3D rotation, 2 frames", source),
-        Entry::runs(Rotation3d(window(3, 1)), True, "3D rotation, 3 frames", source),
-        Entry::runs(Translation3d(window(2, 1)), True, "3D translation, 2 frames", source),
-        Entry::runs(Translation3d(window(3, 1)), True, "3D translation, 3 frames", source),
-        Entry::runs(Full3d(window(2, 1)), True, "3D full, 2 frames", source),
-        Entry::runs(Full3d(window(3, 1)), True, "3D full, 3 frames", source),
+        Entry::runs(Knotted::<Rotation3d>::new(2, 0), True, "3D rotation, 2 frames, constant", source),
+        Entry::runs(Knotted::<Rotation3d>::new(2, 1), True, "3D rotation, 2 frames", source),
+        Entry::runs(Knotted::<Rotation3d>::new(3, 1), True, "3D rotation, 3 frames", source),
+        Entry::runs(Knotted::<Translation3d>::new(2, 1), True, "3D translation, 2 frames", source),
+        Entry::runs(Knotted::<Translation3d>::new(3, 1), True, "3D translation, 3 frames", source),
+        Entry::runs(Knotted::<Full3d>::new(2, 1), True, "3D full, 2 frames", source),
+        Entry::runs(Knotted::<Full3d>::new(3, 1), True, "3D full, 3 frames", source),
     ]
 }
 

@@ -3,39 +3,15 @@
 //! P.-E. Forssén and E. Ringaby, *Rectifying rolling shutter video from hand-held devices*, CVPR 2010,
 //! and IJCV 96(3), 2012: rotations at knots, spherical linear interpolation between them.
 
-use super::knots::{self, Motion, Window};
-use super::{Corrections, Input, Method};
-use anyhow::Result;
+use super::knots::Motion;
 use nalgebra::{Matrix3, UnitQuaternion, Vector3};
 
-/// The method, over a window of frames.
-#[derive(Clone, Copy, Debug)]
-pub struct Rotation3d(pub Window);
-
-impl Rotation3d {
-    /// Two frames and one angular velocity: 3 unknowns.
-    pub const CONSTANT: Self = Self(Window { frames: 2, knots: 0 });
-    /// Two frames with a knot at the start of each and at the end of the last: 6 unknowns.
-    pub const TWO_FRAMES: Self = Self(Window { frames: 2, knots: 1 });
-    /// Three frames with a knot at the start of each and at the end of the last: 9 unknowns.
-    pub const THREE_FRAMES: Self = Self(Window { frames: 3, knots: 1 });
-}
-
-impl Method for Rotation3d {
-    fn name(&self) -> String {
-        self.0.name("3d-rotation")
-    }
-
-    fn solve(&self, input: &Input) -> Result<Corrections> {
-        Ok(knots::solve::<Rotation>(self.0, input))
-    }
-}
-
 /// M(t) = R(t); a knot is a rotation vector in radians.
-#[derive(Clone)]
-struct Rotation;
+#[derive(Clone, Copy, Debug)]
+pub struct Rotation3d;
 
-impl Motion for Rotation {
+impl Motion for Rotation3d {
+    const NAME: &'static str = "3d-rotation";
     const FREEDOMS: usize = 3;
 
     fn between(first: &[f64], second: &[f64], share: f64) -> Matrix3<f64> {
@@ -54,11 +30,15 @@ pub(super) fn slerp(first: &[f64], second: &[f64], share: f64) -> Matrix3<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::methods::Method;
+    use crate::methods::knots::Knotted;
     use crate::methods::wall::{PERIOD, Wall};
     use crate::scene::{FirstEdge, Pose};
     use nalgebra::{Rotation3, Vector2};
 
-    const ALL: [Rotation3d; 3] = [Rotation3d::CONSTANT, Rotation3d::TWO_FRAMES, Rotation3d::THREE_FRAMES];
+    const CONSTANT: Knotted<Rotation3d> = Knotted::new(2, 0);
+    const THREE_FRAMES: Knotted<Rotation3d> = Knotted::new(3, 1);
+    const ALL: [Knotted<Rotation3d>; 3] = [CONSTANT, Knotted::new(2, 1), THREE_FRAMES];
 
     #[test]
     fn a_constant_turn_is_undone_about_any_axis() {
@@ -90,9 +70,9 @@ mod tests {
     #[test]
     fn knots_at_the_starts_of_frames_follow_a_turn_that_changes_there() {
         let wall = jerking();
-        let knotted = wall.most_left(&Rotation3d::THREE_FRAMES, 3);
+        let knotted = wall.most_left(&THREE_FRAMES, 3);
         assert!(knotted < 1e-3, "{knotted} px");
-        let constant = wall.most_left(&Rotation3d::CONSTANT, 3);
+        let constant = wall.most_left(&CONSTANT, 3);
         assert!(constant > 1.0, "{constant} px");
     }
 
@@ -114,7 +94,7 @@ mod tests {
         let wall = Wall::turning(FirstEdge::Top, 1.0, Vector3::new(0.5, 0.6, 0.7));
         let mut pairs = wall.pairs(4);
         pairs[2].clear();
-        let (left, uncorrected) = wall.left(&Rotation3d::CONSTANT, &pairs);
+        let (left, uncorrected) = wall.left(&CONSTANT, &pairs);
         assert!(left[0] < 1e-3 && left[1] < 1e-3, "{left:?}");
         assert!(left[2] > 0.9 * uncorrected && left[3] > 0.9 * uncorrected, "{left:?}");
     }

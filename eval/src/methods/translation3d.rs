@@ -4,35 +4,15 @@
 //! hand-held devices*, CVPR 2010: the scene is a plane that faces the camera at depth 1, the
 //! camera's displacement is interpolated linearly between knots.
 
-use super::knots::{self, Motion, Window};
-use super::{Corrections, Input, Method};
-use anyhow::Result;
+use super::knots::Motion;
 use nalgebra::Matrix3;
 
-/// The method, over a window of frames.
-#[derive(Clone, Copy, Debug)]
-pub struct Translation3d(pub Window);
-
-impl Translation3d {
-    /// Three frames with a knot at the start of each and at the end of the last: 9 unknowns.
-    pub const THREE_FRAMES: Self = Self(Window { frames: 3, knots: 1 });
-}
-
-impl Method for Translation3d {
-    fn name(&self) -> String {
-        self.0.name("3d-translation")
-    }
-
-    fn solve(&self, input: &Input) -> Result<Corrections> {
-        Ok(knots::solve::<Translation>(self.0, input))
-    }
-}
-
 /// M(t) = D(t); a knot is a displacement of the scene in units of its depth.
-#[derive(Clone)]
-struct Translation;
+#[derive(Clone, Copy, Debug)]
+pub struct Translation3d;
 
-impl Motion for Translation {
+impl Motion for Translation3d {
+    const NAME: &'static str = "3d-translation";
     const FREEDOMS: usize = 3;
 
     fn between(first: &[f64], second: &[f64], share: f64) -> Matrix3<f64> {
@@ -49,6 +29,7 @@ pub(super) fn shift(first: &[f64], second: &[f64], share: f64) -> Matrix3<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::methods::knots::Knotted;
     use crate::methods::wall::Wall;
     use crate::scene::FirstEdge;
     use nalgebra::Vector3;
@@ -61,7 +42,7 @@ mod tests {
             (FirstEdge::Right, Vector3::new(-0.4, 0.5, 2.0)),
         ];
         for (first, velocity) in moves {
-            let left = Wall::moving(first, 0.7, velocity).most_left(&Translation3d::THREE_FRAMES, 4);
+            let left = Wall::moving(first, 0.7, velocity).most_left(&Knotted::<Translation3d>::new(3, 1), 4);
             assert!(left < 1e-3, "{first:?}: {left} px");
         }
     }

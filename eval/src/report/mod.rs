@@ -44,19 +44,31 @@ pub struct Options {
     pub sequences: Vec<String>,
     /// Frames of each sequence, if not its own number.
     pub frames: Option<usize>,
+    /// Whether the textures are a user's photographs.
+    pub photographs: bool,
     /// Whether an earlier run is written up anew, without another.
     pub redraw: bool,
 }
 
+impl Options {
+    /// Whether this is not what the docs are about.
+    fn aside(&self) -> bool {
+        !self.sequences.is_empty() || self.frames.is_some() || self.photographs
+    }
+}
+
 /// Runs all systems on what `footage` makes of all sequences and writes `docs/accuracy.md` with its figures; prints where the
-/// time went. The run is kept in `target/eval/results.json`.
+/// time went. The run is kept in `target/eval/results.json`. Of a part of the sequences, or on other textures than the
+/// procedural ones, everything goes to `target/eval/`.
 ///
 /// # Errors
 /// Where a system fails or a file cannot be written.
 pub fn run(options: &Options, footage: &dyn Fn(&Settings) -> Result<Footage>) -> Result<()> {
     let root = Path::new(env!("CARGO_MANIFEST_DIR")).parent().context("the workspace has no root")?;
-    let kept = root.join("target/eval/results.json");
-    let folder = root.join("docs/figures");
+    let own = root.join("target/eval");
+    let docs = if options.aside() { own.clone() } else { root.join("docs") };
+    let kept = own.join("results.json");
+    let folder = docs.join("figures");
     fs::create_dir_all(&folder)?;
     let entries = registry::all();
     let tasks = tasks(options)?;
@@ -68,8 +80,9 @@ pub fn run(options: &Options, footage: &dyn Fn(&Settings) -> Result<Footage>) ->
     let results = Results::read(&kept)?;
     progress.time("charts", || figures::draw_all(&results, &entries, &folder))?;
     let document = document::fill(TEMPLATE, |name| table(name, &results, &entries))?;
-    fs::write(root.join("docs/accuracy.md"), document)?;
-    println!("{progress}");
+    let path = docs.join("accuracy.md");
+    fs::write(&path, document)?;
+    println!("{progress}\n{}", path.display());
     Ok(())
 }
 

@@ -19,14 +19,9 @@ pub struct Likeness {
 
 /// Judges the picture that a correction makes of a frame; `None` where no pixel can be judged or the
 /// picture is the truth itself, which no number of dB says.
-pub fn likeness(
-    footage: &Footage,
-    frame: usize,
-    correction: &dyn Correction,
-    mask: &[bool],
-) -> Option<Likeness> {
+pub fn likeness(footage: &Footage, frame: usize, correction: &dyn Correction) -> Option<Likeness> {
     let picture = rectified(&footage.frames[frame], correction).frame;
-    let truth = &footage.truth[frame].global;
+    let (truth, mask) = (&footage.truth[frame].global, &footage.truth[frame].visible);
     Some(Likeness {
         accuracy: colour::accuracy(&picture, truth, mask)?,
         psnr: colour::psnr(&picture, truth, mask).filter(|psnr| psnr.is_finite())?,

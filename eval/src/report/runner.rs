@@ -110,13 +110,12 @@ fn displacement(footage: &Footage, source: Source, uncorrected: &Stats, solved: 
     }
 }
 
-/// Frame by frame, so that a mask serves all systems and only a few pictures are in memory.
+/// Frame by frame, so that only a few pictures are in memory.
 fn judge_pictures(footage: &Footage, solved: &[Solved], trials: &mut [Trial]) {
     for index in 0..footage.frames.len() {
-        let mask = footage.capture(index).visibility();
         trials.par_iter_mut().zip(solved).for_each(|(trial, solved)| {
             let correction = solved.corrections[index].as_ref();
-            trial.frames[index].likeness = likeness(footage, index, correction, &mask);
+            trial.frames[index].likeness = likeness(footage, index, correction);
         });
     }
 }

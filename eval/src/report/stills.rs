@@ -52,14 +52,13 @@ fn sheet(footage: &Footage, entry: &Entry) -> Result<RgbImage> {
     let correction = &entry.corrections(footage, &pairs)?[FRAME];
     let before = &footage.frames[FRAME];
     let after = rectified(before, correction.as_ref()).frame;
-    let truth = &footage.truth[FRAME].global;
-    let mask = footage.capture(FRAME).visibility();
+    let (truth, mask) = (&footage.truth[FRAME].global, &footage.truth[FRAME].visible);
     let pictures = [
         picture(before),
         picture(&after),
         picture(truth),
-        distances(before, truth, &mask),
-        distances(&after, truth, &mask),
+        distances(before, truth, mask),
+        distances(&after, truth, mask),
         scale(before.width as u32, before.height as u32),
     ];
     Ok(beside(

@@ -40,12 +40,14 @@ pub enum Motion {
     Translation,
     /// [`Rotation`](Self::Rotation) and [`Translation`](Self::Translation) at once.
     RotationAndTranslation,
-    /// A hand's shake: turns, and some translation, in a band of frequencies.
+    /// A hand's shake: turns in a band of frequencies, and translation in the lower half of it.
     Shake {
         /// The lowest frequency in cycles a frame.
         lowest: f64,
         /// The highest frequency in cycles a frame.
         highest: f64,
+        /// Peak of the translation in metres, where turns reach 0.03 radians; 0 for a camera that only turns.
+        sway: f64,
     },
     /// Turns at 1 to 2.5 cycles a frame, with a little slow shake.
     Vibration,
@@ -88,7 +90,7 @@ impl Oscillations {
                 path.rotate(&mut random);
                 path.translate(&mut random);
             }
-            Motion::Shake { lowest, highest } => path.shake(&mut random, lowest, highest),
+            Motion::Shake { lowest, highest, sway } => path.shake(&mut random, [lowest, highest], sway),
             Motion::Vibration => path.vibrate(&mut random),
         }
         for axis in path.rotation.iter_mut().chain(&mut path.position) {
@@ -119,10 +121,10 @@ impl Oscillations {
         }
     }
 
-    fn shake(&mut self, random: &mut ChaCha8Rng, lowest: f64, highest: f64) {
+    fn shake(&mut self, random: &mut ChaCha8Rng, [lowest, highest]: [f64; 2], sway: f64) {
         for (turn, shift) in self.rotation.iter_mut().zip(&mut self.position) {
             *turn = band(random, 0.03, [lowest, highest], 8);
-            *shift = band(random, 0.01, [lowest, 0.5 * (lowest + highest)], 4);
+            *shift = band(random, sway, [lowest, 0.5 * (lowest + highest)], 4);
         }
     }
 
@@ -180,7 +182,7 @@ mod tests {
         let limits = [
             (Motion::Rotation, 0.06, 0.08),
             (Motion::Translation, 0.045, 0.3),
-            (Motion::Shake { lowest: 0.04, highest: 0.4 }, 0.4, 0.03),
+            (Motion::Shake { lowest: 0.04, highest: 0.4, sway: 0.01 }, 0.4, 0.03),
             (Motion::Vibration, 2.5, 0.015),
         ];
         for (motion, highest, peak) in limits {
@@ -196,7 +198,8 @@ mod tests {
 
     #[test]
     fn the_seed_and_nothing_else_decides() {
-        let path = |seed| Oscillations::new(Motion::Shake { lowest: 0.04, highest: 0.4 }, 1.0, 30.0, seed);
+        let motion = Motion::Shake { lowest: 0.04, highest: 0.4, sway: 0.01 };
+        let path = |seed| Oscillations::new(motion, 1.0, 30.0, seed);
         assert_eq!(path(5), path(5));
         assert_ne!(path(5), path(6));
     }

@@ -162,7 +162,7 @@ mod tests {
     fn each_line_of_a_rolling_frame_is_a_line_of_a_global_one() {
         let scene = scene(SceneKind::Room);
         for first in [FirstEdge::Top, FirstEdge::Bottom, FirstEdge::Left, FirstEdge::Right] {
-            let camera = camera(1, first, 0.03, Motion::Shake { lowest: 0.1, highest: 0.4 });
+            let camera = camera(1, first, 0.03, Motion::Shake { lowest: 0.1, highest: 0.4, sway: 0.01 });
             let renderer = Renderer { scene: &scene, camera: &camera, samples: 1 };
             let rolling = renderer.rolling(0.2);
             for (x, y) in [(20, 10), (140, 100)] {
@@ -226,7 +226,7 @@ mod tests {
     #[test]
     fn blur_is_the_mean_over_the_exposure() {
         let scene = scene(SceneKind::Foreground);
-        let motion = Motion::Shake { lowest: 0.1, highest: 0.4 };
+        let motion = Motion::Shake { lowest: 0.1, highest: 0.4, sway: 0.01 };
         let (mut blurred, sharp) =
             (camera(1, FirstEdge::Top, 0.03, motion), camera(1, FirstEdge::Top, 0.03, motion));
         blurred.shutter.open = 0.02;

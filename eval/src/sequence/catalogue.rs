@@ -18,19 +18,11 @@ pub fn catalogue() -> Vec<Settings> {
         Settings::new("rot2_B40", Motion::Rotation, Displacement(5.5)).blank_rows(40.0),
         Settings::new("trans1_B40", Motion::Translation, Displacement(5.0)).blank_rows(40.0),
         Settings::new("trans_rot1_B40", Motion::RotationAndTranslation, Displacement(6.0)).blank_rows(40.0),
-        Settings {
-            readout_ratio: 0.42,
-            noise: 3.0,
-            frames: 30,
-            ..Settings::new("shake_g042", shake(0.04, 0.4), Displacement(3.0))
-        },
-        Settings {
-            readout_ratio: 0.85,
-            first: FirstEdge::Bottom,
-            noise: 3.0,
-            frames: 30,
-            ..Settings::new("btt_g085", shake(0.015, 0.15), Displacement(5.0))
-        },
+        short_readout("shake_g042", 0.0),
+        short_readout("shake_g042_sway", SWAY),
+        from_the_bottom("btt_g085", 0.0),
+        from_the_bottom("btt_g085_sway", SWAY),
+        phone("hand_g08"),
         Settings { width: 480, height: 640, first: FirstEdge::Left, ..phone("ltr_g08") },
         Settings { frames: 30, ..Settings::new("vibration", Motion::Vibration, Displacement(5.0)) },
         Settings { scene: SceneKind::Foreground, ..phone("foreground") },
@@ -44,7 +36,10 @@ pub fn catalogue() -> Vec<Settings> {
         Settings { stabilisation: Some(STABILISATION), ..self::phone("eis", Displacement(3.5)) },
         Settings { timeline: Timeline::Resampled(25.0), ..phone("resampled_25") },
         Settings { timeline: Timeline::Resampled(60.0), ..phone("resampled_60") },
-        Settings { readout_ratio: 0.0, ..Settings::new("control_global", shake(0.04, 0.4), Amplitude(1.0)) },
+        Settings {
+            readout_ratio: 0.0,
+            ..Settings::new("control_global", shake(0.04, 0.4, SWAY), Amplitude(1.0))
+        },
         Settings { noise: 2.0, ..Settings::new("control_still", Motion::Still, Amplitude(0.0)) },
         Settings {
             readout_ratio: 0.0,
@@ -57,14 +52,35 @@ pub fn catalogue() -> Vec<Settings> {
 /// Takes most of a hand's shake out of the frame's middle.
 const STABILISATION: Stabilisation = Stabilisation { smoothing: 5.0, zoom: 1.25 };
 
+/// Peak translation of a hand in metres, where it turns by 0.03 radians: it turns about the elbow.
+const SWAY: f64 = 0.01;
+
+/// γ = 0.42, noise, and shake up to 0.4 cycles a frame.
+fn short_readout(name: &str, sway: f64) -> Settings {
+    let strength = Strength::Displacement(3.0);
+    Settings {
+        readout_ratio: 0.42,
+        noise: 3.0,
+        frames: 30,
+        ..Settings::new(name, shake(0.04, 0.4, sway), strength)
+    }
+}
+
+/// A camera upside down: γ = 0.85, noise, and shake up to 0.15 cycles a frame.
+fn from_the_bottom(name: &str, sway: f64) -> Settings {
+    let motion = shake(0.015, 0.15, sway);
+    let (first, strength) = (FirstEdge::Bottom, Strength::Displacement(5.0));
+    Settings { readout_ratio: 0.85, first, noise: 3.0, frames: 30, ..Settings::new(name, motion, strength) }
+}
+
 /// What a phone in a hand takes: 30 frames with shake up to 0.15 cycles a frame, γ = 0.8, some noise.
 fn phone(name: &str, strength: Strength) -> Settings {
-    let motion = shake(0.015, 0.15);
+    let motion = shake(0.015, 0.15, SWAY);
     Settings { readout_ratio: 0.8, noise: 2.0, frames: 30, ..Settings::new(name, motion, strength) }
 }
 
-fn shake(lowest: f64, highest: f64) -> Motion {
-    Motion::Shake { lowest, highest }
+fn shake(lowest: f64, highest: f64, sway: f64) -> Motion {
+    Motion::Shake { lowest, highest, sway }
 }
 
 /// The settings of the sequence with this name.
@@ -79,6 +95,6 @@ pub fn demo() -> Settings {
         height: 720,
         frames: 135,
         noise: 1.0,
-        ..Settings::new("demo", Motion::Shake { lowest: 0.05, highest: 0.13 }, Strength::Displacement(13.0))
+        ..Settings::new("demo", shake(0.05, 0.13, SWAY), Strength::Displacement(13.0))
     }
 }
