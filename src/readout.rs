@@ -32,6 +32,8 @@ impl ReadoutDirection {
 /// What is known of a camera's readout time.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum ReadoutTime {
+    /// To be found from the picture; where that is not possible, as the whole period.
+    Unknown,
     /// The readout takes the whole frame period: the paper's assumption, inter-frame delay 0.
     WholePeriod,
     /// The paper's inter-frame delay B in rows (columns where read sideways); not negative.

@@ -2,6 +2,7 @@
 //!
 //! Points are *centred*: pixels from the image centre ((W − 1)/2, (H − 1)/2), y down.
 
+pub mod generators;
 mod path;
 mod twist;
 

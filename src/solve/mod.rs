@@ -10,6 +10,7 @@
 //! The only clock is the exposure time t = t_k + T·s, so that any frame rate, dropped frame or
 //! reverse playback is right; see the [`readout`](crate::readout).
 
+pub mod continuous;
 pub mod link;
 pub mod measurement;
 mod start;

@@ -1,0 +1,116 @@
+//! The generators of image motions: velocity fields that together span the homographies.
+//!
+//! Points are in units of a radius r from the image centre, (u, v); a generator's rate is in
+//! pixels, so that a rate of 1 moves points at the radius by about a pixel.
+//!
+//! | generator | field | what does it |
+//! |---|---|---|
+//! | yaw | (1 + κu², κuv) | a turn about the vertical axis |
+//! | pitch | (κuv, 1 + κv²) | a turn about the horizontal axis |
+//! | roll | (−v, u) | a turn about the optical axis |
+//! | right, down | (1, 0), (0, 1) | translation before a wall |
+//! | scale | (u, v) | translation towards it |
+//! | shears | (u, −v), (v, u) | translation before a slanted wall |
+//!
+//! κ = (r/f)² with f the focal length. With κ = 0 yaw and pitch are translations.
+
+use nalgebra::{Matrix3, SMatrix, Vector2};
+
+/// Number of generators.
+pub const GENERATORS: usize = 8;
+/// How many of them, the first, are what a turning camera does.
+pub const TURNS: usize = 3;
+
+/// The image motions that are looked for.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+pub enum Model {
+    /// All generators, each as far as the picture bears it out.
+    #[default]
+    Auto,
+    /// Translation of the picture.
+    Translation,
+    /// Rotation and translation of the picture: the paper's.
+    Rotation,
+    /// The same and scale.
+    Similarity,
+    /// The same and shears.
+    Affine,
+    /// All eight generators.
+    Homography,
+    /// A camera that turns about its centre.
+    Rotation3d,
+}
+
+impl Model {
+    /// Which generators it has.
+    pub const fn generators(self) -> [bool; GENERATORS] {
+        match self {
+            Self::Translation => [true, true, false, false, false, false, false, false],
+            Self::Rotation | Self::Rotation3d => [true, true, true, false, false, false, false, false],
+            Self::Similarity => [true, true, true, false, false, true, false, false],
+            Self::Affine => [true, true, true, false, false, true, true, true],
+            Self::Auto | Self::Homography => [true; GENERATORS],
+        }
+    }
+
+    /// Whether its turns are those of a camera in space, which depend on the focal length.
+    pub const fn has_perspective(self) -> bool {
+        matches!(self, Self::Auto | Self::Homography | Self::Rotation3d)
+    }
+}
+
+/// The velocities that the generators give to a point, a column each.
+pub fn fields(point: Vector2<f64>, kappa: f64) -> SMatrix<f64, 2, GENERATORS> {
+    let (u, v) = (point.x, point.y);
+    let across = kappa * u * v;
+    SMatrix::<f64, 2, GENERATORS>::from_row_slice(&[
+        1.0 + kappa * u * u, across, -v, 1.0, 0.0, u, u, v,
+        across, 1.0 + kappa * v * v, u, 0.0, 1.0, v, -v, u,
+    ])
+}
+
+/// The matrix A of the flow ẋ = A·x on homogeneous points (u, v, 1) whose velocity is the sum of
+/// the fields times `rates`, in units of the radius.
+pub fn flow_matrix(rates: &[f64; GENERATORS], kappa: f64) -> Matrix3<f64> {
+    let [yaw, pitch, roll, right, down, scale, shear, skew] = *rates;
+    Matrix3::new(
+        scale + shear, skew - roll, yaw + right,
+        skew + roll, scale - shear, pitch + down,
+        -kappa * yaw, -kappa * pitch, 0.0,
+    )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_matrix_moves_points_as_the_fields_say() {
+        let rates = [0.3, -0.2, 0.5, 0.7, -0.4, 0.1, 0.6, -0.8];
+        let (kappa, x) = (0.4, Vector2::new(0.6, -0.9));
+        let matrix = flow_matrix(&rates, kappa);
+        // (A·x) is the velocity of the homogeneous point; the image point is its quotient.
+        let velocity = matrix * x.push(1.0);
+        let seen = velocity.xy() - x * velocity.z;
+        let expected = fields(x, kappa) * SMatrix::<f64, GENERATORS, 1>::from(rates);
+        assert!((seen - expected).norm() < 1e-12, "{seen} {expected}");
+    }
+
+    #[test]
+    fn turns_move_points_as_a_camera_in_space_sees_them() {
+        use nalgebra::{Rotation3, Vector3};
+        // r = 1, f = 2: a point at (u, v) is seen along (u, v, f).
+        let (focal, x) = (2.0, Vector2::new(0.7, -0.4));
+        let see = |turn: Vector3<f64>| {
+            let ray = Rotation3::new(turn) * Vector3::new(x.x, x.y, focal);
+            ray.xy() * (focal / ray.z)
+        };
+        let step = 1e-6;
+        let turns = [Vector3::new(0.0, 1.0, 0.0), Vector3::new(-1.0, 0.0, 0.0), Vector3::new(0.0, 0.0, focal)];
+        for (j, turn) in turns.into_iter().enumerate() {
+            let velocity = (see(turn * step) - see(-turn * step)) / (2.0 * step * focal);
+            let field = fields(x, 1.0 / (focal * focal)).column(j).into_owned();
+            assert!((velocity - field).norm() < 1e-8, "{j}: {velocity} {field}");
+        }
+    }
+}

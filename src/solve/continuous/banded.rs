@@ -1,0 +1,134 @@
+//! Symmetric positive definite matrices with a band, and their Cholesky factors.
+
+/// The lower band of a symmetric matrix, row by row: entry (i, j), i − band ≤ j ≤ i, at
+/// i·(band + 1) + j + band − i.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Banded {
+    size: usize,
+    band: usize,
+    values: Vec<f64>,
+}
+
+impl Banded {
+    /// Makes this a matrix of zeros.
+    pub fn reset(&mut self, size: usize, band: usize) {
+        self.size = size;
+        self.band = band;
+        self.values.clear();
+        self.values.resize(size * (band + 1), 0.0);
+    }
+
+    /// Entries (i, i − band) to (i, i).
+    fn row(&self, i: usize) -> &[f64] {
+        &self.values[i * (self.band + 1)..(i + 1) * (self.band + 1)]
+    }
+
+    /// Adds to the entry (i, j), j ≤ i ≤ j + band.
+    pub fn add(&mut self, i: usize, j: usize, value: f64) {
+        self.values[i * (self.band + 1) + j + self.band - i] += value;
+    }
+
+    /// Adds a symmetric block, row by row, whose first entry lies at (first, first).
+    pub fn add_block(&mut self, first: usize, size: usize, block: &[f64]) {
+        for i in 0..size {
+            let row = (first + i) * (self.band + 1) + self.band - i;
+            let own = &mut self.values[row..=row + i];
+            for (value, part) in own.iter_mut().zip(&block[i * size..=i * size + i]) {
+                *value += part;
+            }
+        }
+    }
+
+    pub fn at(&self, i: usize, j: usize) -> f64 {
+        let (i, j) = (i.max(j), i.min(j));
+        if i - j > self.band { 0.0 } else { self.values[i * (self.band + 1) + j + self.band - i] }
+    }
+
+    /// Replaces the matrix by its Cholesky factor L; false where it is not positive definite.
+    pub fn factorise(&mut self) -> bool {
+        let (band, width) = (self.band, self.band + 1);
+        for i in 0..self.size {
+            let first = i.saturating_sub(band);
+            let (before, rest) = self.values.split_at_mut(i * width);
+            let row = &mut rest[..width];
+            for j in first..=i {
+                let start = first.max(j.saturating_sub(band));
+                let count = j - start;
+                let own = start + band - i;
+                let dot = |a: &[f64], b: &[f64]| -> f64 { dot(a, b) };
+                if j == i {
+                    let sum = row[band] - dot(&row[own..own + count], &row[own..own + count]);
+                    if !(sum > 0.0 && sum.is_finite()) {
+                        return false;
+                    }
+                    row[band] = sum.sqrt();
+                } else {
+                    let other = &before[j * width..(j + 1) * width];
+                    let theirs = start + band - j;
+                    let sum = row[j + band - i] - dot(&row[own..own + count], &other[theirs..theirs + count]);
+                    row[j + band - i] = sum / other[band];
+                }
+            }
+        }
+        true
+    }
+
+    /// Solves L·Lᵀ·x = b in place, this being L.
+    pub fn solve(&self, b: &mut [f64]) {
+        let band = self.band;
+        for i in 0..self.size {
+            let first = i.saturating_sub(band);
+            let row = self.row(i);
+            let sum = dot(&row[first + band - i..band], &b[first..i]);
+            b[i] = (b[i] - sum) / row[band];
+        }
+        for i in (0..self.size).rev() {
+            let first = i.saturating_sub(band);
+            let row = self.row(i);
+            b[i] /= row[band];
+            let x = b[i];
+            for (value, factor) in b[first..i].iter_mut().zip(&row[first + band - i..band]) {
+                *value -= factor * x;
+            }
+        }
+    }
+
+    /// The entries of (L·Lᵀ)⁻¹ inside the band, this being L: Takahashi's recursion.
+    pub fn inverse_band(&self, out: &mut Banded) {
+        out.reset(self.size, self.band);
+        let (n, band, width) = (self.size, self.band, self.band + 1);
+        // Z[i][j] for j ≤ i: Z_ij = δ_ij / L_jj² − (1/L_jj) Σ_{k > j} L_kj Z_ik.
+        let mut column = vec![0.0; width];
+        let mut zrow = vec![0.0; width];
+        for j in (0..n).rev() {
+            let last = (j + band).min(n - 1);
+            let count = last - j;
+            let diagonal = self.values[j * width + band];
+            for (k, value) in column[..count].iter_mut().enumerate() {
+                let i = j + 1 + k;
+                *value = self.values[i * width + j + band - i];
+            }
+            for i in (j..=last).rev() {
+                for (k, value) in zrow[..count].iter_mut().enumerate() {
+                    *value = out.at(i, j + 1 + k);
+                }
+                let sum = dot(&column[..count], &zrow[..count]);
+                let unit = if i == j { 1.0 / diagonal } else { 0.0 };
+                out.values[i * width + j + band - i] = (unit - sum) / diagonal;
+            }
+        }
+    }
+}
+
+/// Σ aᵢ·bᵢ, in four sums so that it runs on vectors.
+fn dot(a: &[f64], b: &[f64]) -> f64 {
+    let mut sums = [0.0; 8];
+    let (a8, b8) = (a.chunks_exact(8), b.chunks_exact(8));
+    let rest: f64 = a8.remainder().iter().zip(b8.remainder()).map(|(x, y)| x * y).sum();
+    for (x, y) in a8.zip(b8) {
+        for k in 0..8 {
+            sums[k] += x[k] * y[k];
+        }
+    }
+    sums.iter().sum::<f64>() + rest
+}

@@ -1,0 +1,113 @@
+//! Where points go along a motion path.
+//!
+//! The generators' velocities make ẋ = A(t)·x on homogeneous points, so the motion from one instant
+//! to another is a homography: H(t) from the first instant of the window on, H(t′)·H(t)⁻¹ between
+//! two. H is computed at nodes by Magnus's series to the fourth order and interpolated by cubics that
+//! have its slopes A·H.
+
+use super::path::SplinePath;
+use crate::motion::generators::{GENERATORS, flow_matrix};
+use nalgebra::{Matrix3, Vector2};
+
+/// Blocks between nodes: half a knot spacing of the turns.
+const STEP: f64 = 0.125;
+
+#[derive(Clone, Debug)]
+struct Node {
+    /// H and its slope per step.
+    forward: [Matrix3<f64>; 2],
+    /// H⁻¹ and its slope.
+    back: [Matrix3<f64>; 2],
+    rates: [f64; GENERATORS],
+    /// Paths of yaw and pitch.
+    turned: [f64; 2],
+}
+
+/// The homographies of a path between two instants, in units of the radius.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Flow {
+    /// Time of the first node, in steps.
+    first: f64,
+    nodes: Vec<Node>,
+}
+
+impl Flow {
+    /// Follows a path whose points are in units of `radius` pixels from block `from` to block `to`.
+    pub fn follow(&mut self, path: &SplinePath, [from, to]: [f64; 2], radius: f64) {
+        self.first = (from / STEP).floor();
+        let count = ((to / STEP).ceil() - self.first).max(1.0) as usize;
+        let rates = |steps: f64| path.rates(STEP * (self.first + steps));
+        let matrix = |rates: [f64; GENERATORS]| flow_matrix(&rates.map(|rate| rate / radius * STEP), path.kappa);
+        let mut h = Matrix3::identity();
+        let mut inverse = h;
+        self.nodes.clear();
+        for k in 0..=count {
+            let steps = k as f64;
+            let here = rates(steps);
+            let a = matrix(here);
+            let time = STEP * (self.first + steps);
+            self.nodes.push(Node {
+                forward: [h, a * h],
+                back: [inverse, -inverse * a],
+                rates: here,
+                turned: [path.value(0, time), path.value(1, time)],
+            });
+            let [p, q] = [0.5 - GAUSS, 0.5 + GAUSS].map(|offset| matrix(rates(steps + offset)));
+            let omega = (p + q) / 2.0 + (q * p - p * q) * (GAUSS / 2.0);
+            h = exponential(omega) * h;
+            inverse *= exponential(-omega);
+        }
+    }
+
+    /// Node before an instant and how far the instant lies after it, in steps; beyond the last node
+    /// or before the first one where it lies there.
+    fn interval(&self, time: f64) -> Option<(&[Node; 2], f64)> {
+        let at = time / STEP - self.first;
+        let last = self.nodes.len().checked_sub(2)?;
+        let index = (at.max(0.0) as usize).min(last);
+        let pair = self.nodes.get(index..index + 2)?.first_chunk::<2>()?;
+        Some((pair, at - index as f64))
+    }
+
+    /// The homography from the first instant to `time`.
+    pub fn until(&self, time: f64) -> Matrix3<f64> {
+        self.interval(time).map_or_else(Matrix3::identity, |([a, b], s)| hermite(&a.forward, &b.forward, s))
+    }
+
+    /// The homography from `time` back to the first instant.
+    pub fn back(&self, time: f64) -> Matrix3<f64> {
+        self.interval(time).map_or_else(Matrix3::identity, |([a, b], s)| hermite(&a.back, &b.back, s))
+    }
+
+    /// Where a point seen at `from` is at `to`.
+    pub fn carry(&self, point: Vector2<f64>, from: f64, to: f64) -> Vector2<f64> {
+        let seen = self.until(to) * (self.back(from) * point.push(1.0));
+        seen.xy() / seen.z
+    }
+
+    /// Rates of the generators in pixels a block, to half a step.
+    pub fn rates(&self, time: f64) -> [f64; GENERATORS] {
+        self.interval(time).map_or([0.0; GENERATORS], |([a, b], s)| if s < 0.5 { a.rates } else { b.rates })
+    }
+
+    /// Paths of yaw and pitch in pixels, up to constants.
+    pub fn turned(&self, time: f64) -> Vector2<f64> {
+        let Some(([a, b], s)) = self.interval(time) else { return Vector2::zeros() };
+        Vector2::from(a.turned) * (1.0 - s) + Vector2::from(b.turned) * s
+    }
+}
+
+/// Half the distance between the two nodes of Gauss's quadrature on an interval of length 1: √3/6.
+const GAUSS: f64 = 0.288_675_134_594_812_9;
+
+/// The cubic with these values and slopes at 0 and 1.
+fn hermite(a: &[Matrix3<f64>; 2], b: &[Matrix3<f64>; 2], s: f64) -> Matrix3<f64> {
+    let (s2, s3) = (s * s, s * s * s);
+    a[0] * (1.0 - 3.0 * s2 + 2.0 * s3) + a[1] * (s - 2.0 * s2 + s3) + b[0] * (3.0 * s2 - 2.0 * s3) + b[1] * (s3 - s2)
+}
+
+/// The exponential of a small matrix, to the fourth order.
+fn exponential(a: Matrix3<f64>) -> Matrix3<f64> {
+    let a2 = a * a;
+    Matrix3::identity() + a + a2 / 2.0 + a2 * a / 6.0 + a2 * a2 / 24.0
+}

@@ -1,0 +1,256 @@
+//! One pair of frames: its correspondences, and what they say of the path.
+//!
+//! A correspondence says x′ = F(x; t → t′), F the path's flow. A small change of the path changes
+//! F by Σⱼ φⱼ(m)·(δξⱼ(t′) − δξⱼ(t)), m = (x + x′)/2, with φⱼ and ξⱼ field and path of generator j; each ξⱼ(t)
+//! is a sum of four coefficients. A change of the readout time γ, t = t_k + γ·s, changes F by
+//! Σⱼ φⱼ(m)·(ξⱼ′(t′)·s′ − ξⱼ′(t)·s), one of κ by m·(m · (ξ(t′) − ξ(t))), ξ the paths of yaw and pitch.
+//!
+//! The splines are evaluated once for a *band* of correspondences exposed at about the same time.
+//! That rounds the slopes, never the residuals.
+
+use super::flow::Flow;
+use super::path::{BLOCK, SplinePath, ratio};
+use super::spline;
+use crate::correspond::Correspondence;
+use crate::motion::generators::{GENERATORS, fields};
+use nalgebra::{SMatrix, SVector, Vector2};
+
+/// Bands to a pair.
+const BANDS: usize = 24;
+/// Coefficients that a band depends on: four at each end for each generator.
+const TOUCHED: usize = 8 * GENERATORS;
+/// Unknowns of the camera that all frames share: γ and κ.
+pub(super) const SHARED: usize = 2;
+/// Degrees of freedom of Student's t, as which residuals are distributed.
+const FREEDOM: f64 = 4.0;
+/// Variance of a coordinate over the median of r²: r² is χ² with 2 degrees of freedom, whose median is 2·ln 2.
+const MEDIAN_TO_VARIANCE: f64 = 0.5 / std::f64::consts::LN_2;
+/// However many correspondences a pair has, they are worth no more than so many independent ones:
+/// what the path does not explain, above all parallax, is alike in neighbours.
+const WORTH: f64 = 25.0;
+/// More matches than this are thinned out.
+const MOST_MATCHES: usize = 400;
+/// Fewer say nothing.
+const FEWEST_MATCHES: usize = 16;
+
+/// Points of a correspondence, in units of the radius from the image centre.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Match {
+    pub from: Vector2<f64>,
+    pub to: Vector2<f64>,
+}
+
+/// Along which axis the sensor is read.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Reading {
+    /// Whether rows, not columns, are read one after another.
+    pub by_rows: bool,
+    /// Units of the radius from the first line to past the last.
+    pub length: f64,
+}
+
+impl Reading {
+    /// Place of a point along the axis: 0 at the top (left) edge, 1 at the other.
+    pub fn place(&self, point: Vector2<f64>) -> f64 {
+        0.5 + if self.by_rows { point.y } else { point.x } / self.length
+    }
+}
+
+/// Correspondences of a pair and the timestamps of its frames in blocks.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Pair {
+    pub matches: Vec<Match>,
+    pub stamps: [f64; 2],
+}
+
+impl Pair {
+    /// Takes the correspondences (pixels) of a pair; `None` where there are too few to say anything.
+    pub fn new(found: &[Correspondence], centre: Vector2<f64>, radius: f64, stamps: [f64; 2]) -> Option<Self> {
+        if found.len() < FEWEST_MATCHES {
+            return None;
+        }
+        let chosen = found.iter().step_by(found.len().div_ceil(MOST_MATCHES));
+        let point = |pixel: Vector2<f64>| (pixel - centre) / radius;
+        let matches = chosen.map(|found| Match { from: point(found.from), to: point(found.to) });
+        Some(Self { matches: matches.collect(), stamps })
+    }
+
+    /// First and last instant at which a line of either frame is exposed.
+    pub fn span(&self, readout: f64) -> [f64; 2] {
+        let [a, b] = self.stamps;
+        [a.min(b) + readout.min(0.0), a.max(b) + readout.max(0.0)]
+    }
+
+    /// Mean square distance by which matches moved, in squared units of the radius.
+    pub fn moved(&self) -> f64 {
+        let squares: f64 = self.matches.iter().map(|m| (m.to - m.from).norm_squared()).sum();
+        squares / self.matches.len().max(1) as f64
+    }
+}
+
+/// The sums of a band.
+#[derive(Clone, Copy)]
+struct Band {
+    weight: f64,
+    /// Weighted exposure times of both ends.
+    times: [f64; 2],
+    normal: SMatrix<f64, GENERATORS, GENERATORS>,
+    right: SVector<f64, GENERATORS>,
+    shared: SMatrix<f64, GENERATORS, SHARED>,
+}
+
+/// The normal equations of one pair, over the coefficients from `first` on.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Normal {
+    pub first: usize,
+    pub size: usize,
+    /// `size` rows of `size`.
+    pub matrix: Vec<f64>,
+    pub right: Vec<f64>,
+    /// Columns of the shared unknowns.
+    pub border: [Vec<f64>; SHARED],
+    pub shared: SMatrix<f64, SHARED, SHARED>,
+    pub shared_right: SVector<f64, SHARED>,
+    /// Standard deviation of a coordinate of the residuals in pixels, by their median.
+    pub sigma: f64,
+    residuals: Vec<Vector2<f64>>,
+    squares: Vec<f64>,
+}
+
+/// What a pair is held against.
+pub(super) struct View<'a> {
+    pub path: &'a SplinePath,
+    pub flow: &'a Flow,
+    pub reading: Reading,
+    /// Signed readout time in blocks.
+    pub readout: f64,
+    /// Pixels to the unit of points.
+    pub radius: f64,
+    /// Least standard deviation of a coordinate in pixels.
+    pub noise: f64,
+}
+
+impl View<'_> {
+    fn times(&self, pair: &Pair, m: &Match) -> [f64; 2] {
+        let places = [self.reading.place(m.from), self.reading.place(m.to)];
+        [pair.stamps[0] + self.readout * places[0], pair.stamps[1] + self.readout * places[1]]
+    }
+
+    /// Adds up what a pair says.
+    pub fn normal(&self, pair: &Pair, out: &mut Normal) {
+        out.residuals.clear();
+        out.residuals.extend(pair.matches.iter().map(|m| {
+            let [from, to] = self.times(pair, m);
+            (m.to - self.flow.carry(m.from, from, to)) * self.radius
+        }));
+        out.squares.clear();
+        out.squares.extend(out.residuals.iter().map(|r| r.norm_squared()));
+        let variance = (median(&mut out.squares) * MEDIAN_TO_VARIANCE).max(self.noise * self.noise);
+        out.sigma = variance.sqrt();
+        let worth = (WORTH / pair.matches.len() as f64).min(1.0) / variance;
+        let mut bands = [Band {
+            weight: 0.0,
+            times: [0.0; 2],
+            normal: SMatrix::zeros(),
+            right: SVector::zeros(),
+            shared: SMatrix::zeros(),
+        }; BANDS];
+        out.shared = SMatrix::zeros();
+        out.shared_right = SVector::zeros();
+        for (m, r) in pair.matches.iter().zip(&out.residuals) {
+            let weight = worth * (FREEDOM + 2.0) / (FREEDOM + r.norm_squared() / variance);
+            if !weight.is_finite() {
+                continue;
+            }
+            let band = (self.reading.place(m.from).clamp(0.0, 1.0) * (BANDS - 1) as f64).round() as usize;
+            let shared = self.add(m, *r, weight, self.times(pair, m), &mut bands[band]);
+            out.shared += shared.transpose() * shared * weight;
+            out.shared_right += shared.transpose() * r * weight;
+        }
+        self.place(pair, out);
+        if out.size > 0 {
+            bands.iter().filter(|band| band.weight > 0.0).for_each(|band| self.spread(band, out));
+        }
+    }
+
+    /// Adds a match to its band; what the shared unknowns change of it.
+    fn add(
+        &self,
+        m: &Match,
+        residual: Vector2<f64>,
+        weight: f64,
+        [from, to]: [f64; 2],
+        band: &mut Band,
+    ) -> SMatrix<f64, 2, SHARED> {
+        let middle = (m.from + m.to) / 2.0;
+        let phi = fields(middle, self.path.kappa);
+        let (before, after) = (self.flow.rates(from), self.flow.rates(to));
+        let places = [self.reading.place(m.from), self.reading.place(m.to)];
+        let rates = SVector::from(after) * places[1] - SVector::from(before) * places[0];
+        let turned = self.flow.turned(to) - self.flow.turned(from);
+        let shared = SMatrix::<f64, 2, SHARED>::from_columns(&[phi * rates, middle * middle.dot(&turned)]);
+        let weighted = phi.transpose() * weight;
+        band.weight += weight;
+        band.times[0] += weight * from;
+        band.times[1] += weight * to;
+        band.normal += weighted * phi;
+        band.right += weighted * residual;
+        band.shared += weighted * shared;
+        shared
+    }
+
+    /// Makes room for the coefficients on which a pair depends.
+    fn place(&self, pair: &Pair, out: &mut Normal) {
+        let times = pair.matches.iter().flat_map(|m| self.times(pair, m));
+        let [low, high] = times.fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], t| [low.min(t), high.max(t)]);
+        let [low, high] = [low, high].map(|time| time.floor() as i64);
+        let end = self.path.coefficients.len();
+        let first = usize::try_from(low.saturating_sub(self.path.base)).unwrap_or(0);
+        out.first = first.saturating_mul(BLOCK).min(end);
+        let blocks = usize::try_from(high.saturating_sub(low).saturating_add(4)).unwrap_or(0);
+        out.size = blocks.saturating_mul(BLOCK).min(end - out.first);
+        let clear = |values: &mut Vec<f64>, len: usize| {
+            values.clear();
+            values.resize(len, 0.0);
+        };
+        clear(&mut out.matrix, out.size * out.size);
+        clear(&mut out.right, out.size);
+        out.border.iter_mut().for_each(|border| clear(border, out.size));
+    }
+
+    /// Spreads a band's sums over the coefficients.
+    fn spread(&self, band: &Band, out: &mut Normal) {
+        let mut touched = [(0usize, 0.0, 0usize); TOUCHED];
+        let mut slots = touched.iter_mut();
+        for (sum, sign) in band.times.into_iter().zip([-1.0, 1.0]) {
+            let time = sum / band.weight;
+            for j in 0..GENERATORS {
+                let support = spline::values(time * ratio(j) as f64);
+                for (k, weight) in support.weights.into_iter().enumerate() {
+                    let place = self.path.place(j, support.first + k as i64) - out.first as i64;
+                    let inside = usize::try_from(place).ok().filter(|place| *place < out.size);
+                    if let Some(slot) = slots.next() {
+                        *slot = inside.map_or((0, 0.0, j), |place| (place, sign * weight, j));
+                    }
+                }
+            }
+        }
+        for &(row, value, j) in &touched {
+            out.right[row] += value * band.right[j];
+            for (border, shared) in out.border.iter_mut().zip(band.shared.row(j).iter()) {
+                border[row] += value * shared;
+            }
+            let normal = band.normal.column(j) * value;
+            let cells = &mut out.matrix[row * out.size..(row + 1) * out.size];
+            for &(column, other, l) in &touched {
+                cells[column] += other * normal[l];
+            }
+        }
+    }
+}
+
+/// The median, 0 of nothing; reorders the values.
+fn median(values: &mut [f64]) -> f64 {
+    let middle = values.len() / 2;
+    if values.is_empty() { 0.0 } else { *values.select_nth_unstable_by(middle, f64::total_cmp).1 }
+}

@@ -1,0 +1,126 @@
+//! The motion path of a window: a spline for the path of each generator.
+//!
+//! Time is in *blocks*, about a frame period each. What a turning camera does may change four times
+//! as fast as the rest: rotation has little inertia, a translation before the scene has much.
+
+use super::spline::{self, Support};
+use crate::motion::generators::{GENERATORS, TURNS};
+
+/// Knots of a turn to a block; the other generators have one.
+pub(super) const RATIO: i64 = 4;
+/// Coefficients to a block.
+pub(super) const BLOCK: usize = RATIO as usize * TURNS + (GENERATORS - TURNS);
+
+/// Paths of the generators over the blocks from `base` on.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub(super) struct SplinePath {
+    /// Number of the first block.
+    pub base: i64,
+    /// Coefficients in pixels at the radius, block by block: those of the turns knot by knot, then
+    /// one for each other generator.
+    pub coefficients: Vec<f64>,
+    /// κ = (r/f)².
+    pub kappa: f64,
+}
+
+/// Knots of a generator to a block.
+pub(super) const fn ratio(generator: usize) -> i64 {
+    if generator < TURNS { RATIO } else { 1 }
+}
+
+impl SplinePath {
+    /// Place of a coefficient among `coefficients`, which may be before the first or past the last.
+    pub fn place(&self, generator: usize, knot: i64) -> i64 {
+        let block = knot.div_euclid(ratio(generator)) - self.base;
+        let within = if generator < TURNS {
+            knot.rem_euclid(RATIO) * TURNS as i64 + generator as i64
+        } else {
+            RATIO * TURNS as i64 + (generator - TURNS) as i64
+        };
+        block * BLOCK as i64 + within
+    }
+
+    /// The coefficient of a generator at one of its knots; 0 outside.
+    pub fn coefficient(&self, generator: usize, knot: i64) -> f64 {
+        let place = usize::try_from(self.place(generator, knot)).ok();
+        place.and_then(|place| self.coefficients.get(place)).copied().unwrap_or(0.0)
+    }
+
+    /// Knots of a generator.
+    pub fn knots(&self, generator: usize) -> std::ops::Range<i64> {
+        let blocks = (self.coefficients.len() / BLOCK) as i64;
+        self.base * ratio(generator)..(self.base + blocks) * ratio(generator)
+    }
+
+    fn sum(&self, generator: usize, support: Support) -> f64 {
+        let weights = support.weights.iter().enumerate();
+        weights.map(|(k, weight)| self.coefficient(generator, support.first + k as i64) * weight).sum()
+    }
+
+    /// Path of a generator in pixels, up to a constant.
+    pub fn value(&self, generator: usize, time: f64) -> f64 {
+        self.sum(generator, spline::values(time * ratio(generator) as f64))
+    }
+
+    /// Rates of all generators in pixels a block.
+    pub fn rates(&self, time: f64) -> [f64; GENERATORS] {
+        let (fast, slow) = (spline::slopes(time * RATIO as f64), spline::slopes(time));
+        std::array::from_fn(|j| if j < TURNS { RATIO as f64 * self.sum(j, fast) } else { self.sum(j, slow) })
+    }
+
+    /// Moves on to the blocks from `base` on. What is new goes on at the rate of what was last.
+    pub fn shift(&mut self, base: i64, blocks: usize) {
+        let mut moved = Self { base, coefficients: vec![0.0; blocks * BLOCK], kappa: self.kappa };
+        for j in 0..GENERATORS {
+            let known = self.knots(j);
+            let (mut last, mut rate) = (0.0, 0.0);
+            for knot in moved.knots(j) {
+                if known.contains(&knot) {
+                    last = self.coefficient(j, knot);
+                    rate = if known.contains(&(knot - 1)) { last - self.coefficient(j, knot - 1) } else { 0.0 };
+                } else {
+                    last += rate;
+                }
+                let place = moved.place(j, knot);
+                if let Some(value) = usize::try_from(place).ok().and_then(|place| moved.coefficients.get_mut(place)) {
+                    *value = last;
+                }
+            }
+        }
+        *self = moved;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_coefficient_has_a_place_of_its_own() {
+        let path = SplinePath { base: -3, coefficients: vec![0.0; 5 * BLOCK], kappa: 0.0 };
+        let mut places: Vec<i64> =
+            (0..GENERATORS).flat_map(|j| path.knots(j).map(|knot| path.place(j, knot)).collect::<Vec<_>>()).collect();
+        places.sort_unstable();
+        assert_eq!(places, (0..5 * BLOCK as i64).collect::<Vec<_>>());
+    }
+
+    #[test]
+    fn a_shift_keeps_what_it_can_and_goes_on_evenly() {
+        let mut path = SplinePath { base: 10, coefficients: vec![0.0; 4 * BLOCK], kappa: 0.2 };
+        for j in 0..GENERATORS {
+            for knot in path.knots(j) {
+                let place = path.place(j, knot) as usize;
+                // A line in time, steeper for each generator.
+                path.coefficients[place] = (j + 1) as f64 * knot as f64 / ratio(j) as f64;
+            }
+        }
+        let before = path.rates(12.0);
+        path.shift(12, 6);
+        assert_eq!((path.base, path.coefficients.len()), (12, 6 * BLOCK));
+        for time in [13.5, 15.0, 17.9] {
+            for (j, (rate, old)) in path.rates(time).into_iter().zip(before).enumerate() {
+                assert!((rate - old).abs() < 1e-9 && (rate - (j + 1) as f64).abs() < 1e-9, "{j} {time}: {rate}");
+            }
+        }
+    }
+}

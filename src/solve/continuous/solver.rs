@@ -1,0 +1,217 @@
+//! The pairs of a window → the path, γ and κ: Gauss–Newton on banded normal equations.
+
+use super::banded::Banded;
+use super::flow::Flow;
+use super::pair::{Normal, Pair, Reading, SHARED, View};
+use super::path::{BLOCK, SplinePath};
+use super::running::Running;
+use super::smoothness::Smoothness;
+use nalgebra::{SMatrix, SVector};
+use rayon::prelude::*;
+
+/// Blocks before the first exposure and after the last that the path covers: points may leave the
+/// frame, and the readout may turn out longer.
+const MARGIN: f64 = 0.25;
+/// The most that γ and κ may change at once.
+const MOST_CHANGE: f64 = 0.1;
+/// The solver of one stream; the path, what was learnt of its smoothness and of the camera go on from
+/// window to window.
+#[derive(Clone, Debug)]
+pub(super) struct Solver {
+    pub reading: Reading,
+    /// Pixels to the unit of points.
+    pub radius: f64,
+    /// Least standard deviation of a coordinate in pixels.
+    pub noise: f64,
+    pub path: SplinePath,
+    pub smoothness: Smoothness,
+    /// Beliefs from all windows so far: γ, the signed readout time in blocks, and κ.
+    pub beliefs: [Running; SHARED],
+    /// What γ and κ may be.
+    pub limits: [[f64; 2]; SHARED],
+    /// γ and κ of this window.
+    pub shared: [f64; SHARED],
+    /// What this window alone says of them, with its information.
+    seen: [Option<(f64, f64)>; SHARED],
+    pub flow: Flow,
+    normals: Vec<Normal>,
+    matrix: Banded,
+    covariance: Banded,
+    right: Vec<f64>,
+    border: [Vec<f64>; SHARED],
+    weighted: [Vec<f64>; SHARED],
+}
+
+impl Solver {
+    pub fn new(
+        reading: Reading,
+        radius: f64,
+        noise: f64,
+        smoothness: Smoothness,
+        beliefs: [Running; SHARED],
+        limits: [[f64; 2]; SHARED],
+    ) -> Self {
+        Self {
+            reading,
+            radius,
+            noise,
+            path: SplinePath::default(),
+            smoothness,
+            shared: beliefs.map(|belief| belief.mean),
+            beliefs,
+            limits,
+            seen: [None; SHARED],
+            flow: Flow::default(),
+            normals: Vec::new(),
+            matrix: Banded::default(),
+            covariance: Banded::default(),
+            right: Vec::new(),
+            border: Default::default(),
+            weighted: Default::default(),
+        }
+    }
+
+    /// Forgets the path, not the camera.
+    pub fn restart(&mut self) {
+        self.path.coefficients.clear();
+        self.smoothness.restart();
+        self.seen = [None; SHARED];
+    }
+
+    /// Replaces what is believed of γ.
+    pub fn know_readout(&mut self, belief: Running) {
+        self.shared[0] = belief.mean;
+        self.beliefs[0] = belief;
+    }
+
+    /// Goes on with blocks that are shorter by `factor`.
+    pub fn scale_readout(&mut self, factor: f64) {
+        self.shared[0] *= factor;
+        self.beliefs[0].scale(factor);
+    }
+
+    /// Standard deviation of a coordinate in pixels that the path leaves in pair `index`.
+    pub fn sigma(&self, index: usize) -> Option<f64> {
+        self.normals.get(index).map(|normal| normal.sigma)
+    }
+
+    /// Lays the path under the pairs and follows it.
+    pub fn cover(&mut self, pairs: &[&Pair]) {
+        let spans = pairs.iter().map(|pair| pair.span(self.shared[0]));
+        let [from, to] = spans.fold([f64::INFINITY, f64::NEG_INFINITY], |a, b| [a[0].min(b[0]), a[1].max(b[1])]);
+        if from > to {
+            return;
+        }
+        let [from, to] = [from - MARGIN, to + MARGIN];
+        let base = from.floor() as i64;
+        self.path.kappa = self.shared[1];
+        self.path.shift(base, (to.floor() as i64 - base + 4) as usize);
+        self.flow.follow(&self.path, [from, to], self.radius);
+    }
+
+    /// One step: the root mean square change of the path in pixels; `None` where it cannot be solved.
+    pub fn step(&mut self, pairs: &[&Pair]) -> Option<f64> {
+        self.cover(pairs);
+        let view = View {
+            path: &self.path,
+            flow: &self.flow,
+            reading: self.reading,
+            readout: self.shared[0],
+            radius: self.radius,
+            noise: self.noise,
+        };
+        self.normals.resize_with(pairs.len(), Normal::default);
+        self.normals.par_iter_mut().zip(pairs).for_each(|(normal, pair)| view.normal(pair, normal));
+        let (information, side) = self.assemble();
+        if !self.matrix.factorise() {
+            return None;
+        }
+        self.matrix.solve(&mut self.right);
+        let change = self.step_shared(information, side);
+        for (by, change) in self.weighted.iter().zip(change) {
+            self.right.iter_mut().zip(by).for_each(|(step, by)| *step -= by * change);
+        }
+        let squares: f64 = self.right.iter().map(|step| step * step).sum();
+        if !squares.is_finite() {
+            return None;
+        }
+        self.path.coefficients.iter_mut().zip(&self.right).for_each(|(value, step)| *value += step);
+        self.matrix.inverse_band(&mut self.covariance);
+        self.smoothness.learn(&self.path, &self.covariance);
+        Some((squares / self.right.len() as f64).sqrt())
+    }
+
+    /// Adds up the normal equations; those of γ and κ.
+    fn assemble(&mut self) -> (SMatrix<f64, SHARED, SHARED>, SVector<f64, SHARED>) {
+        let size = self.path.coefficients.len();
+        let widest = self.normals.iter().map(|normal| normal.size).max().unwrap_or(0);
+        self.matrix.reset(size, widest.max(3 * BLOCK).min(size).saturating_sub(1));
+        for values in self.border.iter_mut().chain([&mut self.right]) {
+            values.clear();
+            values.resize(size, 0.0);
+        }
+        let (mut information, mut side) = (SMatrix::zeros(), SVector::zeros());
+        for normal in &self.normals {
+            self.matrix.add_block(normal.first, normal.size, &normal.matrix);
+            let add = |sum: &mut Vec<f64>, part: &Vec<f64>| {
+                sum[normal.first..].iter_mut().zip(part).for_each(|(sum, part)| *sum += part);
+            };
+            add(&mut self.right, &normal.right);
+            self.border.iter_mut().zip(&normal.border).for_each(|(sum, part)| add(sum, part));
+            information += normal.shared;
+            side += normal.shared_right;
+        }
+        self.smoothness.add(&self.path, &mut self.matrix, &mut self.right);
+        (information, side)
+    }
+
+    /// Moves γ and κ by what the window, its path free to follow, and the beliefs say; their changes.
+    fn step_shared(
+        &mut self,
+        mut information: SMatrix<f64, SHARED, SHARED>,
+        mut side: SVector<f64, SHARED>,
+    ) -> [f64; SHARED] {
+        for (weighted, border) in self.weighted.iter_mut().zip(&self.border) {
+            weighted.clone_from(border);
+            self.matrix.solve(weighted);
+        }
+        let dot = |a: &[f64], b: &[f64]| -> f64 { a.iter().zip(b).map(|(a, b)| a * b).sum() };
+        for p in 0..SHARED {
+            side[p] -= dot(&self.border[p], &self.right);
+            for q in 0..SHARED {
+                information[(p, q)] -= dot(&self.border[p], &self.weighted[q]);
+            }
+        }
+        let mut all = information;
+        let mut all_side = side;
+        for (p, belief) in self.beliefs.iter().enumerate() {
+            all[(p, p)] += belief.information();
+            all_side[p] += belief.information() * (belief.mean - self.shared[p]);
+        }
+        for p in 0..SHARED {
+            // The other one is as uncertain as the belief in it.
+            let q = 1 - p;
+            let coupling = information[(p, q)] / all[(q, q)];
+            let own = information[(p, p)] - information[(p, q)] * coupling;
+            let value = self.shared[p] + (side[p] - coupling * all_side[q]) / own;
+            self.seen[p] = (own > 0.0 && value.is_finite()).then_some((value, own));
+        }
+        let step = all.try_inverse().map_or(SVector::zeros(), |inverse| inverse * all_side);
+        let before = self.shared;
+        for (p, [low, high]) in self.limits.into_iter().enumerate() {
+            if step[p].is_finite() {
+                self.shared[p] = (before[p] + step[p].clamp(-MOST_CHANGE, MOST_CHANGE)).clamp(low, high);
+            }
+        }
+        [self.shared[0] - before[0], self.shared[1] - before[1]]
+    }
+
+    /// Adds what the window says of γ and κ to the beliefs; `share` of it is new.
+    pub fn remember(&mut self, share: f64) {
+        for (p, [low, high]) in self.limits.into_iter().enumerate() {
+            if let Some((value, information)) = self.seen[p] {
+                self.beliefs[p].add(value.clamp(low, high), information, share);
+            }
+        }
+    }
+}

@@ -1,0 +1,309 @@
+//! Frames as they come → the motion of each, a few frames later.
+
+use super::pair::{Pair, Reading};
+use super::running::Running;
+use super::smoothness::Smoothness;
+use super::solver::Solver;
+use crate::correspond::Correspondence;
+use crate::motion::generators::Model;
+use crate::motion::image_centre;
+use crate::readout::{Readout, ReadoutDirection, ReadoutTime};
+use nalgebra::{Matrix3, Vector2};
+use std::collections::VecDeque;
+
+/// Frames before the one that is settled whose pairs are looked at again.
+const PAST: usize = 4;
+/// Steps to the first path, and to each one after it, at most.
+const STEPS: [usize; 2] = [12, 4];
+/// A step that changes the path by less than this many pixels (root mean square) is the last.
+const SETTLED: f64 = 0.05;
+/// Or γ by less than this.
+const SETTLED_READOUT: f64 = 0.01;
+/// Shares of the readout at which the homographies of a frame are given out, less one.
+const SHARES: usize = 32;
+/// What is believed of γ before anything was seen: nothing that would change a picture.
+const READOUT_BELIEF: (f64, f64) = (0.0, 0.5);
+/// What is believed of κ = (half the width / f)²: f is 0.9 widths, give or take a half.
+const KAPPA_BELIEF: (f64, f64) = (0.3, 0.3);
+/// What κ may be: a field of view under 110°.
+const KAPPA_LIMITS: [f64; 2] = [0.0, 2.0];
+/// Deviation of what is known.
+const KNOWN: f64 = 1e-6;
+/// The least deviation that is believed of an estimated γ.
+const LEAST_DEVIATION: f64 = 0.01;
+/// Independent measurements in a pair, two coordinates each: the weight of its residuals' logarithm.
+const WEIGHT: f64 = 50.0;
+/// A reading axis whose likelihood is less than another's by a factor of e to this power is given up.
+const DECISIVE: f64 = 40.0;
+
+/// What is known of a camera.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Camera {
+    /// Image motions that are looked for.
+    pub model: Model,
+    /// Which edge is read first; `None` if that is to be found out.
+    pub direction: Option<ReadoutDirection>,
+    /// What is known of the readout time.
+    pub readout_time: ReadoutTime,
+    /// Focal length in frame widths; `None` if that is to be found out.
+    pub focal_length: Option<f64>,
+}
+
+/// The motion of a frame.
+#[derive(Clone, Debug)]
+pub struct Motion {
+    /// The shutter with which it was solved.
+    pub readout: Readout,
+    /// Homographies (centred pixels) at 33 even shares of the readout from 0 to 1: from where a point is seen at that
+    /// share to where it is at share ½.
+    pub homographies: Vec<Matrix3<f64>>,
+    /// Trust in it, 0 to 1.
+    pub confidence: f64,
+    /// Standard deviation in pixels of a coordinate that it leaves in the pairs that the frame is in.
+    pub sigma: f64,
+    /// Standard deviation of the readout ratio, in frame periods.
+    pub readout_deviation: f64,
+}
+
+#[derive(Clone, Debug)]
+struct Entry {
+    /// Timestamp in blocks.
+    stamp: f64,
+    to_next: Option<Pair>,
+}
+
+/// A way in which the sensor may be read.
+#[derive(Clone, Debug)]
+struct Hypothesis {
+    /// Which edge is first, where γ is known to be positive or negative.
+    direction: ReadoutDirection,
+    solver: Solver,
+    /// Logarithm of its likelihood, up to a constant.
+    score: f64,
+}
+
+/// The continuous estimator of one stream.
+#[derive(Clone, Debug)]
+pub struct Continuous {
+    camera: Camera,
+    size: [usize; 2],
+    centre: Vector2<f64>,
+    radius: f64,
+    /// The one that is believed first.
+    hypotheses: Vec<Hypothesis>,
+    frames: VecDeque<Entry>,
+    /// Frames at the front that are settled.
+    settled: usize,
+    /// Seconds to a block, and the time of block 0.
+    clock: Option<(f64, f64)>,
+    /// Seconds to a block before the last restart.
+    unit_before: Option<f64>,
+    /// Whether the first frame that waits follows a settled one.
+    continues: bool,
+}
+
+impl Continuous {
+    /// For frames of `width` × `height` pixels; `noise` is the standard deviation of a measured coordinate
+    /// in pixels.
+    pub fn new(camera: Camera, width: usize, height: usize, noise: f64) -> Self {
+        let radius = width.max(1) as f64 / 2.0;
+        let hypothesis = |direction: ReadoutDirection| {
+            let lines = if direction.is_by_rows() { height } else { width } as f64;
+            let reading = Reading { by_rows: direction.is_by_rows(), length: lines.max(1.0) / radius };
+            let smoothness = Smoothness::new(camera.model.generators());
+            let signs = match (camera.direction, direction.is_reversed()) {
+                (None, _) => [-1.0, 1.0],
+                (Some(_), false) => [0.0, 1.0],
+                (Some(_), true) => [-1.0, 0.0],
+            };
+            let beliefs = [READOUT_BELIEF, kappa_belief(&camera)].map(|(mean, deviation)| Running::new(mean, deviation));
+            let solver = Solver::new(reading, radius, noise, smoothness, beliefs, [signs, KAPPA_LIMITS]);
+            Hypothesis { direction, solver, score: 0.0 }
+        };
+        Self {
+            camera,
+            size: [width, height],
+            centre: image_centre(width, height),
+            radius,
+            hypotheses: camera.directions().iter().copied().map(hypothesis).collect(),
+            frames: VecDeque::new(),
+            settled: 0,
+            clock: None,
+            unit_before: None,
+            continues: false,
+        }
+    }
+
+    /// Adds the next frame at `time` seconds, `period` the nominal frame period, with its
+    /// correspondences to the frame pushed before it: `None` at a start, a gap or a cut.
+    pub fn push(&mut self, correspondences: Option<&[Correspondence]>, time: f64, period: f64) {
+        let (unit, origin) = self.clock.unwrap_or_else(|| self.start(period, time));
+        let stamp = (time - origin) / unit;
+        let (centre, radius) = (self.centre, self.radius);
+        if let (Some(last), Some(found)) = (self.frames.back_mut(), correspondences) {
+            last.to_next = Pair::new(found, centre, radius, [last.stamp, stamp]);
+        }
+        self.frames.push_back(Entry { stamp, to_next: None });
+    }
+
+    /// Starts the clock: a block is a period from now on.
+    fn start(&mut self, period: f64, time: f64) -> (f64, f64) {
+        let [width, height] = self.size;
+        let time_known = self.camera.readout_time;
+        for hypothesis in &mut self.hypotheses {
+            if self.camera.is_known() {
+                let readout = Readout::new(width, height, hypothesis.direction, time_known, period);
+                let sign = if hypothesis.direction.is_reversed() { -1.0 } else { 1.0 };
+                hypothesis.solver.know_readout(Running::new(sign * readout.time / period, KNOWN));
+            } else if let Some(unit) = self.unit_before {
+                hypothesis.solver.scale_readout(unit / period);
+            }
+        }
+        self.clock = Some((period, time));
+        (period, time)
+    }
+
+    /// Settles the first frame that waits; `None` where nothing is known of its motion.
+    pub fn settle(&mut self) -> Option<Motion> {
+        let own = self.settled;
+        let joined = |entry: &Entry| entry.to_next.is_some();
+        let past = self.frames.iter().take(own).rev().take_while(|entry| joined(entry)).count().min(PAST);
+        let ahead = self.frames.iter().skip(own).take_while(|entry| joined(entry)).count();
+        let pairs: Vec<&Pair> =
+            self.frames.iter().skip(own - past).take(past + ahead).filter_map(|entry| entry.to_next.as_ref()).collect();
+        let stamp = self.frames.get(own)?.stamp;
+        let starts = past == 0 || !self.continues;
+        for hypothesis in &mut self.hypotheses {
+            hypothesis.settle(&pairs, starts, past, self.camera.is_known());
+        }
+        self.continues = !pairs.is_empty();
+        let motion = (!pairs.is_empty()).then(|| self.motion(&pairs, past, stamp));
+        self.choose();
+        self.settled += 1;
+        if self.settled > PAST {
+            self.frames.pop_front();
+            self.settled -= 1;
+        }
+        motion
+    }
+
+    /// Forgets the frames, not the camera.
+    pub fn restart(&mut self) {
+        self.frames.clear();
+        self.settled = 0;
+        self.unit_before = self.clock.take().map(|(unit, _)| unit).or(self.unit_before);
+        self.continues = false;
+    }
+
+    /// Puts the likelier axis first and gives up one that is far less likely.
+    fn choose(&mut self) {
+        let Some(best) = self.hypotheses.iter().map(|h| h.score).max_by(f64::total_cmp) else { return };
+        self.hypotheses.retain(|hypothesis| hypothesis.score > best - DECISIVE);
+        self.hypotheses.sort_by(|a, b| b.score.total_cmp(&a.score));
+    }
+
+    /// The motion of the frame after the first `past` pairs.
+    fn motion(&self, pairs: &[&Pair], past: usize, stamp: f64) -> Motion {
+        let solver = &self.hypotheses[0].solver;
+        let readout = self.readout(solver);
+        let reversed = readout.direction.is_reversed();
+        let scale = Matrix3::new_nonuniform_scaling(&Vector2::new(self.radius, self.radius));
+        let unscale = Matrix3::new_nonuniform_scaling(&Vector2::new(1.0 / self.radius, 1.0 / self.radius));
+        let middle = scale * solver.flow.until(stamp + 0.5 * solver.shared[0]);
+        let homography = |index: usize| {
+            let share = index as f64 / SHARES as f64;
+            let place = if reversed { 1.0 - share } else { share };
+            middle * solver.flow.back(stamp + solver.shared[0] * place) * unscale
+        };
+        let beside = [past.checked_sub(1), Some(past)].into_iter().flatten().filter(|index| *index < pairs.len());
+        let sigmas: Vec<f64> = beside.clone().filter_map(|index| solver.sigma(index)).collect();
+        let moved = beside.filter_map(|index| pairs.get(index)).map(|pair| pair.moved()).fold(0.0, f64::max);
+        let sigma = sigmas.iter().copied().fold(0.0, f64::max);
+        Motion {
+            readout,
+            homographies: (0..=SHARES).map(homography).collect(),
+            confidence: self.confidence(solver, sigma, moved),
+            sigma,
+            readout_deviation: solver.beliefs[0].deviation(),
+        }
+    }
+
+    fn confidence(&self, solver: &Solver, sigma: f64, moved: f64) -> f64 {
+        let allowed = (3.0 * solver.noise).powi(2) + 0.25 * moved * self.radius * self.radius;
+        let explained = (1.0 - 2.0 * sigma * sigma / allowed).clamp(0.0, 1.0);
+        if self.camera.is_known() {
+            return explained;
+        }
+        // Nothing under one deviation from no rolling shutter at all, everything from three on.
+        let deviation = solver.beliefs[0].deviation().max(LEAST_DEVIATION);
+        explained * ((solver.shared[0].abs() / deviation - 1.0) / 2.0).clamp(0.0, 1.0)
+    }
+
+    /// The shutter that a solver found.
+    fn readout(&self, solver: &Solver) -> Readout {
+        let unit = self.clock.map_or(0.0, |(unit, _)| unit);
+        let direction = match (solver.reading.by_rows, solver.shared[0] < 0.0) {
+            (true, false) => ReadoutDirection::TopToBottom,
+            (true, true) => ReadoutDirection::BottomToTop,
+            (false, false) => ReadoutDirection::LeftToRight,
+            (false, true) => ReadoutDirection::RightToLeft,
+        };
+        let [width, height] = self.size;
+        Readout { width, height, direction, time: solver.shared[0].abs() * unit }
+    }
+}
+
+impl Camera {
+    /// Whether the readout time need not be found out.
+    fn is_known(&self) -> bool {
+        self.readout_time != ReadoutTime::Unknown
+    }
+
+    /// The directions that are tried. Where the readout time is to be found out, its sign tells one edge
+    /// from the opposite one.
+    fn directions(&self) -> Vec<ReadoutDirection> {
+        use ReadoutDirection::{BottomToTop, LeftToRight, RightToLeft, TopToBottom};
+        match self.direction {
+            Some(direction) => vec![direction],
+            None if self.is_known() => vec![TopToBottom, BottomToTop, LeftToRight, RightToLeft],
+            None => vec![TopToBottom, LeftToRight],
+        }
+    }
+}
+
+impl Hypothesis {
+    /// Fits the path to the pairs; the frame that is settled comes after the first `past` ones.
+    fn settle(&mut self, pairs: &[&Pair], starts: bool, past: usize, known: bool) {
+        if starts {
+            self.solver.restart();
+        }
+        if pairs.is_empty() {
+            return;
+        }
+        for _ in 0..STEPS[usize::from(!starts)] {
+            let before = self.solver.shared[0];
+            let Some(change) = self.solver.step(pairs) else {
+                self.solver.restart();
+                continue;
+            };
+            let moved = (self.solver.shared[0] - before).abs();
+            if change < SETTLED && (known || moved < SETTLED_READOUT) {
+                break;
+            }
+        }
+        self.solver.cover(pairs);
+        self.solver.remember(1.0 / pairs.len() as f64);
+        if let Some(sigma) = self.solver.sigma(past) {
+            self.score -= WEIGHT * sigma.max(self.solver.noise).ln();
+        }
+    }
+}
+
+/// Mean and deviation of what is believed of κ.
+fn kappa_belief(camera: &Camera) -> (f64, f64) {
+    match camera.focal_length.filter(|focal| focal.is_finite() && *focal > 0.0) {
+        _ if !camera.model.has_perspective() => (0.0, KNOWN),
+        Some(focal) => ((0.5 / focal).powi(2), KNOWN),
+        None => KAPPA_BELIEF,
+    }
+}
