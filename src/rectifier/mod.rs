@@ -2,17 +2,19 @@
 
 mod clock;
 mod duplicates;
+mod engine;
 #[cfg(test)]
 mod tests;
 
 use crate::correspond::{Correspondence, Pyramid, Sampler};
-use crate::motion::{MotionPath, Twist, image_centre};
+use crate::motion::MotionPath;
+use crate::motion::generators::Model;
 use crate::plane::Luma;
 use crate::readout::{Readout, ReadoutDirection, ReadoutTime};
-use crate::solve::{Candidate, Link, Window};
+use crate::solve::continuous::Camera;
 use clock::Clock;
 use duplicates::Duplicates;
-use nalgebra::Vector2;
+use engine::{Engine, Settled, Step};
 use std::collections::VecDeque;
 use std::time::{Duration, Instant};
 
@@ -21,9 +23,21 @@ pub use crate::solve::Origin;
 /// Standard deviation of a tracked coordinate, in pixels of the analysed luma: what the sampler
 /// reaches on compressed footage.
 const TRACKING_NOISE: f64 = 0.1;
+/// The same on clean footage: the continuous estimator learns what there is beyond it.
+const CONTINUOUS_NOISE: f64 = 0.03;
 /// Confidence grows with the share of grid nodes whose correspondences follow the motion, up to this
 /// share.
 const FULL_COVERAGE: f64 = 0.1;
+
+/// How motion is estimated.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+pub enum Estimator {
+    /// Splines over exposure time, with the readout found from the picture where it is not given.
+    #[default]
+    Continuous,
+    /// The paper's: one 2D rotation a frame, each from its neighbour.
+    Sequential,
+}
 
 /// How a stream is analysed.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -34,8 +48,15 @@ pub struct Settings {
     pub grid_rows: usize,
     /// Frames waited for before a frame's motion is given out.
     pub lookahead: usize,
-    /// Which edge of the frame is read first.
-    pub direction: ReadoutDirection,
+    /// How motion is estimated.
+    pub estimator: Estimator,
+    /// The image motions that the continuous estimator looks for.
+    pub model: Model,
+    /// Focal length in frame widths; `None` if it is to be found from the picture.
+    pub focal_length: Option<f64>,
+    /// Which edge of the frame is read first; `None` if it is to be found from the picture, which the
+    /// sequential estimator takes as from top to bottom.
+    pub direction: Option<ReadoutDirection>,
     /// What is known of the readout time.
     pub readout_time: ReadoutTime,
 }
@@ -46,8 +67,11 @@ impl Default for Settings {
             grid_columns: 32,
             grid_rows: 24,
             lookahead: 4,
-            direction: ReadoutDirection::TopToBottom,
-            readout_time: ReadoutTime::WholePeriod,
+            estimator: Estimator::Continuous,
+            model: Model::Auto,
+            focal_length: None,
+            direction: None,
+            readout_time: ReadoutTime::Unknown,
         }
     }
 }
@@ -68,8 +92,11 @@ pub struct FrameSolution {
     pub correspondences: usize,
     /// Correspondences that follow the motion, of the pair over which it was solved.
     pub inliers: usize,
-    /// √E, the root mean square residual of 25.4 per inlier, in pixels.
+    /// Root mean square residual of an inlier in pixels: √E of 25.4, or a coordinate's deviation from
+    /// the continuous path.
     pub residual: f64,
+    /// Standard deviation of the readout ratio that was found; 0 where it was given.
+    pub readout_deviation: f64,
 }
 
 /// Time spent so far.
@@ -90,14 +117,6 @@ struct Waiting {
     repeats: bool,
 }
 
-/// The frame that the next one is compared with.
-#[derive(Clone, Copy, Debug)]
-struct Reference {
-    time: f64,
-    /// The motion that the next pair is expected to go on with.
-    expected: Twist,
-}
-
 /// Solves the motion of a stream's frames, one after another, in bounded memory.
 ///
 /// Every frame pushed is popped once, in order.
@@ -111,13 +130,14 @@ pub struct Rectifier {
     before: Pyramid,
     now: Pyramid,
     correspondences: Vec<Correspondence>,
-    reference: Option<Reference>,
+    /// The time of the frame that the next one is compared with.
+    reference: Option<f64>,
     duplicates: Duplicates,
-    window: Window,
+    engine: Engine,
     waiting: VecDeque<Waiting>,
     solved: VecDeque<FrameSolution>,
     /// The motion given out last, for the duplicates that follow it.
-    last: Option<Candidate>,
+    last: Option<Settled>,
     timings: Timings,
 }
 
@@ -126,17 +146,30 @@ impl Rectifier {
     ///
     /// `period` is the nominal one; `None` takes it from the times of the frames.
     pub fn new(settings: Settings, width: usize, height: usize, period: Option<f64>) -> Self {
+        let sampler = Sampler::new(width, height, settings.grid_columns, settings.grid_rows);
+        let engine = match settings.estimator {
+            Estimator::Sequential => Engine::sequential(),
+            Estimator::Continuous => {
+                let camera = Camera {
+                    model: settings.model,
+                    direction: settings.direction,
+                    readout_time: settings.readout_time,
+                    focal_length: settings.focal_length,
+                };
+                Engine::continuous(camera, (width, height), CONTINUOUS_NOISE * sampler.pixel_scale())
+            }
+        };
         Self {
             settings,
             size: (width, height),
             clock: Clock::new(period),
-            sampler: Sampler::new(width, height, settings.grid_columns, settings.grid_rows),
+            sampler,
             before: Pyramid::default(),
             now: Pyramid::default(),
             correspondences: Vec::new(),
             reference: None,
             duplicates: Duplicates::default(),
-            window: Window::default(),
+            engine,
             waiting: VecDeque::new(),
             solved: VecDeque::new(),
             last: None,
@@ -197,7 +230,7 @@ impl Rectifier {
     }
 
     fn forget_the_past(&mut self) {
-        self.window.reset();
+        self.engine.restart();
         self.clock.restart();
         self.duplicates = Duplicates::default();
         self.reference = None;
@@ -206,27 +239,31 @@ impl Rectifier {
 
     fn readout(&self) -> Readout {
         let (width, height) = self.size;
-        Readout::new(width, height, self.settings.direction, self.settings.readout_time, self.clock.period())
+        let direction = self.settings.direction.unwrap_or_default();
+        Readout::new(width, height, direction, self.settings.readout_time, self.clock.period())
     }
 
     /// Links the frame in `now` to the reference, where there is one, and makes it the reference.
     fn compare(&mut self, time: f64, readout: &Readout, started: Instant) {
-        let link = self.reference.map(|reference| {
-            let interval = time - reference.time;
-            let centre = image_centre(readout.width, readout.height);
-            let expected = reference.expected.after(interval);
-            let predict = |point: Vector2<f64>| expected.apply(point - centre) + centre;
+        let interval = self.reference.map(|reference| time - reference);
+        if let Some(interval) = interval {
+            let predict = self.engine.predictor(readout, interval);
             self.sampler.correspond(&self.before, &self.now, predict, &mut self.correspondences);
-            let noise = TRACKING_NOISE * self.sampler.pixel_scale();
-            Link::new(&self.correspondences, readout, interval, noise)
-        });
-        if let (Some(link), Some(waiting)) = (&link, self.waiting.back_mut()) {
-            waiting.correspondences = link.len();
+            if let Some(waiting) = self.waiting.back_mut() {
+                waiting.correspondences = self.correspondences.len();
+            }
         }
         let tracked = Instant::now();
         self.timings.correspond += tracked - started;
-        let uniform = self.window.push(link);
-        self.reference = Some(Reference { time, expected: uniform.map_or(Twist::ZERO, |fit| fit.twist) });
+        self.engine.push(&Step {
+            correspondences: interval.map(|_| self.correspondences.as_slice()),
+            time,
+            interval: interval.unwrap_or(0.0),
+            period: self.clock.period(),
+            readout: *readout,
+            noise: TRACKING_NOISE * self.sampler.pixel_scale(),
+        });
+        self.reference = Some(time);
         std::mem::swap(&mut self.before, &mut self.now);
         self.timings.solve += tracked.elapsed();
     }
@@ -236,10 +273,10 @@ impl Rectifier {
         let started = Instant::now();
         let Some(frame) = self.waiting.pop_front() else { return };
         if !frame.repeats {
-            self.last = self.window.settle();
+            self.last = self.engine.settle();
         }
-        let solution = match self.last {
-            Some(candidate) => self.solution(&frame, candidate),
+        let solution = match &self.last {
+            Some(settled) => self.solution(&frame, settled),
             None => FrameSolution {
                 readout: frame.readout,
                 path: MotionPath::STILL,
@@ -248,23 +285,25 @@ impl Rectifier {
                 correspondences: frame.correspondences,
                 inliers: 0,
                 residual: 0.0,
+                readout_deviation: 0.0,
             },
         };
         self.solved.push_back(solution);
         self.timings.solve += started.elapsed();
     }
 
-    fn solution(&self, frame: &Waiting, Candidate { fit, origin }: Candidate) -> FrameSolution {
+    fn solution(&self, frame: &Waiting, settled: &Settled) -> FrameSolution {
         let nodes = self.settings.grid_columns * self.settings.grid_rows;
-        let coverage = fit.inliers as f64 / (FULL_COVERAGE * nodes as f64).max(1.0);
+        let coverage = settled.inliers as f64 / (FULL_COVERAGE * nodes as f64).max(1.0);
         FrameSolution {
-            readout: frame.readout,
-            path: MotionPath::uniform(fit.twist, frame.readout.time),
-            confidence: fit.confidence * coverage.min(1.0),
-            origin: if frame.repeats { Origin::Repeated } else { origin },
+            readout: settled.readout,
+            path: settled.path.clone(),
+            confidence: settled.confidence * coverage.min(1.0),
+            origin: if frame.repeats { Origin::Repeated } else { settled.origin },
             correspondences: frame.correspondences,
-            inliers: fit.inliers,
-            residual: fit.energy.sqrt(),
+            inliers: settled.inliers,
+            residual: settled.residual,
+            readout_deviation: settled.readout_deviation,
         }
     }
 }

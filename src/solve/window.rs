@@ -27,6 +27,8 @@ pub enum Origin {
     Forward,
     /// The recursion from later frames (25.9, 25.10).
     Backward,
+    /// The continuous path.
+    Continuous,
     /// A duplicate: the motion of the frame it repeats.
     Repeated,
     /// None was found or it is not to be trusted: the frame stays as it is.

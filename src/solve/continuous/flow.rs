@@ -59,6 +59,12 @@ impl Flow {
         }
     }
 
+    /// Whether an instant lies within what was followed.
+    pub fn covers(&self, time: f64) -> bool {
+        let at = time / STEP - self.first;
+        at >= 0.0 && at <= self.nodes.len() as f64 - 1.0
+    }
+
     /// Node before an instant and how far the instant lies after it, in steps; beyond the last node
     /// or before the first one where it lies there.
     fn interval(&self, time: f64) -> Option<(&[Node; 2], f64)> {

@@ -61,6 +61,8 @@ impl Reading {
 pub(super) struct Pair {
     pub matches: Vec<Match>,
     pub stamps: [f64; 2],
+    /// Correspondences before they were thinned out.
+    pub found: usize,
 }
 
 impl Pair {
@@ -72,7 +74,7 @@ impl Pair {
         let chosen = found.iter().step_by(found.len().div_ceil(MOST_MATCHES));
         let point = |pixel: Vector2<f64>| (pixel - centre) / radius;
         let matches = chosen.map(|found| Match { from: point(found.from), to: point(found.to) });
-        Some(Self { matches: matches.collect(), stamps })
+        Some(Self { matches: matches.collect(), stamps, found: found.len() })
     }
 
     /// First and last instant at which a line of either frame is exposed.
@@ -113,6 +115,8 @@ pub(super) struct Normal {
     pub shared_right: SVector<f64, SHARED>,
     /// Standard deviation of a coordinate of the residuals in pixels, by their median.
     pub sigma: f64,
+    /// Correspondences within three of them.
+    pub inliers: usize,
     residuals: Vec<Vector2<f64>>,
     squares: Vec<f64>,
 }
@@ -147,6 +151,8 @@ impl View<'_> {
         out.squares.extend(out.residuals.iter().map(|r| r.norm_squared()));
         let variance = (median(&mut out.squares) * MEDIAN_TO_VARIANCE).max(self.noise * self.noise);
         out.sigma = variance.sqrt();
+        let near = out.residuals.iter().filter(|r| r.norm_squared() < 2.0 * 9.0 * variance).count();
+        out.inliers = near * pair.found / pair.matches.len().max(1);
         let worth = (WORTH / pair.matches.len() as f64).min(1.0) / variance;
         let mut bands = [Band {
             weight: 0.0,

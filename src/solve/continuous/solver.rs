@@ -95,6 +95,11 @@ impl Solver {
         self.normals.get(index).map(|normal| normal.sigma)
     }
 
+    /// Matches of pair `index` within three deviations of the path, thinned out ones counted.
+    pub fn inliers(&self, index: usize) -> usize {
+        self.normals.get(index).map_or(0, |normal| normal.inliers)
+    }
+
     /// Lays the path under the pairs and follows it.
     pub fn cover(&mut self, pairs: &[&Pair]) {
         let spans = pairs.iter().map(|pair| pair.span(self.shared[0]));

@@ -59,6 +59,8 @@ pub struct Motion {
     pub homographies: Vec<Matrix3<f64>>,
     /// Trust in it, 0 to 1.
     pub confidence: f64,
+    /// Correspondences that follow it.
+    pub inliers: usize,
     /// Standard deviation in pixels of a coordinate that it leaves in the pairs that the frame is in.
     pub sigma: f64,
     /// Standard deviation of the readout ratio, in frame periods.
@@ -163,6 +165,20 @@ impl Continuous {
         (period, time)
     }
 
+    /// Where a point (pixels) of the last frame is expected in the next: it goes on as from the one before.
+    pub fn expected(&self, pixel: Vector2<f64>) -> Vector2<f64> {
+        let solver = &self.hypotheses[0].solver;
+        let last = self.frames.iter().rev().nth(1).and_then(|entry| entry.to_next.as_ref());
+        let Some([before, after]) = last.map(|pair| pair.stamps) else { return pixel };
+        let point = (pixel - self.centre) / self.radius;
+        let offset = solver.shared[0] * solver.reading.place(point);
+        if !solver.flow.covers(after + offset) {
+            return pixel;
+        }
+        let moved = solver.flow.carry(point, before + offset, after + offset) * self.radius + self.centre;
+        if moved.iter().all(|coordinate| coordinate.is_finite()) { moved } else { pixel }
+    }
+
     /// Settles the first frame that waits; `None` where nothing is known of its motion.
     pub fn settle(&mut self) -> Option<Motion> {
         let own = self.settled;
@@ -216,6 +232,7 @@ impl Continuous {
             middle * solver.flow.back(stamp + solver.shared[0] * place) * unscale
         };
         let beside = [past.checked_sub(1), Some(past)].into_iter().flatten().filter(|index| *index < pairs.len());
+        let inliers = beside.clone().map(|index| solver.inliers(index)).max().unwrap_or(0);
         let sigmas: Vec<f64> = beside.clone().filter_map(|index| solver.sigma(index)).collect();
         let moved = beside.filter_map(|index| pairs.get(index)).map(|pair| pair.moved()).fold(0.0, f64::max);
         let sigma = sigmas.iter().copied().fold(0.0, f64::max);
@@ -223,6 +240,7 @@ impl Continuous {
             readout,
             homographies: (0..=SHARES).map(homography).collect(),
             confidence: self.confidence(solver, sigma, moved),
+            inliers,
             sigma,
             readout_deviation: solver.beliefs[0].deviation(),
         }

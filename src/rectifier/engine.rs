@@ -1,0 +1,142 @@
+//! The two estimators behind one face.
+
+use crate::correspond::Correspondence;
+use crate::motion::{MotionPath, SampledPath, Twist, image_centre};
+use crate::readout::Readout;
+use crate::solve::continuous::{Camera, Continuous};
+use crate::solve::{Candidate, Link, Origin, Window};
+use nalgebra::Vector2;
+
+/// The motion of a frame and how it fits.
+#[derive(Clone, Debug)]
+pub(super) struct Settled {
+    pub readout: Readout,
+    pub path: MotionPath,
+    /// Trust in the motion, 0 to 1, given that enough of the picture follows it.
+    pub confidence: f64,
+    pub origin: Origin,
+    /// Correspondences that follow the motion.
+    pub inliers: usize,
+    /// Root mean square residual of an inlier in pixels.
+    pub residual: f64,
+    /// Standard deviation of the readout ratio; 0 where it was given.
+    pub readout_deviation: f64,
+}
+
+/// A frame and how it was found to be joined to the one before.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Step<'a> {
+    /// Correspondences with the frame before; `None` after a start or a gap.
+    pub correspondences: Option<&'a [Correspondence]>,
+    /// Seconds.
+    pub time: f64,
+    /// Seconds since the frame before; negative in reverse playback.
+    pub interval: f64,
+    /// Nominal frame period in seconds.
+    pub period: f64,
+    /// The shutter, as far as it is known.
+    pub readout: Readout,
+    /// Standard deviation of a measured coordinate in pixels.
+    pub noise: f64,
+}
+
+/// What estimates the motion of a stream.
+#[derive(Debug)]
+pub(super) enum Engine {
+    Sequential(Sequential),
+    Continuous(Box<Continuous>),
+}
+
+/// The paper's window, and the motion that the next pair is expected to go on with.
+#[derive(Debug, Default)]
+pub(super) struct Sequential {
+    window: Window,
+    expected: Twist,
+    /// The shutters of the frames that wait.
+    readouts: std::collections::VecDeque<Readout>,
+}
+
+impl Engine {
+    pub fn sequential() -> Self {
+        Self::Sequential(Sequential::default())
+    }
+
+    pub fn continuous(camera: Camera, (width, height): (usize, usize), noise: f64) -> Self {
+        Self::Continuous(Box::new(Continuous::new(camera, width, height, noise)))
+    }
+
+    /// Where a point (pixels) of the last frame is expected after `interval` seconds.
+    pub fn predictor(&self, readout: &Readout, interval: f64) -> impl Fn(Vector2<f64>) -> Vector2<f64> + Sync + '_ {
+        let centre = image_centre(readout.width, readout.height);
+        let uniform = match self {
+            Self::Sequential(sequential) => sequential.expected.after(interval),
+            Self::Continuous(_) => Twist::ZERO.after(0.0),
+        };
+        move |point| match self {
+            Self::Sequential(_) => uniform.apply(point - centre) + centre,
+            Self::Continuous(continuous) => continuous.expected(point),
+        }
+    }
+
+    /// Adds the next frame.
+    pub fn push(&mut self, step: &Step<'_>) {
+        match self {
+            Self::Sequential(sequential) => sequential.push(step),
+            Self::Continuous(continuous) => continuous.push(step.correspondences, step.time, step.period),
+        }
+    }
+
+    /// Settles the first frame that waits; `None` where no motion that can be trusted was found.
+    pub fn settle(&mut self) -> Option<Settled> {
+        match self {
+            Self::Sequential(sequential) => sequential.settle(),
+            Self::Continuous(continuous) => continuous.settle().and_then(|motion| {
+                let path = SampledPath::new(&motion.homographies, motion.readout.time).ok()?;
+                Some(Settled {
+                    readout: motion.readout,
+                    path: MotionPath::from(path),
+                    confidence: motion.confidence,
+                    origin: Origin::Continuous,
+                    inliers: motion.inliers,
+                    residual: motion.sigma,
+                    readout_deviation: motion.readout_deviation,
+                })
+            }),
+        }
+    }
+
+    /// Forgets the frames, not what was learnt of the camera.
+    pub fn restart(&mut self) {
+        match self {
+            Self::Sequential(sequential) => {
+                sequential.window.reset();
+                sequential.expected = Twist::ZERO;
+                sequential.readouts.clear();
+            }
+            Self::Continuous(continuous) => continuous.restart(),
+        }
+    }
+}
+
+impl Sequential {
+    fn push(&mut self, step: &Step<'_>) {
+        let link =
+            step.correspondences.map(|found| Link::new(found, &step.readout, step.interval, step.noise));
+        self.expected = self.window.push(link).map_or(Twist::ZERO, |fit| fit.twist);
+        self.readouts.push_back(step.readout);
+    }
+
+    fn settle(&mut self) -> Option<Settled> {
+        let settled = self.window.settle();
+        let readout = self.readouts.pop_front()?;
+        settled.map(|Candidate { fit, origin }| Settled {
+            readout,
+            path: MotionPath::uniform(fit.twist, readout.time),
+            confidence: fit.confidence,
+            origin,
+            inliers: fit.inliers,
+            residual: fit.energy.sqrt(),
+            readout_deviation: 0.0,
+        })
+    }
+}
