@@ -7,7 +7,7 @@ use eval::clip;
 use eval::footage::Footage;
 use eval::media;
 use eval::methods::product::{self, Delay};
-use eval::metrics::{Stats, displacement};
+use eval::metrics::{Stats, displacement, floor};
 use eval::pairs;
 use eval::report::{self, quick};
 use eval::sequence::{self, Sequence, Settings};
@@ -44,7 +44,7 @@ enum Command {
         #[command(flatten)]
         changes: Changes,
     },
-    /// Measures the displacement the library leaves.
+    /// Measures the displacement the library leaves, and what no 2D rotation for each frame can remove.
     Measure {
         /// Names of sequences; all without it.
         #[arg(long)]
@@ -65,8 +65,8 @@ enum Command {
         #[arg(long, default_value_t = 4)]
         lookahead: usize,
     },
-    /// Runs all systems on all sequences and writes docs/accuracy.md and docs/figures; to target/eval
-    /// where a sequence, a number of frames or textures are given.
+    /// Runs all systems on all sequences and writes docs/accuracy.md and docs/figures; to folders below
+    /// target/eval where a sequence, a number of frames or textures are given.
     Report {
         /// How many scenes: seeds 1, 2, and so on.
         #[arg(long, default_value_t = 3)]
@@ -77,7 +77,7 @@ enum Command {
         /// Number of frames of each.
         #[arg(long)]
         frames: Option<usize>,
-        /// Writes the document of the last run anew, without another run.
+        /// Writes the document of the last run anew, without another run; only the stills are made afresh.
         #[arg(long)]
         redraw: bool,
         #[command(flatten)]
@@ -205,9 +205,9 @@ fn measure(names: &[String], lookahead: usize, changes: &Changes, place: &Place)
         names.iter().map(|name| find(name)).collect::<Result<_>>()?
     };
     println!(
-        "| sequence | uncorrected px (p95) | delay 0: left px (p95) | share | true delay: left px (p95) | share |"
+        "| sequence | uncorrected px (p95) | best rotation: left px (p95) | share | delay 0: left px (p95) | share | true delay: left px (p95) | share |"
     );
-    println!("|---|---|---|---|---|---|");
+    println!("|---|---|---|---|---|---|---|---|");
     for settings in settings {
         println!("{}", measured_row(&place.footage(&changes.apply(settings))?, lookahead)?);
     }
@@ -217,14 +217,18 @@ fn measure(names: &[String], lookahead: usize, changes: &Changes, place: &Place)
 fn measured_row(footage: &Footage, lookahead: usize) -> Result<String> {
     let uncorrected = footage.uncorrected();
     let mut row = format!("| {} | {} |", footage.settings().name, pixels(&uncorrected));
+    row += &share_left(&floor::of_rotation(footage), &uncorrected);
     for delay in [Delay::Zero, Delay::True] {
         let settings = product::settings(footage.settings(), delay, lookahead);
         let corrections = product::corrections(product::solve(footage, settings)?);
-        let left = displacement::left(&footage.truth, &corrections);
-        let share = left.share_of(&uncorrected).map_or("–".into(), |s| format!("{:.1} %", 100.0 * s));
-        row += &format!(" {} | {share} |", pixels(&left));
+        row += &share_left(&displacement::left(&footage.truth, &corrections), &uncorrected);
     }
     Ok(row)
+}
+
+fn share_left(left: &Stats, uncorrected: &Stats) -> String {
+    let share = left.share_of(uncorrected).map_or("–".into(), |share| format!("{:.1} %", 100.0 * share));
+    format!(" {} | {share} |", pixels(left))
 }
 
 /// Prints the median milliseconds of a frame: in all, for analysis, for the warp.
