@@ -25,7 +25,7 @@ use std::collections::btree_map::Entry;
 use std::fs::{self, File};
 use std::io::BufWriter;
 use std::path::{Path, PathBuf};
-use std::time::SystemTime;
+use std::time::{Duration, SystemTime};
 
 /// To be raised whenever the same settings give other pictures or another truth than before.
 const RENDERER: u32 = 1;
@@ -35,6 +35,12 @@ const LIMIT: u64 = 5_000_000_000;
 
 /// The name of the file that completes an entry.
 const TRUTH: &str = "truth.bin";
+
+/// What the names of entries begin with while they are being written.
+const FRESH: &str = "new-";
+
+/// After this time without another file, nobody writes an entry any more: its process was stopped.
+const STALE: Duration = Duration::from_secs(3600);
 
 /// A folder in which footage is kept.
 #[derive(Clone, Debug)]
@@ -131,7 +137,7 @@ impl Cache {
     /// Writes an entry beside its place and moves it there, so that other processes never see half of it.
     fn keep(&self, entry: &Path, footage: &Footage) -> Result<()> {
         fs::create_dir_all(&self.folder)?;
-        let fresh = tempfile::Builder::new().prefix("new-").tempdir_in(&self.folder)?;
+        let fresh = tempfile::Builder::new().prefix(FRESH).tempdir_in(&self.folder)?;
         write(fresh.path(), footage)?;
         if entry.exists() {
             fs::remove_dir_all(entry)?;
@@ -143,10 +149,15 @@ impl Cache {
         self.forget(entry)
     }
 
-    /// Deletes what was not used for longest until the limit is kept, except for `entry`.
+    /// Deletes what stopped processes left half written, and what was not used for longest until the
+    /// limit is kept, except for `entry`.
     fn forget(&self, entry: &Path) -> Result<()> {
         let mut entries = Vec::new();
         for path in folders(&self.folder)? {
+            if is_stale(&path)? {
+                fs::remove_dir_all(&path)?;
+                continue;
+            }
             let used = fs::metadata(path.join(TRUTH)).and_then(|truth| truth.modified());
             entries.push((used.unwrap_or(SystemTime::UNIX_EPOCH), size(&path)?, path));
         }
@@ -190,6 +201,12 @@ fn folders(folder: &Path) -> Result<Vec<PathBuf>> {
     let mut paths = fs::read_dir(folder)?.map(|entry| Ok(entry?.path())).collect::<Result<Vec<_>>>()?;
     paths.retain(|path| path.is_dir());
     Ok(paths)
+}
+
+/// Whether a folder is an entry that was begun and left; its time is that of its last new file.
+fn is_stale(folder: &Path) -> Result<bool> {
+    let begun = folder.file_name().is_some_and(|name| name.as_encoded_bytes().starts_with(FRESH.as_bytes()));
+    Ok(begun && fs::metadata(folder)?.modified()?.elapsed().is_ok_and(|age| age > STALE))
 }
 
 /// The bytes of all files of an entry.
@@ -320,6 +337,20 @@ mod tests {
         cache.forget(&folder.path().join("c".repeat(64))).unwrap();
         let left = |letter: &str| folder.path().join(letter.repeat(64)).exists();
         assert_eq!(["a", "b", "c"].map(left), [false, true, true]);
+    }
+
+    #[test]
+    fn what_stopped_processes_left_is_removed() {
+        let folder = tempfile::tempdir().unwrap();
+        let [left, begun] = ["new-left", "new-begun"].map(|name| folder.path().join(name));
+        for path in [&left, &begun] {
+            fs::create_dir(path).unwrap();
+            fs::write(path.join(frame_name(0)), "half").unwrap();
+        }
+        let before = SystemTime::now() - 2 * STALE;
+        File::open(&left).unwrap().set_modified(before).unwrap();
+        Cache::new(folder.path()).forget(&folder.path().join("c".repeat(64))).unwrap();
+        assert!(!left.exists() && begun.exists());
     }
 
     #[test]

@@ -1,7 +1,7 @@
 //! A sequence in memory: its frames as they arrive, and what is known of each.
 
 use crate::cache::Cache;
-use crate::metrics::{Stats, distances};
+use crate::metrics::{Stats, displacement};
 use crate::scene::{FirstEdge, Frame};
 use crate::sequence::{Sequence, Settings};
 use crate::truth::{Capture, DisplacementMap, Sample};
@@ -138,8 +138,7 @@ impl Footage {
 
     /// The displacement of the footage as it arrives.
     pub fn uncorrected(&self) -> Stats {
-        let samples = self.truth.iter().flat_map(|truth| distances(&truth.samples, |pixel| pixel));
-        Stats::of(samples.collect())
+        displacement::uncorrected(self.truth.iter().flat_map(|truth| truth.samples.iter().copied()))
     }
 }
 

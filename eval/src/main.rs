@@ -7,13 +7,14 @@ use eval::clip;
 use eval::footage::Footage;
 use eval::media;
 use eval::methods::product::{self, Delay};
-use eval::metrics::{Stats, displacement};
+use eval::metrics::{Stats, displacement, floor};
 use eval::pairs;
 use eval::report::{self, quick};
 use eval::sequence::{self, Sequence, Settings};
 use eval::shutter::Shutter;
 use eval::speed;
 use eval::video;
+use rsrectify::rectifier::Estimator;
 use std::path::PathBuf;
 
 /// Renders rolling-shutter sequences with exact truth and judges rsrectify on them.
@@ -44,7 +45,7 @@ enum Command {
         #[command(flatten)]
         changes: Changes,
     },
-    /// Measures the displacement the library leaves.
+    /// Measures the displacement the library leaves, and what no 2D rotation for each frame can remove.
     Measure {
         /// Names of sequences; all without it.
         #[arg(long)]
@@ -65,8 +66,8 @@ enum Command {
         #[arg(long, default_value_t = 4)]
         lookahead: usize,
     },
-    /// Runs all systems on all sequences and writes docs/accuracy.md and docs/figures; to target/eval
-    /// where a sequence, a number of frames or textures are given.
+    /// Runs all systems on all sequences and writes docs/accuracy.md and docs/figures; to folders below
+    /// target/eval where a sequence, a number of frames or textures are given.
     Report {
         /// How many scenes: seeds 1, 2, and so on.
         #[arg(long, default_value_t = 3)]
@@ -77,7 +78,7 @@ enum Command {
         /// Number of frames of each.
         #[arg(long)]
         frames: Option<usize>,
-        /// Writes the document of the last run anew, without another run.
+        /// Writes the document of the last run anew, without another run; only the stills are made afresh.
         #[arg(long)]
         redraw: bool,
         #[command(flatten)]
@@ -205,9 +206,11 @@ fn measure(names: &[String], lookahead: usize, changes: &Changes, place: &Place)
         names.iter().map(|name| find(name)).collect::<Result<_>>()?
     };
     println!(
-        "| sequence | uncorrected px (p95) | delay 0: left px (p95) | share | true delay: left px (p95) | share |"
+        "| sequence | uncorrected px (p95) | best rotation: left px (p95) | share | sequential: left px (p95) | share \
+         | continuous: left px (p95) | share | readout unknown: left px (p95) | share | second half: left px (p95) | share \
+         | readout ratio found (true) |"
     );
-    println!("|---|---|---|---|---|---|");
+    println!("|---|---|---|---|---|---|---|---|---|---|---|---|---|");
     for settings in settings {
         println!("{}", measured_row(&place.footage(&changes.apply(settings))?, lookahead)?);
     }
@@ -217,14 +220,38 @@ fn measure(names: &[String], lookahead: usize, changes: &Changes, place: &Place)
 fn measured_row(footage: &Footage, lookahead: usize) -> Result<String> {
     let uncorrected = footage.uncorrected();
     let mut row = format!("| {} | {} |", footage.settings().name, pixels(&uncorrected));
-    for delay in [Delay::Zero, Delay::True] {
-        let settings = product::settings(footage.settings(), delay, lookahead);
-        let corrections = product::corrections(product::solve(footage, settings)?);
-        let left = displacement::left(&footage.truth, &corrections);
-        let share = left.share_of(&uncorrected).map_or("–".into(), |s| format!("{:.1} %", 100.0 * s));
-        row += &format!(" {} | {share} |", pixels(&left));
+    row += &share_left(&floor::of_rotation(footage), &uncorrected);
+    let solve = |delay, estimator| {
+        let settings = product::settings(footage.settings(), delay, estimator, lookahead);
+        product::solve(footage, settings)
+    };
+    for estimator in [Estimator::Sequential, Estimator::Continuous] {
+        let corrections = product::corrections(solve(Delay::True, estimator)?);
+        row += &share_left(&displacement::left(&footage.truth, &corrections), &uncorrected);
+    }
+    let solutions = solve(Delay::Unknown, Estimator::Continuous)?;
+    let found = solutions.last().map(|last| (last.readout, last.readout_deviation));
+    let corrections = product::corrections(solutions);
+    let half = corrections.len() / 2;
+    row += &share_left(&displacement::left(&footage.truth, &corrections), &uncorrected);
+    row += &share_left(&displacement::left(&footage.truth[half..], &corrections[half..]), &uncorrected);
+    let period = 1.0 / footage.settings().delivered_fps();
+    if let Some((readout, deviation)) = found {
+        let truth = footage.readout();
+        row += &format!(
+            " {:.3} ± {deviation:.3} {:?} ({:.3} {:?}) |",
+            readout.time / period,
+            readout.direction,
+            truth.time / period,
+            truth.direction
+        );
     }
     Ok(row)
+}
+
+fn share_left(left: &Stats, uncorrected: &Stats) -> String {
+    let share = left.share_of(uncorrected).map_or("–".into(), |share| format!("{:.1} %", 100.0 * share));
+    format!(" {} | {share} |", pixels(left))
 }
 
 /// Prints the median milliseconds of a frame: in all, for analysis, for the warp.

@@ -28,11 +28,11 @@ impl Shutter {
         let mut settings = Settings { lookahead, ..Settings::default() };
         let reversed = self.readout_ratio.is_some_and(|ratio| ratio < 0.0);
         match (self.sideways, reversed) {
-            (false, true) => settings.direction = ReadoutDirection::BottomToTop,
-            (true, false) => settings.direction = ReadoutDirection::LeftToRight,
-            (true, true) => settings.direction = ReadoutDirection::RightToLeft,
+            (false, true) => settings.direction = Some(ReadoutDirection::BottomToTop),
+            (true, false) => settings.direction = Some(ReadoutDirection::LeftToRight),
+            (true, true) => settings.direction = Some(ReadoutDirection::RightToLeft),
             (false, false) if self.readout_ratio.is_some() || self.delay.is_some() => {
-                settings.direction = ReadoutDirection::TopToBottom;
+                settings.direction = Some(ReadoutDirection::TopToBottom);
             }
             (false, false) => {}
         }
@@ -66,7 +66,7 @@ mod tests {
             (-0.5, true, RightToLeft),
         ] {
             let settings = told(Some(ratio), None, sideways).unwrap();
-            assert_eq!(settings.direction, direction);
+            assert_eq!(settings.direction, Some(direction));
             assert_eq!(settings.readout_time, ReadoutTime::Seconds(0.02));
         }
         assert_eq!(told(None, Some(40.0), false).unwrap().readout_time, ReadoutTime::DelayRows(40.0));

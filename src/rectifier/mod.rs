@@ -25,6 +25,8 @@ pub use crate::solve::Origin;
 const TRACKING_NOISE: f64 = 0.1;
 /// The same on clean footage: the continuous estimator learns what there is beyond it.
 const CONTINUOUS_NOISE: f64 = 0.03;
+/// From this confidence on the whole correction is applied.
+const FULL_TRUST: f64 = 0.5;
 /// Confidence grows with the share of grid nodes whose correspondences follow the motion, up to this
 /// share.
 const FULL_COVERAGE: f64 = 0.1;
@@ -97,6 +99,15 @@ pub struct FrameSolution {
     pub residual: f64,
     /// Standard deviation of the readout ratio that was found; 0 where it was given.
     pub readout_deviation: f64,
+}
+
+impl FrameSolution {
+    /// How much of the correction is to be applied, 0 to 1: less where a continuous path is hardly to
+    /// be trusted, so that it comes and goes without a jump.
+    pub fn weight(&self) -> f64 {
+        let fades = matches!(self.origin, Origin::Continuous | Origin::Repeated);
+        if fades { (self.confidence / FULL_TRUST).clamp(0.0, 1.0) } else { 1.0 }
+    }
 }
 
 /// Time spent so far.

@@ -9,24 +9,33 @@ use nalgebra::Vector2;
 use rsrectify::motion::image_centre;
 use rsrectify::plane::{Luma, Plane, PlaneLayout, SampleFormat};
 use rsrectify::readout::ReadoutTime;
-use rsrectify::rectifier::{FrameSolution, Rectifier, Settings};
+use rsrectify::rectifier::{Estimator, FrameSolution, Rectifier, Settings};
 
 /// What the product is told of the readout time.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Delay {
-    /// Nothing: it takes the inter-frame delay as 0.
+    /// Nothing, not the direction either.
+    Unknown,
+    /// That the inter-frame delay is 0.
     Zero,
     /// The truth.
     True,
 }
 
 /// The library's settings for a sequence.
-pub fn settings(sequence: &sequence::Settings, delay: Delay, lookahead: usize) -> Settings {
+pub fn settings(
+    sequence: &sequence::Settings,
+    delay: Delay,
+    estimator: Estimator,
+    lookahead: usize,
+) -> Settings {
     let readout_time = match delay {
+        Delay::Unknown => ReadoutTime::Unknown,
         Delay::Zero => ReadoutTime::WholePeriod,
         Delay::True => ReadoutTime::Seconds(sequence.readout_time()),
     };
-    Settings { lookahead, direction: direction(sequence.first), readout_time, ..Settings::default() }
+    let direction = (delay != Delay::Unknown).then(|| direction(sequence.first));
+    Settings { estimator, lookahead, direction, readout_time, ..Settings::default() }
 }
 
 /// Pushes the frames of a sequence and collects the motion of each.
@@ -63,12 +72,13 @@ pub fn corrections(solutions: Vec<FrameSolution>) -> Corrections {
     solutions.into_iter().map(correction).collect()
 }
 
-/// Where a solution takes a pixel: to the middle of the readout.
+/// Where a solution takes a pixel: to the middle of the readout, as far as it is applied.
 pub fn corrected(solution: &FrameSolution, pixel: Vector2<f64>) -> Vector2<f64> {
     let readout = &solution.readout;
     let centre = image_centre(readout.width, readout.height);
     let share = readout.share(pixel.x, pixel.y);
-    solution.path.carry(pixel - centre, share, 0.5) + centre
+    let shown = share + solution.weight() * (0.5 - share);
+    solution.path.carry(pixel - centre, share, shown) + centre
 }
 
 #[cfg(test)]
@@ -92,6 +102,7 @@ mod tests {
             correspondences: 0,
             inliers: 0,
             residual: 0.0,
+            readout_deviation: 0.0,
         };
         // Row 0 is read last, at share 1 − 0.5/48: half a readout (1 px) back, less half a row.
         let seen = Vector2::new(10.0, 0.0);
@@ -105,7 +116,7 @@ mod tests {
             sequence::Settings { width: 160, height: 120, frames: 5, ..sequence::named("btt_g085").unwrap() };
         let footage = Footage::render(Sequence::new(settings)).unwrap();
         for lookahead in [0, 3, 12] {
-            let settings = super::settings(footage.settings(), Delay::True, lookahead);
+            let settings = super::settings(footage.settings(), Delay::True, Estimator::Continuous, lookahead);
             let solutions = solve(&footage, settings).unwrap();
             assert_eq!(solutions.len(), 5);
             assert!((solutions[2].readout.time - 0.85 / 30.0).abs() < 1e-12);

@@ -16,6 +16,7 @@ use crate::footage::Footage;
 use anyhow::Result;
 use rsrectify::correspond::Correspondence;
 use rsrectify::readout::{Readout, ReadoutTime};
+use rsrectify::rectifier::Estimator;
 
 /// A system that is compared.
 pub struct Entry {
@@ -35,6 +36,7 @@ enum System {
     Runs(Box<dyn Method>),
     /// The library under test: takes pictures as they arrive and finds its own correspondences.
     Product {
+        estimator: Estimator,
         /// Frames it may look ahead.
         lookahead: usize,
     },
@@ -46,9 +48,13 @@ impl Entry {
         Self { id, label, source, told, system: System::Runs(Box::new(method)) }
     }
 
-    fn product(lookahead: usize, told: Delay, label: &'static str) -> Self {
-        let id = identity(&format!("rsrectify-{lookahead}"), told);
-        Self { id, label, source: "this library", told, system: System::Product { lookahead } }
+    fn product(estimator: Estimator, lookahead: usize, told: Delay, label: &'static str) -> Self {
+        let name = match estimator {
+            Estimator::Continuous => "rsrectify",
+            Estimator::Sequential => "rsrectify-sequential",
+        };
+        let id = identity(&format!("{name}-{lookahead}"), told);
+        Self { id, label, source: "this library", told, system: System::Product { estimator, lookahead } }
     }
 
     /// Whether it works on the correspondences that it is given, and not on its own.
@@ -63,8 +69,8 @@ impl Entry {
     pub fn corrections(&self, footage: &Footage, pairs: &[Vec<Vec<Correspondence>>]) -> Result<Corrections> {
         match &self.system {
             System::Runs(method) => solve(method.as_ref(), footage, readout(footage, self.told), pairs),
-            System::Product { lookahead } => {
-                let settings = product::settings(footage.settings(), self.told, *lookahead);
+            System::Product { estimator, lookahead } => {
+                let settings = product::settings(footage.settings(), self.told, *estimator, *lookahead);
                 Ok(product::corrections(product::solve(footage, settings)?))
             }
         }
@@ -75,6 +81,7 @@ fn identity(name: &str, told: Delay) -> String {
     match told {
         Delay::True => name.into(),
         Delay::Zero => format!("{name}-delay-0"),
+        Delay::Unknown => format!("{name}-unknown"),
     }
 }
 
@@ -83,7 +90,7 @@ fn readout(footage: &Footage, told: Delay) -> Readout {
     let truth = footage.readout();
     match told {
         Delay::True => truth,
-        Delay::Zero => {
+        Delay::Zero | Delay::Unknown => {
             let (time, period) = (ReadoutTime::WholePeriod, 1.0 / footage.settings().fps);
             Readout::new(truth.width, truth.height, truth.direction, time, period)
         }
@@ -92,15 +99,18 @@ fn readout(footage: &Footage, told: Delay) -> Readout {
 
 /// The systems in the order of the tables.
 pub fn all() -> Vec<Entry> {
-    use Delay::{True, Zero};
+    use Delay::{True, Unknown, Zero};
+    use Estimator::{Continuous, Sequential};
     let mut entries = vec![Entry::runs(Uncorrected, True, "uncorrected", "–")];
     entries.extend(image_plane());
     entries.extend(calibrated());
     entries.extend([
-        Entry::product(4, Zero, "rsrectify, delay 0"),
-        Entry::product(12, Zero, "rsrectify, lookahead 12, delay 0"),
-        Entry::product(4, True, "rsrectify"),
-        Entry::product(12, True, "rsrectify, lookahead 12"),
+        Entry::product(Sequential, 4, Zero, "rsrectify, sequential, delay 0"),
+        Entry::product(Sequential, 4, True, "rsrectify, sequential"),
+        Entry::product(Continuous, 0, True, "rsrectify, lookahead 0"),
+        Entry::product(Continuous, 4, True, "rsrectify"),
+        Entry::product(Continuous, 8, True, "rsrectify, lookahead 8"),
+        Entry::product(Continuous, 4, Unknown, "rsrectify, readout unknown"),
     ]);
     entries
 }

@@ -45,6 +45,11 @@ pub fn distances<'a>(
     samples.iter().map(move |sample| (corrected(sample.seen) - sample.truth).norm())
 }
 
+/// The displacement of samples as they arrive.
+pub fn uncorrected(samples: impl IntoIterator<Item = Sample>) -> Stats {
+    Stats::of(samples.into_iter().map(|sample| (sample.seen - sample.truth).norm()).collect())
+}
+
 /// The displacement left over the frames of a sequence.
 pub fn left(truth: &[FrameTruth], corrections: &[Box<dyn Correction>]) -> Stats {
     let frames = truth.iter().zip(corrections);

@@ -3,6 +3,7 @@
 //! | needs | module | what it measures |
 //! |---|---|---|
 //! | displacement truth | [`displacement`] | pixels left |
+//! | displacement truth | [`floor`] | pixels that a model must leave |
 //! | no displacement at all | [`harm`] | pixels added |
 //! | a global frame | [`colour`] | the paper's colour distance, PSNR, SSIM |
 //! | the true shutter | [`readout`] | error of the readout ratio |
@@ -13,6 +14,7 @@
 
 pub mod colour;
 pub mod displacement;
+pub mod floor;
 pub mod harm;
 pub mod homography;
 pub mod jitter;

@@ -2,13 +2,17 @@
 
 use anyhow::{Result, anyhow};
 use plotters::coord::Shift;
-use plotters::coord::types::RangedCoordf64;
 use plotters::prelude::*;
 use std::ops::Range;
 use std::path::Path;
 
-/// Size of one panel in pixels.
-const PANEL: (u32, u32) = (560, 360);
+/// Width of one panel, and height of its axes with their title, in pixels.
+const PANEL: (u32, u32) = (560, 340);
+/// Distance of the vertical axis from the panel's left edge.
+const AXIS: i32 = 68;
+/// Curves beside each other in the legend; width of each, and height of a row of them.
+const LEGEND_COLUMNS: usize = 2;
+const LEGEND_CELL: (i32, i32) = (240, 18);
 
 /// Colours that people with colour-blindness tell apart (M. Okabe and K. Ito, *Color universal
 /// design*, 2008).
@@ -41,53 +45,70 @@ pub struct Curve {
     pub figures: Vec<f64>,
 }
 
+/// What the vertical axes of a chart span; all panels share it, so that they can be compared.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Scale {
+    /// From 0 to the highest figure: of distances.
+    FromZero,
+    /// From the lowest figure to 1: of shares.
+    ToOne,
+}
+
+impl Scale {
+    /// The range that holds all figures with some air; `None` without figures.
+    fn range(self, panels: &[Panel]) -> Option<Range<f64>> {
+        let figures = || panels.iter().flat_map(Panel::figures);
+        let (lowest, highest) = (figures().reduce(f64::min)?, figures().reduce(f64::max)?);
+        let air = |span: f64| 0.05 * span.max(0.01);
+        Some(match self {
+            Self::FromZero => 0.0..highest + air(highest),
+            Self::ToOne => lowest - air(1.0 - lowest)..1.0 + air(1.0 - lowest) / 2.0,
+        })
+    }
+}
+
 impl Panel {
     fn figures(&self) -> impl Iterator<Item = f64> + '_ {
         self.curves.iter().flat_map(|curve| curve.figures.iter().copied())
     }
 
-    /// The vertical range: all figures and some air; room for the legend below.
-    fn range(&self) -> Option<Range<f64>> {
-        let lowest = self.figures().reduce(f64::min)?;
-        let highest = self.figures().reduce(f64::max)?;
-        let air = (highest - lowest).max(1e-3 * highest.abs().max(1.0));
-        let legend = 0.11 * self.curves.len() as f64 * air;
-        Some(lowest - legend - 0.05 * air..highest + 0.08 * air)
+    /// Height of the legend in pixels.
+    fn legend(&self) -> u32 {
+        (self.curves.len().div_ceil(LEGEND_COLUMNS) as u32 + 1) * LEGEND_CELL.1 as u32
     }
 }
 
-/// Draws panels in rows of two.
+/// Draws panels in rows of two; those without figures are left out.
 ///
 /// # Errors
 /// Where the file cannot be written.
-pub fn draw(path: &Path, panels: &[Panel]) -> Result<()> {
-    let panels: Vec<&Panel> = panels.iter().filter(|panel| panel.figures().next().is_some()).collect();
-    if panels.is_empty() {
-        return Ok(());
-    }
+pub fn draw(path: &Path, mut panels: Vec<Panel>, scale: Scale) -> Result<()> {
+    panels.retain(|panel| panel.figures().next().is_some());
+    let Some(range) = scale.range(&panels) else { return Ok(()) };
     let columns = panels.len().min(2);
     let rows = panels.len().div_ceil(columns);
-    let size = (PANEL.0 * columns as u32, PANEL.1 * rows as u32);
+    let legend = panels.iter().map(Panel::legend).max().unwrap_or(0);
+    let size = (PANEL.0 * columns as u32, (PANEL.1 + legend) * rows as u32);
     let root = SVGBackend::new(path, size).into_drawing_area();
     let failed = |error: &dyn std::fmt::Display| anyhow!("cannot draw {}: {error}", path.display());
     root.fill(&WHITE).map_err(|error| failed(&error))?;
-    for (area, panel) in root.split_evenly((rows, columns)).iter().zip(panels) {
-        draw_panel(area, panel).map_err(|error| failed(&error))?;
+    for (area, panel) in root.split_evenly((rows, columns)).iter().zip(&panels) {
+        let (axes, below) = area.split_vertically(PANEL.1);
+        draw_panel(&axes, panel, range.clone()).map_err(|error| failed(&error))?;
+        draw_legend(&below, &panel.curves).map_err(|error| failed(&error))?;
     }
     root.present().map_err(|error| failed(&error))
 }
 
 type Area<'a> = DrawingArea<SVGBackend<'a>, Shift>;
-type Axes<'a, 'b> = ChartContext<'a, SVGBackend<'b>, Cartesian2d<RangedCoordf64, RangedCoordf64>>;
 
-fn draw_panel(area: &Area, panel: &Panel) -> Result<(), Box<dyn std::error::Error>> {
-    let Some(range) = panel.range() else { return Ok(()) };
+fn draw_panel(area: &Area, panel: &Panel, range: Range<f64>) -> Result<(), Box<dyn std::error::Error>> {
     let frames = panel.curves.iter().map(|curve| curve.figures.len()).max().unwrap_or(1);
     let mut chart = ChartBuilder::on(area)
         .caption(&panel.title, ("sans-serif", 18))
         .margin(10)
         .x_label_area_size(40)
-        .y_label_area_size(58)
+        .y_label_area_size(AXIS - 10)
         .build_cartesian_2d(1.0..frames.max(2) as f64, range)?;
     chart
         .configure_mesh()
@@ -101,32 +122,27 @@ fn draw_panel(area: &Area, panel: &Panel) -> Result<(), Box<dyn std::error::Erro
         .x_label_formatter(&|frame| format!("{frame:.0}"))
         .y_labels(7)
         .draw()?;
-    draw_curves(&mut chart, &panel.curves)?;
+    for (curve, colour) in coloured(&panel.curves) {
+        let points = || curve.figures.iter().enumerate().map(|(frame, figure)| (frame as f64 + 1.0, *figure));
+        chart.draw_series(LineSeries::new(points(), colour.stroke_width(2)))?;
+        chart.draw_series(points().map(|point| Circle::new(point, 2, colour.filled())))?;
+    }
     Ok(())
 }
 
-fn draw_curves<'a, 'b: 'a>(
-    chart: &mut Axes<'a, 'b>,
-    curves: &[Curve],
-) -> Result<(), Box<dyn std::error::Error>> {
-    for (curve, colour) in curves.iter().zip(COLOURS.iter().cycle()) {
-        let style = colour.stroke_width(2);
-        let points = || curve.figures.iter().enumerate().map(|(frame, figure)| (frame as f64 + 1.0, *figure));
-        chart
-            .draw_series(LineSeries::new(points(), style))?
-            .label(&curve.label)
-            .legend(move |(x, y)| PathElement::new([(x, y), (x + 22, y)], style));
-        chart.draw_series(points().map(|point| Circle::new(point, 2, colour.filled())))?;
+/// Below the axes, where it hides no curve.
+fn draw_legend(area: &Area, curves: &[Curve]) -> Result<(), Box<dyn std::error::Error>> {
+    for (index, (curve, colour)) in coloured(curves).enumerate() {
+        let (column, row) = ((index % LEGEND_COLUMNS) as i32, (index / LEGEND_COLUMNS) as i32);
+        let (x, y) = (AXIS + column * LEGEND_CELL.0, row * LEGEND_CELL.1 + LEGEND_CELL.1 / 2);
+        area.draw(&PathElement::new([(x, y), (x + 24, y)], colour.stroke_width(3)))?;
+        area.draw(&Text::new(curve.label.as_str(), (x + 32, y - 6), ("sans-serif", 13).into_font()))?;
     }
-    chart
-        .configure_series_labels()
-        .position(SeriesLabelPosition::LowerLeft)
-        .label_font(("sans-serif", 13))
-        .legend_area_size(28)
-        .background_style(WHITE.mix(0.85))
-        .border_style(RGBColor(200, 200, 200))
-        .draw()?;
     Ok(())
+}
+
+fn coloured(curves: &[Curve]) -> impl Iterator<Item = (&Curve, &RGBColor)> {
+    curves.iter().zip(COLOURS.iter().cycle())
 }
 
 #[cfg(test)]
@@ -142,17 +158,21 @@ mod tests {
     fn a_chart_has_its_words_and_its_curves() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("chart.svg");
-        draw(&path, &[panel(&[1.0, 3.0, 2.0]), panel(&[0.5, 0.5]), panel(&[])]).unwrap();
+        let panels = vec![panel(&[1.0, 3.0, 2.0]), panel(&[0.5, 0.5]), panel(&[])];
+        draw(&path, panels, Scale::FromZero).unwrap();
         let svg = std::fs::read_to_string(&path).unwrap();
-        assert!(svg.contains("width=\"1120\" height=\"360\""), "two panels side by side");
+        assert!(svg.contains("width=\"1120\""), "two panels side by side");
         assert_eq!(svg.matches("a &amp; b").count(), 2);
         assert_eq!(svg.matches("<circle").count(), 5);
     }
 
     #[test]
-    fn the_range_holds_all_figures() {
-        let range = panel(&[0.9, 1.0]).range().unwrap();
-        assert!(range.start < 0.9 && range.end > 1.0);
-        assert!(panel(&[]).range().is_none());
+    fn all_panels_share_a_range_that_holds_their_figures() {
+        let panels = [panel(&[0.9, 1.0]), panel(&[0.6])];
+        let distances = Scale::FromZero.range(&panels).unwrap();
+        assert!(distances.start == 0.0 && distances.end > 1.0);
+        let shares = Scale::ToOne.range(&panels).unwrap();
+        assert!(shares.start < 0.6 && shares.start > 0.5 && shares.end > 1.0 && shares.end < 1.05);
+        assert!(Scale::ToOne.range(&[panel(&[])]).is_none());
     }
 }

@@ -1,6 +1,6 @@
 //! The paper's figures drawn from a run, and the displacement left beside them.
 
-use super::charts::{Curve, Panel, draw};
+use super::charts::{Curve, Panel, Scale, draw};
 use super::results::{FrameResult, Results};
 use crate::correspondences::Source;
 use crate::methods::registry::Entry;
@@ -32,7 +32,7 @@ const LEFT: [&str; 7] = [
     "rsrectify-4",
 ];
 
-/// Draws all figures into a folder.
+/// Draws all figures into a folder; nothing is drawn of the controls, where nothing is displaced.
 ///
 /// # Errors
 /// Where a file cannot be written.
@@ -43,16 +43,16 @@ pub fn draw_all(results: &Results, entries: &[Entry], folder: &Path) -> Result<(
             let methods = ["uncorrected", "paper-delay-0", other];
             source.panel(sequence, "accuracy (colour distance under 0.3)", &methods, accuracy)
         };
-        draw(&folder.join(format!("fig-{number}.svg")), &others.map(panel))?;
+        draw(&folder.join(format!("fig-{number}.svg")), others.map(panel).into(), Scale::ToOne)?;
     }
     let delays = |sequence: &&str| {
         let methods = ["uncorrected", "paper-delay-0", "paper"];
         source.panel(sequence, "accuracy (colour distance under 0.3)", &methods, accuracy)
     };
-    draw(&folder.join("fig-25-7.svg"), &PAPER[1..].iter().map(delays).collect::<Vec<_>>())?;
-    for info in &results.sequences {
-        let panel = source.panel(&info.name, "displacement left, px RMS", &LEFT, |frame| Some(frame.left));
-        draw(&folder.join(format!("left-{}.svg", info.name)), &[panel])?;
+    draw(&folder.join("fig-25-7.svg"), PAPER[1..].iter().map(delays).collect(), Scale::ToOne)?;
+    for name in results.sequences.iter().map(|info| &info.name).filter(|name| !results.is_control(name)) {
+        let panel = source.panel(name, "displacement left, px RMS", &LEFT, |frame| Some(frame.left));
+        draw(&folder.join(format!("left-{name}.svg")), vec![panel], Scale::FromZero)?;
     }
     Ok(())
 }

@@ -14,6 +14,7 @@ pub mod results;
 pub mod runner;
 pub mod stills;
 pub mod tables;
+pub mod textures;
 
 use crate::correspondences::Source;
 use crate::footage::Footage;
@@ -33,6 +34,10 @@ use tables::{by_sequence, number, percent};
 /// The document, but for its figures.
 const TEMPLATE: &str = include_str!("accuracy.md");
 
+/// The file of a run, and the folder of runs on photographs.
+const RESULTS: &str = "results.json";
+const PHOTOGRAPHS: &str = "photographs";
+
 /// Sources of correspondences that are compared, in the order of the table.
 const SOURCES: [Source; 3] = [Source::Sampler, Source::Flow, Source::Exact];
 
@@ -51,23 +56,26 @@ pub struct Options {
 }
 
 impl Options {
-    /// Whether this is not what the docs are about.
-    fn aside(&self) -> bool {
-        !self.sequences.is_empty() || self.frames.is_some() || self.photographs
+    /// The folder of a run that is not what the docs are about, below that of the one that is.
+    fn aside(&self) -> Option<&'static str> {
+        let part = !self.sequences.is_empty() || self.frames.is_some();
+        if self.photographs { Some(PHOTOGRAPHS) } else { part.then_some("part") }
     }
 }
 
-/// Runs all systems on what `footage` makes of all sequences and writes `docs/accuracy.md` with its figures; prints where the
-/// time went. The run is kept in `target/eval/results.json`. Of a part of the sequences, or on other textures than the
-/// procedural ones, everything goes to `target/eval/`.
+/// Runs all systems on what `footage` makes of all sequences and writes `docs/accuracy.md` with its
+/// figures; prints where the time went. The run is kept in `target/eval/results.json`. Where only a part
+/// of the sequences is run, everything goes to `target/eval/part/`; with photographs as textures, to
+/// `target/eval/photographs/`, from where the next document takes them for comparison.
 ///
 /// # Errors
 /// Where a system fails or a file cannot be written.
 pub fn run(options: &Options, footage: &dyn Fn(&Settings) -> Result<Footage>) -> Result<()> {
     let root = Path::new(env!("CARGO_MANIFEST_DIR")).parent().context("the workspace has no root")?;
-    let own = root.join("target/eval");
-    let docs = if options.aside() { own.clone() } else { root.join("docs") };
-    let kept = own.join("results.json");
+    let target = root.join("target/eval");
+    let own = options.aside().map_or(target.clone(), |folder| target.join(folder));
+    let docs = if options.aside().is_some() { own.clone() } else { root.join("docs") };
+    let kept = own.join(RESULTS);
     let folder = docs.join("figures");
     fs::create_dir_all(&folder)?;
     let entries = registry::all();
@@ -75,11 +83,16 @@ pub fn run(options: &Options, footage: &dyn Fn(&Settings) -> Result<Footage>) ->
     let mut progress = Progress::new(if options.redraw { 0 } else { tasks.len() });
     if !options.redraw {
         runner::run(&tasks, &entries, footage, &mut progress)?.write(&kept)?;
-        progress.time("stills", || stills::write_all(&entries, &folder))?;
     }
     let results = Results::read(&kept)?;
+    progress.time("stills", || stills::write_all(&tasks, &entries, footage, &folder))?;
     progress.time("charts", || figures::draw_all(&results, &entries, &folder))?;
-    let document = document::fill(TEMPLATE, |name| table(name, &results, &entries))?;
+    let [procedural, photographs] = [RESULTS.into(), Path::new(PHOTOGRAPHS).join(RESULTS)]
+        .map(|file| Results::read(&target.join(file)).ok());
+    let document = document::fill(TEMPLATE, |name| match name {
+        "textures" => Some(textures::compared(procedural.as_ref(), photographs.as_ref())),
+        _ => table(name, &results, &entries),
+    })?;
     let path = docs.join("accuracy.md");
     fs::write(&path, document)?;
     println!("{progress}\n{}", path.display());

@@ -1,65 +1,78 @@
 //! Pictures a person looks at: a frame as it arrived, rectified and true, and where they differ.
 
+use super::runner::Task;
 use crate::correspondences::{Source, of_run};
 use crate::footage::Footage;
 use crate::methods::registry::Entry;
 use crate::metrics::resample::rectified;
 use crate::scene::Frame;
-use crate::sequence;
-use anyhow::{Context, Result};
+use crate::sequence::Settings;
+use anyhow::{Context, Result, anyhow, ensure};
 use image::codecs::jpeg::JpegEncoder;
 use image::{Rgb, RgbImage, imageops};
+use plotters::prelude::*;
 use std::fs::File;
 use std::io::BufWriter;
 use std::path::Path;
 
-/// Sequences of which a frame is shown.
-pub const SEQUENCES: [&str; 4] = ["rot1_B0", "rot2_B40", "trans_rot1_B40", "shake_g042"];
-/// Whose correction is shown.
-const SHOWN: &str = "rsrectify-4";
-/// The frame that is shown, and as many as are rendered before and after it.
+/// Sequences of which a frame is shown, of scene 1.
+const SEQUENCES: [&str; 4] = ["rot1_B0", "rot2_B40", "trans_rot1_B40", "shake_g042"];
+const SEED: u64 = 1;
+/// Whose correction is shown, and whose is compared with it.
+const SHOWN: [&str; 2] = ["rsrectify-4", "3d-rotation-3"];
+/// The frame that is shown; the last one of a shorter clip.
 const FRAME: usize = 11;
-const FRAMES: usize = 20;
 /// Colour distance (channels 0 to 1) at the upper end of the scale, the paper's threshold.
 const MOST: f64 = 0.3;
-/// Pixels between pictures, height of the scale, and JPEG quality.
+/// Pixels between pictures, and JPEG quality.
 const GAP: u32 = 6;
-const SCALE: u32 = 14;
 const QUALITY: u8 = 80;
+/// Size of the scale's picture, and the steps of colour it is made of.
+const SCALE: (u32, u32) = (420, 62);
+const STEPS: u32 = 120;
 
-/// Writes one JPEG for each of [`SEQUENCES`]: above the frame as it arrived, rectified and true, below
-/// the colour distance to the truth before and after, black where no pixel can be judged, and beside
-/// them the scale of the distances, 0 at its left end and 0.3 or more at its right.
+/// Writes one JPEG for each of four sequences, where it is among the tasks: above the frame as it
+/// arrived, rectified and true; below the colour distance to the truth as it arrived, rectified, and
+/// rectified by a calibrated 3D rotation, black where no pixel can be judged. The scale of the distances
+/// is drawn beside them as `still-scale.svg`.
 ///
 /// # Errors
-/// Where the system fails or a file cannot be written.
-pub fn write_all(entries: &[Entry], folder: &Path) -> Result<()> {
-    let entry = entries.iter().find(|entry| entry.id == SHOWN).context("the system of the stills is gone")?;
-    for name in SEQUENCES {
-        let settings = sequence::named(name).with_context(|| format!("no sequence is named {name}"))?;
-        // Never photographs: the pictures are published.
-        let footage = Footage::of_settings(&sequence::Settings { frames: FRAMES, ..settings })?;
-        let sheet = sheet(&footage, entry)?;
-        let file = BufWriter::new(File::create(folder.join(format!("still-{name}.jpg")))?);
+/// Where a system fails or a file cannot be written.
+pub fn write_all(
+    tasks: &[Task],
+    entries: &[Entry],
+    footage: &dyn Fn(&Settings) -> Result<Footage>,
+    folder: &Path,
+) -> Result<()> {
+    let shown = |settings: &Settings| settings.seed == SEED && SEQUENCES.contains(&settings.name.as_str());
+    for settings in tasks.iter().map(|task| &task.settings).filter(|settings| shown(settings)) {
+        let sheet = sheet(&footage(settings)?, entries)?;
+        let file = BufWriter::new(File::create(folder.join(format!("still-{}.jpg", settings.name)))?);
         JpegEncoder::new_with_quality(file, QUALITY).encode_image(&sheet)?;
     }
-    Ok(())
+    let path = folder.join("still-scale.svg");
+    draw_scale(&path).map_err(|error| anyhow!("cannot draw {}: {error}", path.display()))
 }
 
-fn sheet(footage: &Footage, entry: &Entry) -> Result<RgbImage> {
+fn sheet(footage: &Footage, entries: &[Entry]) -> Result<RgbImage> {
+    ensure!(!footage.frames.is_empty(), "a sequence without frames");
+    let frame = FRAME.min(footage.frames.len() - 1);
     let runs = footage.runs();
     let pairs = runs.iter().map(|run| of_run(footage, run, Source::Sampler)).collect::<Result<Vec<_>>>()?;
-    let correction = &entry.corrections(footage, &pairs)?[FRAME];
-    let before = &footage.frames[FRAME];
-    let after = rectified(before, correction.as_ref()).frame;
-    let (truth, mask) = (&footage.truth[FRAME].global, &footage.truth[FRAME].visible);
+    let before = &footage.frames[frame];
+    let after = |id: &str| -> Result<Frame> {
+        let entry = entries.iter().find(|entry| entry.id == id).context("a system of the stills is gone")?;
+        Ok(rectified(before, entry.corrections(footage, &pairs)?[frame].as_ref()).frame)
+    };
+    let [after, compared] = [after(SHOWN[0])?, after(SHOWN[1])?];
+    let (truth, mask) = (&footage.truth[frame].global, &footage.truth[frame].visible);
     let pictures = [
         picture(before),
         picture(&after),
         picture(truth),
         distances(before, truth, mask),
         distances(&after, truth, mask),
-        scale(before.width as u32, before.height as u32),
+        distances(&compared, truth, mask),
     ];
     Ok(beside(
         &pictures.map(|picture| imageops::thumbnail(&picture, picture.width() / 2, picture.height() / 2)),
@@ -99,17 +112,33 @@ fn distances(frame: &Frame, truth: &Frame, mask: &[bool]) -> RgbImage {
     })
 }
 
-/// The scale of [`distances`] in the middle of a white picture.
-fn scale(width: u32, height: u32) -> RgbImage {
-    let (left, right) = (width / 8, width - width / 8);
-    let (top, bottom) = (height / 2 - SCALE, height / 2 + SCALE);
-    RgbImage::from_fn(width, height, |x, y| {
-        if (left..right).contains(&x) && (top..bottom).contains(&y) {
-            heat(f64::from(x - left) / f64::from(right - left))
-        } else {
-            Rgb([255; 3])
-        }
-    })
+/// The colours of [`distances`] with the numbers that they stand for.
+fn draw_scale(path: &Path) -> Result<(), Box<dyn std::error::Error>> {
+    let root = SVGBackend::new(path, SCALE).into_drawing_area();
+    root.fill(&WHITE)?;
+    let mut chart = ChartBuilder::on(&root)
+        .margin(8)
+        .margin_left(20)
+        .margin_right(60)
+        .x_label_area_size(24)
+        .build_cartesian_2d(0.0..MOST, 0.0..1.0)?;
+    let step = |index: u32| MOST * f64::from(index) / f64::from(STEPS);
+    chart.draw_series((0..STEPS).map(|index| {
+        let Rgb([red, green, blue]) = heat((f64::from(index) + 0.5) / f64::from(STEPS));
+        let corners = [(step(index), 0.0), (step(index + 1), 1.0)];
+        Rectangle::new(corners, RGBColor(red, green, blue).filled())
+    }))?;
+    chart
+        .configure_mesh()
+        .disable_mesh()
+        .x_labels(4)
+        .x_label_formatter(&|distance| {
+            format!("{distance:.1}{}", if *distance < MOST - 1e-9 { "" } else { " and more" })
+        })
+        .label_style(("sans-serif", 13))
+        .draw()?;
+    root.present()?;
+    Ok(())
 }
 
 /// From dark blue over red to light yellow, ever lighter, so that it is read without colour too.
@@ -136,6 +165,15 @@ mod tests {
         let light = |share| heat(share).0.iter().map(|channel| u32::from(*channel)).sum::<u32>();
         assert!((0..100).all(|i| light(f64::from(i) / 100.0) <= light(f64::from(i + 1) / 100.0)));
         assert_eq!((heat(0.0).0, heat(7.0).0), ([10, 10, 60], [255, 250, 170]));
+    }
+
+    #[test]
+    fn the_scale_has_its_numbers() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("scale.svg");
+        draw_scale(&path).unwrap();
+        let svg = std::fs::read_to_string(&path).unwrap();
+        assert!(["0.0", "0.1", "0.2", "0.3 and more"].iter().all(|number| svg.contains(number)), "{svg}");
     }
 
     #[test]

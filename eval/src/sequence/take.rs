@@ -1,7 +1,7 @@
 //! A scene and the camera that films it without interruption.
 
 use super::settings::{Settings, Strength};
-use crate::metrics::{Stats, distances};
+use crate::metrics::displacement;
 use crate::scene::path::Oscillations;
 use crate::scene::{Lens, RollingCamera, Scene, Shutter};
 use crate::truth::Capture;
@@ -53,9 +53,8 @@ impl Take {
         let mut amplitude = 1.0;
         for _ in 0..8 {
             let take = Self::new(settings, scene.clone(), seed, amplitude);
-            let frames = captures.clone().map(|k| take.capture(settings, k).samples(step));
-            let left = frames.flat_map(|samples| distances(&samples, |x| x).collect::<Vec<_>>());
-            let reached = Stats::of(left.collect()).rms;
+            let samples = captures.clone().flat_map(|k| take.capture(settings, k).samples(step));
+            let reached = displacement::uncorrected(samples).rms;
             if (reached - target).abs() < 1e-3 * target {
                 break;
             }

@@ -1,17 +1,18 @@
 //! Enum properties. Names and numbers are stored in project files and presets: never change one.
 
 use gst::glib;
+use rsrectify::motion::generators;
 use rsrectify::readout;
-use rsrectify::warp;
+use rsrectify::{rectifier, warp};
 
 /// Which edge of the frame, as it arrives, is read first.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, glib::Enum)]
 #[enum_type(name = "GstRsRectifyReadoutDirection")]
 #[repr(i32)]
 pub enum ReadoutDirection {
-    /// Stands for top to bottom.
+    /// Found from the picture; the sequential estimator takes it as top to bottom.
     #[default]
-    #[enum_value(name = "Automatic (top to bottom)", nick = "auto")]
+    #[enum_value(name = "Automatic: found from the picture", nick = "auto")]
     Auto = 0,
     /// Row 0 first.
     #[enum_value(name = "Top row first: most cameras held upright", nick = "top-to-bottom")]
@@ -27,13 +28,15 @@ pub enum ReadoutDirection {
     RightToLeft = 4,
 }
 
-impl From<ReadoutDirection> for readout::ReadoutDirection {
+impl From<ReadoutDirection> for Option<readout::ReadoutDirection> {
     fn from(direction: ReadoutDirection) -> Self {
+        use readout::ReadoutDirection as Known;
         match direction {
-            ReadoutDirection::Auto | ReadoutDirection::TopToBottom => Self::TopToBottom,
-            ReadoutDirection::BottomToTop => Self::BottomToTop,
-            ReadoutDirection::LeftToRight => Self::LeftToRight,
-            ReadoutDirection::RightToLeft => Self::RightToLeft,
+            ReadoutDirection::Auto => None,
+            ReadoutDirection::TopToBottom => Some(Known::TopToBottom),
+            ReadoutDirection::BottomToTop => Some(Known::BottomToTop),
+            ReadoutDirection::LeftToRight => Some(Known::LeftToRight),
+            ReadoutDirection::RightToLeft => Some(Known::RightToLeft),
         }
     }
 }
@@ -49,32 +52,73 @@ impl From<readout::ReadoutDirection> for ReadoutDirection {
     }
 }
 
-/// How the motion is estimated. Number 2 is kept for a continuous-time estimator.
+/// How the motion is estimated.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, glib::Enum)]
 #[enum_type(name = "GstRsRectifyEstimator")]
 #[repr(i32)]
 pub enum Estimator {
-    /// Stands for sequential.
+    /// Stands for continuous.
     #[default]
-    #[enum_value(name = "Automatic (sequential)", nick = "auto")]
+    #[enum_value(name = "Automatic (continuous)", nick = "auto")]
     Auto = 0,
     /// Frame by frame, each from its neighbour: 25.7 to 25.10.
     #[enum_value(name = "Sequential: each frame from its neighbours", nick = "sequential")]
     Sequential = 1,
+    /// Splines over exposure time.
+    #[enum_value(name = "Continuous: a path through all rows of a few frames", nick = "continuous")]
+    Continuous = 2,
 }
 
-/// What a frame's motion can be. Number 1 is kept for translation alone.
+impl From<Estimator> for rectifier::Estimator {
+    fn from(estimator: Estimator) -> Self {
+        match estimator {
+            Estimator::Auto | Estimator::Continuous => Self::Continuous,
+            Estimator::Sequential => Self::Sequential,
+        }
+    }
+}
+
+/// What a frame's motion can be.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, glib::Enum)]
 #[enum_type(name = "GstRsRectifyModel")]
 #[repr(i32)]
 pub enum Model {
-    /// Stands for rotation.
+    /// What the picture bears out; the sequential estimator takes it as rotation.
     #[default]
-    #[enum_value(name = "Automatic (rotation)", nick = "auto")]
+    #[enum_value(name = "Automatic: what the picture bears out", nick = "auto")]
     Auto = 0,
+    /// A translation of the picture.
+    #[enum_value(name = "Translation in the image plane", nick = "translation")]
+    Translation = 1,
     /// A 2D rotation about any centre, translations included: 25.2.
     #[enum_value(name = "Rotation in the image plane about any centre", nick = "rotation")]
     Rotation = 2,
+    /// Rotation and scale.
+    #[enum_value(name = "Rotation and scale in the image plane", nick = "similarity")]
+    Similarity = 3,
+    /// Rotation, scale and shears.
+    #[enum_value(name = "Affine motion of the image plane", nick = "affine")]
+    Affine = 4,
+    /// A plane in space before a moving camera.
+    #[enum_value(name = "Homography: a plane before a moving camera", nick = "homography")]
+    Homography = 5,
+    /// A camera that turns.
+    #[enum_value(name = "Rotation of the camera in space", nick = "rotation-3d")]
+    Rotation3d = 6,
+}
+
+impl From<Model> for generators::Model {
+    fn from(model: Model) -> Self {
+        match model {
+            Model::Auto => Self::Auto,
+            Model::Translation => Self::Translation,
+            Model::Rotation => Self::Rotation,
+            Model::Similarity => Self::Similarity,
+            Model::Affine => Self::Affine,
+            Model::Homography => Self::Homography,
+            Model::Rotation3d => Self::Rotation3d,
+        }
+    }
 }
 
 /// How samples between pixels are made.

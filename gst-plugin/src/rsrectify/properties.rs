@@ -14,6 +14,7 @@ const DEFAULT_GRID_COLUMNS: u32 = 32;
 const DEFAULT_GRID_ROWS: u32 = 24;
 const DEFAULT_INTER_FRAME_DELAY: f64 = -1.0;
 const DEFAULT_LOOKAHEAD: u32 = 4;
+const DEFAULT_FOCAL_LENGTH: f64 = 0.0;
 const DEFAULT_REFERENCE_ROW: f64 = 0.5;
 const DEFAULT_BORDER_COLOR: u32 = 0xff00_0000;
 const DEFAULT_CROP: f64 = 5.0;
@@ -30,6 +31,7 @@ pub struct Settings {
     lookahead: u32,
     estimator: Estimator,
     model: Model,
+    focal_length: f64,
     reference_row: f64,
     interpolation: Interpolation,
     border_mode: BorderMode,
@@ -54,6 +56,7 @@ impl Default for Settings {
             lookahead: DEFAULT_LOOKAHEAD,
             estimator: Estimator::default(),
             model: Model::default(),
+            focal_length: DEFAULT_FOCAL_LENGTH,
             reference_row: DEFAULT_REFERENCE_ROW,
             interpolation: Interpolation::default(),
             border_mode: BorderMode::default(),
@@ -69,19 +72,22 @@ impl Default for Settings {
 impl Settings {
     /// How the stream is analysed.
     ///
-    /// What is known for certain wins: a readout time, else a delay, else the whole frame period.
+    /// What is known for certain wins: a readout time, else a delay.
     pub fn analysis(&self) -> rectifier::Settings {
         let readout_time = if self.readout_time != 0 {
             ReadoutTime::Seconds(self.readout_time as f64 * 1e-9)
         } else if self.inter_frame_delay >= 0.0 {
             ReadoutTime::DelayRows(self.inter_frame_delay)
         } else {
-            ReadoutTime::WholePeriod
+            ReadoutTime::Unknown
         };
         rectifier::Settings {
             grid_columns: self.grid_columns as usize,
             grid_rows: self.grid_rows as usize,
             lookahead: self.lookahead as usize,
+            estimator: self.estimator.into(),
+            model: self.model.into(),
+            focal_length: (self.focal_length > 0.0).then_some(self.focal_length),
             direction: self.readout_direction.into(),
             readout_time,
         }
@@ -118,6 +124,7 @@ impl Settings {
             "lookahead" => self.lookahead.to_value(),
             "estimator" => self.estimator.to_value(),
             "model" => self.model.to_value(),
+            "focal-length" => self.focal_length.to_value(),
             "reference-row" => self.reference_row.to_value(),
             "interpolation" => self.interpolation.to_value(),
             "border-mode" => self.border_mode.to_value(),
@@ -141,6 +148,7 @@ impl Settings {
             "lookahead" => assign(&mut self.lookahead, value),
             "estimator" => assign(&mut self.estimator, value),
             "model" => assign(&mut self.model, value),
+            "focal-length" => assign(&mut self.focal_length, value),
             "reference-row" => assign(&mut self.reference_row, value),
             "interpolation" => assign(&mut self.interpolation, value),
             "border-mode" => assign(&mut self.border_mode, value),
@@ -189,7 +197,7 @@ fn analysis_specs() -> Vec<glib::ParamSpec> {
             .nick("Inter-frame delay")
             .blurb(
                 "Blank time between a frame's last row and the next frame's first, in rows (columns where the \
-                 sensor is read sideways); -1: unknown, taken as 0",
+                 sensor is read sideways); -1: found from the picture (sequential: taken as 0)",
             )
             .minimum(-1.0)
             .maximum(1e9)
@@ -200,7 +208,7 @@ fn analysis_specs() -> Vec<glib::ParamSpec> {
             .nick("Readout time")
             .blurb(
                 "Time that the readout of all rows takes, in nanoseconds; wins over \
-                 inter-frame-delay; 0: unknown",
+                 inter-frame-delay; 0: not known",
             )
             .maximum(gst::ClockTime::SECOND.nseconds())
             .mutable_playing()
@@ -224,7 +232,15 @@ fn analysis_specs() -> Vec<glib::ParamSpec> {
             .build(),
         glib::ParamSpecEnum::builder_with_default("model", Model::default())
             .nick("Model")
-            .blurb("What motion a frame can have while it is read out")
+            .blurb("What motion a frame can have while it is read out; sequential takes all but translation as rotation")
+            .mutable_playing()
+            .build(),
+        glib::ParamSpecDouble::builder("focal-length")
+            .nick("Focal length")
+            .blurb("Focal length in frame widths, for models with perspective; 0: found from the picture")
+            .minimum(0.0)
+            .maximum(1e3)
+            .default_value(DEFAULT_FOCAL_LENGTH)
             .mutable_playing()
             .build(),
     ]
@@ -307,7 +323,7 @@ mod tests {
     #[test]
     fn a_known_readout_time_wins_over_a_delay() {
         let mut settings = Settings::default();
-        assert_eq!(settings.analysis().readout_time, ReadoutTime::WholePeriod);
+        assert_eq!(settings.analysis().readout_time, ReadoutTime::Unknown);
         settings.inter_frame_delay = 40.0;
         assert_eq!(settings.analysis().readout_time, ReadoutTime::DelayRows(40.0));
         settings.readout_time = 33_000_000;

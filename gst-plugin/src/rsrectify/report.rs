@@ -171,6 +171,7 @@ fn add_solution(structure: &mut gst::StructureRef, solution: &FrameSolution) {
     structure.set("residual", solution.residual);
     structure.set("confidence", solution.confidence);
     structure.set("readout-time", (readout.time * 1e9).round() as u64);
+    structure.set("readout-deviation", solution.readout_deviation);
     structure.set("readout-direction", ReadoutDirection::from(readout.direction));
 }
 
@@ -201,6 +202,7 @@ fn origin_name(origin: Origin) -> &'static str {
         Origin::Initial => "initial",
         Origin::Forward => "forward",
         Origin::Backward => "backward",
+        Origin::Continuous => "continuous",
         Origin::Repeated => "repeated",
         Origin::Untouched => "untouched",
     }
@@ -222,6 +224,7 @@ mod tests {
             correspondences: 700,
             inliers: 650,
             residual: 0.25,
+            readout_deviation: 0.0,
         }
     }
 

@@ -207,7 +207,9 @@ impl State {
         let mut output = VideoFrameRef::from_buffer_ref_writable(output, info)
             .map_err(|_| "cannot map the output frame for writing")?;
         let fill = self.layout.fill(settings.border_color);
-        self.workers.run(|| self.warper.prepare(&solution.readout, &solution.path, &settings.warp()));
+        let mut warp = settings.warp();
+        warp.strength *= solution.weight();
+        self.workers.run(|| self.warper.prepare(&solution.readout, &solution.path, &warp));
         for view in self.layout.views() {
             let source = view.plane(&input).ok_or("the buffer does not hold a whole frame")?;
             let mut target = view.plane_mut(&mut output).ok_or("the output buffer is too small")?;
