@@ -56,7 +56,7 @@ impl Reading {
     }
 }
 
-/// Correspondences of a pair and the timestamps of its frames in blocks.
+/// Correspondences of a pair and the timestamps of its frames in frame periods.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Pair {
     pub matches: Vec<Match>,
@@ -77,7 +77,7 @@ impl Pair {
         Some(Self { matches: matches.collect(), stamps, found: found.len() })
     }
 
-    /// First and last instant at which a line of either frame is exposed.
+    /// First and last instant, in frame periods, at which a line of either frame is exposed.
     pub fn span(&self, readout: f64) -> [f64; 2] {
         let [a, b] = self.stamps;
         [a.min(b) + readout.min(0.0), a.max(b) + readout.max(0.0)]
@@ -126,7 +126,9 @@ pub(super) struct View<'a> {
     pub path: &'a SplinePath,
     pub flow: &'a Flow,
     pub reading: Reading,
-    /// Signed readout time in blocks.
+    /// Blocks to a frame period.
+    pub tempo: f64,
+    /// Signed readout time in frame periods.
     pub readout: f64,
     /// Pixels to the unit of points.
     pub radius: f64,
@@ -137,7 +139,7 @@ pub(super) struct View<'a> {
 impl View<'_> {
     fn times(&self, pair: &Pair, m: &Match) -> [f64; 2] {
         let places = [self.reading.place(m.from), self.reading.place(m.to)];
-        [pair.stamps[0] + self.readout * places[0], pair.stamps[1] + self.readout * places[1]]
+        [0, 1].map(|end| self.tempo * (pair.stamps[end] + self.readout * places[end]))
     }
 
     /// Adds up what a pair says.
@@ -192,7 +194,7 @@ impl View<'_> {
         let phi = fields(middle, self.path.kappa);
         let (before, after) = (self.flow.rates(from), self.flow.rates(to));
         let places = [self.reading.place(m.from), self.reading.place(m.to)];
-        let rates = SVector::from(after) * places[1] - SVector::from(before) * places[0];
+        let rates = (SVector::from(after) * places[1] - SVector::from(before) * places[0]) * self.tempo;
         let turned = self.flow.turned(to) - self.flow.turned(from);
         let shared = SMatrix::<f64, 2, SHARED>::from_columns(&[phi * rates, middle * middle.dot(&turned)]);
         let weighted = phi.transpose() * weight;

@@ -10,8 +10,6 @@ use super::banded::Banded;
 use super::path::SplinePath;
 use crate::motion::generators::{GENERATORS, TURNS};
 
-/// Variance in px² with which the turns start: strong shake, which calms down sooner than calm motion is shaken up.
-const TURNS_START: f64 = 1.0;
 /// Variance with which the other generators start.
 const OTHERS_START: f64 = 0.01;
 /// What a variance may become.
@@ -34,20 +32,28 @@ const FIRST: [f64; 3] = [-1.0, 1.0, 0.0];
 #[derive(Clone, Debug)]
 pub(super) struct Smoothness {
     active: [bool; GENERATORS],
+    /// Variance with which the turns start.
+    turns: f64,
     /// Variance of the second differences.
     variance: [f64; GENERATORS],
 }
 
 impl Smoothness {
-    /// A prior for a model with these generators.
-    pub fn new(active: [bool; GENERATORS]) -> Self {
-        let variance = std::array::from_fn(|j| if j < TURNS { TURNS_START } else { OTHERS_START });
-        Self { active, variance }
+    /// A prior for a model with these generators, and the variance in px² with which turns start: rather
+    /// too large, for calm is learnt sooner than shake.
+    pub fn new(active: [bool; GENERATORS], turns: f64) -> Self {
+        let variance = std::array::from_fn(|j| if j < TURNS { turns } else { OTHERS_START });
+        Self { active, turns, variance }
+    }
+
+    /// The same from another start.
+    pub fn started(&self, turns: f64) -> Self {
+        Self::new(self.active, turns)
     }
 
     /// Forgets what was learnt.
     pub fn restart(&mut self) {
-        *self = Self::new(self.active);
+        *self = Self::new(self.active, self.turns);
     }
 
     /// Places of three coefficients in a row, for each three of a generator.

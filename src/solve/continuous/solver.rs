@@ -14,18 +14,54 @@ use rayon::prelude::*;
 const MARGIN: f64 = 0.25;
 /// The most that γ and κ may change at once.
 const MOST_CHANGE: f64 = 0.1;
+/// How fast the motion may change.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Tempo {
+    /// Up to about a cycle a frame period: all that hands do.
+    Calm,
+    /// Up to about three: engines, rotors, bad roads.
+    Vibrating,
+}
+
+impl Tempo {
+    /// Blocks to a frame period.
+    pub const fn blocks(self) -> f64 {
+        match self {
+            Self::Calm => 1.0,
+            Self::Vibrating => 3.0,
+        }
+    }
+
+    /// Variance in px² of the turns' second differences from which learning starts.
+    pub const fn start_variance(self) -> f64 {
+        match self {
+            Self::Calm => 1.0,
+            Self::Vibrating => 30.0,
+        }
+    }
+
+    /// The other one.
+    pub const fn other(self) -> Self {
+        match self {
+            Self::Calm => Self::Vibrating,
+            Self::Vibrating => Self::Calm,
+        }
+    }
+}
+
 /// The solver of one stream; the path, what was learnt of its smoothness and of the camera go on from
 /// window to window.
 #[derive(Clone, Debug)]
 pub(super) struct Solver {
     pub reading: Reading,
+    pub tempo: Tempo,
     /// Pixels to the unit of points.
     pub radius: f64,
     /// Least standard deviation of a coordinate in pixels.
     pub noise: f64,
     pub path: SplinePath,
     pub smoothness: Smoothness,
-    /// Beliefs from all windows so far: γ, the signed readout time in blocks, and κ.
+    /// Beliefs from all windows so far: γ, the signed readout time in frame periods, and κ.
     pub beliefs: [Running; SHARED],
     /// What γ and κ may be.
     pub limits: [[f64; 2]; SHARED],
@@ -45,6 +81,7 @@ pub(super) struct Solver {
 impl Solver {
     pub fn new(
         reading: Reading,
+        tempo: Tempo,
         radius: f64,
         noise: f64,
         smoothness: Smoothness,
@@ -53,6 +90,7 @@ impl Solver {
     ) -> Self {
         Self {
             reading,
+            tempo,
             radius,
             noise,
             path: SplinePath::default(),
@@ -69,6 +107,14 @@ impl Solver {
             border: Default::default(),
             weighted: Default::default(),
         }
+    }
+
+    /// A solver of another tempo that knows of the camera what this one does.
+    pub fn at_tempo(&self, tempo: Tempo) -> Self {
+        let smoothness = self.smoothness.started(tempo.start_variance());
+        let mut other = Self::new(self.reading, tempo, self.radius, self.noise, smoothness, self.beliefs, self.limits);
+        other.shared = self.shared;
+        other
     }
 
     /// Forgets the path, not the camera.
@@ -100,6 +146,11 @@ impl Solver {
         self.normals.get(index).map_or(0, |normal| normal.inliers)
     }
 
+    /// Block of the instant at which the line at `place` along the axis of the frame with this timestamp is exposed.
+    pub fn time(&self, stamp: f64, place: f64) -> f64 {
+        self.tempo.blocks() * (stamp + self.shared[0] * place)
+    }
+
     /// Lays the path under the pairs and follows it.
     pub fn cover(&mut self, pairs: &[&Pair]) {
         let spans = pairs.iter().map(|pair| pair.span(self.shared[0]));
@@ -107,6 +158,7 @@ impl Solver {
         if from > to {
             return;
         }
+        let [from, to] = [from, to].map(|time| time * self.tempo.blocks());
         let [from, to] = [from - MARGIN, to + MARGIN];
         let base = from.floor() as i64;
         self.path.kappa = self.shared[1];
@@ -121,6 +173,7 @@ impl Solver {
             path: &self.path,
             flow: &self.flow,
             reading: self.reading,
+            tempo: self.tempo.blocks(),
             readout: self.shared[0],
             radius: self.radius,
             noise: self.noise,

@@ -3,7 +3,7 @@
 use super::pair::{Pair, Reading};
 use super::running::Running;
 use super::smoothness::Smoothness;
-use super::solver::Solver;
+use super::solver::{Solver, Tempo};
 use crate::correspond::Correspondence;
 use crate::motion::generators::Model;
 use crate::motion::image_centre;
@@ -19,6 +19,14 @@ const STEPS: [usize; 2] = [12, 4];
 const SETTLED: f64 = 0.05;
 /// Or γ by less than this.
 const SETTLED_READOUT: f64 = 0.01;
+/// A path that leaves more than this share of the mean squared displacement is tried at another tempo.
+const UNEXPLAINED: f64 = 0.05;
+/// The faster tempo must leave less than this share of what the calm one does (standard deviations).
+const WORTH_VIBRATING: f64 = 0.5;
+/// Less than so many times the least noise is not worth a trial.
+const NOTICEABLE: f64 = 5.0;
+/// Frames from one trial of another tempo to the next.
+const TRIAL: usize = 15;
 /// Shares of the readout at which the homographies of a frame are given out, less one.
 const SHARES: usize = 32;
 /// What is believed of γ before anything was seen: nothing that would change a picture.
@@ -69,7 +77,7 @@ pub struct Motion {
 
 #[derive(Clone, Debug)]
 struct Entry {
-    /// Timestamp in blocks.
+    /// Timestamp in frame periods.
     stamp: f64,
     to_next: Option<Pair>,
 }
@@ -82,6 +90,8 @@ struct Hypothesis {
     solver: Solver,
     /// Logarithm of its likelihood, up to a constant.
     score: f64,
+    /// Frames since another tempo was tried.
+    since_trial: usize,
 }
 
 /// The continuous estimator of one stream.
@@ -96,9 +106,9 @@ pub struct Continuous {
     frames: VecDeque<Entry>,
     /// Frames at the front that are settled.
     settled: usize,
-    /// Seconds to a block, and the time of block 0.
+    /// Seconds to a frame period, and the time of stamp 0.
     clock: Option<(f64, f64)>,
-    /// Seconds to a block before the last restart.
+    /// Seconds to a frame period before the last restart.
     unit_before: Option<f64>,
     /// Whether the first frame that waits follows a settled one.
     continues: bool,
@@ -112,15 +122,15 @@ impl Continuous {
         let hypothesis = |direction: ReadoutDirection| {
             let lines = if direction.is_by_rows() { height } else { width } as f64;
             let reading = Reading { by_rows: direction.is_by_rows(), length: lines.max(1.0) / radius };
-            let smoothness = Smoothness::new(camera.model.generators());
+            let smoothness = Smoothness::new(camera.model.generators(), Tempo::Calm.start_variance());
             let signs = match (camera.direction, direction.is_reversed()) {
                 (None, _) => [-1.0, 1.0],
                 (Some(_), false) => [0.0, 1.0],
                 (Some(_), true) => [-1.0, 0.0],
             };
             let beliefs = [READOUT_BELIEF, kappa_belief(&camera)].map(|(mean, deviation)| Running::new(mean, deviation));
-            let solver = Solver::new(reading, radius, noise, smoothness, beliefs, [signs, KAPPA_LIMITS]);
-            Hypothesis { direction, solver, score: 0.0 }
+            let solver = Solver::new(reading, Tempo::Calm, radius, noise, smoothness, beliefs, [signs, KAPPA_LIMITS]);
+            Hypothesis { direction, solver, score: 0.0, since_trial: TRIAL }
         };
         Self {
             camera,
@@ -148,7 +158,7 @@ impl Continuous {
         self.frames.push_back(Entry { stamp, to_next: None });
     }
 
-    /// Starts the clock: a block is a period from now on.
+    /// Starts the clock.
     fn start(&mut self, period: f64, time: f64) -> (f64, f64) {
         let [width, height] = self.size;
         let time_known = self.camera.readout_time;
@@ -171,11 +181,12 @@ impl Continuous {
         let last = self.frames.iter().rev().nth(1).and_then(|entry| entry.to_next.as_ref());
         let Some([before, after]) = last.map(|pair| pair.stamps) else { return pixel };
         let point = (pixel - self.centre) / self.radius;
-        let offset = solver.shared[0] * solver.reading.place(point);
-        if !solver.flow.covers(after + offset) {
+        let place = solver.reading.place(point);
+        let [before, after] = [before, after].map(|stamp| solver.time(stamp, place));
+        if !solver.flow.covers(after) {
             return pixel;
         }
-        let moved = solver.flow.carry(point, before + offset, after + offset) * self.radius + self.centre;
+        let moved = solver.flow.carry(point, before, after) * self.radius + self.centre;
         if moved.iter().all(|coordinate| coordinate.is_finite()) { moved } else { pixel }
     }
 
@@ -225,11 +236,11 @@ impl Continuous {
         let reversed = readout.direction.is_reversed();
         let scale = Matrix3::new_nonuniform_scaling(&Vector2::new(self.radius, self.radius));
         let unscale = Matrix3::new_nonuniform_scaling(&Vector2::new(1.0 / self.radius, 1.0 / self.radius));
-        let middle = scale * solver.flow.until(stamp + 0.5 * solver.shared[0]);
+        let middle = scale * solver.flow.until(solver.time(stamp, 0.5));
         let homography = |index: usize| {
             let share = index as f64 / SHARES as f64;
             let place = if reversed { 1.0 - share } else { share };
-            middle * solver.flow.back(stamp + solver.shared[0] * place) * unscale
+            middle * solver.flow.back(solver.time(stamp, place)) * unscale
         };
         let beside = [past.checked_sub(1), Some(past)].into_iter().flatten().filter(|index| *index < pairs.len());
         let inliers = beside.clone().map(|index| solver.inliers(index)).max().unwrap_or(0);
@@ -298,23 +309,49 @@ impl Hypothesis {
         if pairs.is_empty() {
             return;
         }
-        for _ in 0..STEPS[usize::from(!starts)] {
-            let before = self.solver.shared[0];
-            let Some(change) = self.solver.step(pairs) else {
-                self.solver.restart();
-                continue;
-            };
-            let moved = (self.solver.shared[0] - before).abs();
-            if change < SETTLED && (known || moved < SETTLED_READOUT) {
-                break;
-            }
-        }
-        self.solver.cover(pairs);
+        iterate(&mut self.solver, pairs, STEPS[usize::from(!starts)], known);
+        self.try_tempo(pairs, past, known);
         self.solver.remember(1.0 / pairs.len() as f64);
         if let Some(sigma) = self.solver.sigma(past) {
             self.score -= WEIGHT * sigma.max(self.solver.noise).ln();
         }
     }
+
+    /// Goes over to another tempo where that is worth it.
+    fn try_tempo(&mut self, pairs: &[&Pair], past: usize, known: bool) {
+        self.since_trial += 1;
+        let tempo = self.solver.tempo;
+        let (Some(sigma), Some(pair)) = (self.solver.sigma(past), pairs.get(past)) else { return };
+        let moved = pair.moved() * self.solver.radius * self.solver.radius;
+        let wanted = tempo == Tempo::Vibrating || 2.0 * sigma * sigma > UNEXPLAINED * moved;
+        if self.since_trial < TRIAL || !wanted || sigma < NOTICEABLE * self.solver.noise {
+            return;
+        }
+        self.since_trial = 0;
+        let mut other = self.solver.at_tempo(tempo.other());
+        iterate(&mut other, pairs, STEPS[0], known);
+        let Some(others) = other.sigma(past) else { return };
+        let (fast, calm) = if tempo == Tempo::Calm { (others, sigma) } else { (sigma, others) };
+        if (fast < WORTH_VIBRATING * calm) == (tempo == Tempo::Calm) {
+            self.solver = other;
+        }
+    }
+}
+
+/// Steps until nothing changes any more, at most so many.
+fn iterate(solver: &mut Solver, pairs: &[&Pair], steps: usize, known: bool) {
+    for _ in 0..steps {
+        let before = solver.shared[0];
+        let Some(change) = solver.step(pairs) else {
+            solver.restart();
+            continue;
+        };
+        let moved = (solver.shared[0] - before).abs();
+        if change < SETTLED && (known || moved < SETTLED_READOUT) {
+            break;
+        }
+    }
+    solver.cover(pairs);
 }
 
 /// Mean and deviation of what is believed of κ.
