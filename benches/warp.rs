@@ -1,9 +1,10 @@
-//! Rectifying one 1080p frame: the inverse map alone, a luma plane, all planes of I420.
+//! Rectifying one 1080p frame: the inverse map alone, by kind of path; a luma plane, all planes of I420.
 //!
 //! `RAYON_NUM_THREADS` sets the threads.
 
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
-use rsrectify::motion::{MotionPath, Twist};
+use nalgebra::Translation2;
+use rsrectify::motion::{MotionPath, ResidualField, ResidualMesh, SampledPath, Twist};
 use rsrectify::plane::{Plane, PlaneLayout, PlaneMut, SampleFormat};
 use rsrectify::readout::{Readout, ReadoutDirection, ReadoutTime};
 use rsrectify::warp::{CpuLevel, Interpolation, Placement, WarpSettings, Warper};
@@ -67,7 +68,7 @@ fn warp(criterion: &mut Criterion) {
     let motions = [("gentle", Twist::new(0.01, 12.0, -6.0)), ("strong", Twist::new(0.1, 80.0, 40.0))];
     let mut formats = formats();
     for (motion, twist) in motions {
-        let path = MotionPath { twist, readout_time: readout.time };
+        let path = MotionPath::uniform(twist, readout.time);
         let mut group = criterion.benchmark_group(format!("warp/{motion}"));
         group.sample_size(30);
         for level in CpuLevel::ALL.into_iter().filter(|level| level.available() == *level) {
@@ -85,14 +86,54 @@ fn warp(criterion: &mut Criterion) {
                 }
             }
         }
-        group.throughput(Throughput::Elements(1));
-        let mut warper = Warper::new();
-        group.bench_function("prepare", |bencher| {
-            bencher.iter(|| warper.prepare(&readout, black_box(&path), &WarpSettings::default()));
-        });
         group.finish();
     }
 }
 
-criterion_group!(benches, warp);
+/// Two cycles a frame, 5 px to each side, in 32 steps.
+fn vibrating() -> MotionPath {
+    let shift = |step: i32| 5.0 * (f64::from(step) / 32.0 * std::f64::consts::TAU * 2.0).sin();
+    let motions: Vec<_> = (0..=32).map(|step| Translation2::new(shift(step), 0.0).to_homogeneous()).collect();
+    SampledPath::new(&motions, 1.0).expect("translations can be undone").into()
+}
+
+/// Velocities on nodes 16 px apart.
+fn residual() -> ResidualField {
+    let mesh = ResidualMesh { columns: 121, rows: 69, origin: [-960.0, -540.0], spacing: [16.0; 2] };
+    let velocity = |node: usize| [(node % 121) as f32 / 20.0, (node / 121) as f32 / 20.0];
+    ResidualField::new(mesh, (0..121 * 69).map(velocity).collect()).expect("one velocity a node")
+}
+
+/// The inverse map: solved, then laid out for planes of one row each, so that nothing is sampled.
+fn prepare(criterion: &mut Criterion) {
+    let time = ReadoutTime::Seconds(1.0);
+    let uniform = MotionPath::uniform(Twist::new(0.1, 80.0, 40.0), 1.0);
+    let paths = [
+        ("twist", uniform.clone()),
+        ("sampled", vibrating()),
+        ("twist and field", uniform.with_residual(residual())),
+        ("sampled and field", vibrating().with_residual(residual())),
+    ];
+    for direction in [ReadoutDirection::TopToBottom, ReadoutDirection::LeftToRight] {
+        let readout = Readout::new(1920, 1080, direction, time, 1.0);
+        let mut group = criterion.benchmark_group(format!("prepare/{direction:?}"));
+        let mut rows = [(1, Placement::FULL), (2, CHROMA)].map(|(scale, placement)| {
+            Image::new(PlaneLayout { height: 1, ..one_channel(scale, SampleFormat::U8) }, placement)
+        });
+        for (name, path) in &paths {
+            let mut warper = Warper::new();
+            group.bench_function(format!("map/{name}"), |bencher| {
+                bencher.iter(|| warper.prepare(&readout, black_box(path), &WarpSettings::default()));
+            });
+            group.bench_function(format!("map and knots/{name}"), |bencher| {
+                bencher.iter(|| {
+                    warper.prepare(&readout, black_box(path), &WarpSettings::default());
+                    rows.iter_mut().for_each(|row| row.warp(&warper));
+                });
+            });
+        }
+    }
+}
+
+criterion_group!(benches, prepare, warp);
 criterion_main!(benches);

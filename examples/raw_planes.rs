@@ -51,7 +51,7 @@ fn give_out(
 ) -> Result<(), Box<dyn Error>> {
     while let Some(solution) = rectifier.pop() {
         let Some(frame) = waiting.pop_front() else { return Err("a motion without a frame".into()) };
-        let twist = solution.path.twist;
+        let twist = solution.path.mean_twist();
         println!(
             "{:7.3} s: turns {:+.3} rad/s, moves ({:+7.1}, {:+7.1}) px/s, confidence {:.2}",
             frame.time, twist.omega, twist.velocity.x, twist.velocity.y, solution.confidence

@@ -48,7 +48,7 @@ fn a_readout_set_far_wrong_is_survived() {
             let settings = Settings { lookahead, readout_time, ..Settings::default() };
             let solutions = product::solve(&footage, settings).unwrap();
             for solution in solutions {
-                let moved = solution.path.twist.after(period).apply(Vector2::zeros()).norm();
+                let moved = solution.path.mean_twist().after(period).apply(Vector2::zeros()).norm();
                 assert!(moved < 200.0 && solution.residual.is_finite(), "{readout_time:?}: {solution:?}");
             }
         }

@@ -155,7 +155,7 @@ fn fast_rotation_agrees_with_the_gyroscope() {
     let reference = integrate(duration, by_gyro);
     let fast = high_pass(&reference, STEP);
     let solutions = solve(&frames, &times, Settings::default());
-    let estimated = integrate(duration, |time| solutions[index_at(&times, time)].path.twist.velocity);
+    let estimated = integrate(duration, |time| solutions[index_at(&times, time)].path.mean_twist().velocity);
     let left = difference(&high_pass(&estimated, STEP), &fast);
 
     // Without a model within the frame: from the middle of one frame to the middle of the next.

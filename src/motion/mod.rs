@@ -1,11 +1,15 @@
-//! What an image motion is: the twist and the path over a readout.
+//! What an image motion is: the twist, the path over a readout, what moves beside it.
 //!
 //! Points are *centred*: pixels from the image centre ((W − 1)/2, (H − 1)/2), y down.
 
 mod path;
+mod residual;
+mod sampled;
 mod twist;
 
-pub use path::MotionPath;
+pub use path::{MotionPath, Passage};
+pub use residual::{MeshError, ResidualField, ResidualMesh};
+pub use sampled::{PathError, SampledPath};
 pub use twist::{Rigid, Twist};
 
 use nalgebra::Vector2;

@@ -1,31 +1,170 @@
 //! The motion path of one frame through its readout.
 
-use super::Twist;
-use nalgebra::Vector2;
+use super::{ResidualField, Rigid, SampledPath, Twist};
+use nalgebra::{Matrix3, Vector2};
+use std::sync::Arc;
 
-/// The image motion during one frame's readout, by elapsed share.
+/// The image motion during one frame's readout, by elapsed share; cheap to clone.
 ///
-/// The paper's frame rotates uniformly about a fixed centre: one twist.
-#[derive(Clone, Copy, Debug, PartialEq)]
+/// The paper's frame rotates uniformly about a fixed centre: one twist. A [`SampledPath`] moves as it
+/// likes, by homographies. A [`ResidualField`] adds what single parts of the picture do beside that.
+#[derive(Clone, Debug, PartialEq)]
 pub struct MotionPath {
-    /// Velocity of the frame.
-    pub twist: Twist,
-    /// Readout time T in seconds.
-    pub readout_time: f64,
+    global: Global,
+    residual: Option<Arc<ResidualField>>,
 }
+
+/// The motion of the picture as a whole.
+#[derive(Clone, Debug, PartialEq)]
+enum Global {
+    Uniform { twist: Twist, readout_time: f64 },
+    Sampled(Arc<SampledPath>),
+}
+
+/// What a path does between two shares of the readout: the same for all points that are read
+/// together.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Passage {
+    /// The global motion, scaled so that its last element is 1.
+    motion: Matrix3<f64>,
+    /// The share of the readout that passes; negative backwards.
+    elapsed: f64,
+}
+
+/// How near the horizon, where w = 0, a point is followed: beyond it, it would come back from the
+/// other side of the picture.
+const LEAST_W: f64 = 1.0 / 16.0;
 
 impl MotionPath {
     /// A frame that does not move.
-    pub const STILL: Self = Self { twist: Twist::ZERO, readout_time: 0.0 };
+    pub const STILL: Self = Self::uniform(Twist::ZERO, 0.0);
 
-    /// Where a point (centred pixels), seen when share `from` of the readout had elapsed, is when
-    /// share `to` has: f(x, (to − from)·T·ω, c), the map of 25.11.
+    /// The paper's frame: one twist throughout a readout of `readout_time` seconds.
+    pub const fn uniform(twist: Twist, readout_time: f64) -> Self {
+        Self { global: Global::Uniform { twist, readout_time }, residual: None }
+    }
+
+    /// The same path with velocities of single parts of the picture added to it.
+    pub fn with_residual(self, field: ResidualField) -> Self {
+        Self { residual: Some(Arc::new(field)), ..self }
+    }
+
+    /// The velocities of single parts of the picture, where there are any.
+    pub fn residual(&self) -> Option<&ResidualField> {
+        self.residual.as_deref()
+    }
+
+    /// Where the point that the frame shows at `point` (centred pixels), exposed when share `from` of
+    /// the readout had elapsed, is when share `to` has.
+    ///
+    /// A twist turns it by (to − from)·T·ω, the map of 25.11; a sampled path takes it by
+    /// H(to)⁻¹·H(from); a residual field adds (to − from)·v(point). The field is known where the
+    /// *frame* shows things, so that `from` must be the share at which the frame exposed `point`;
+    /// without a field any two shares will do. There is no carrying back through a field: where one
+    /// thing covers another, a place at `to` has more than one origin. The warp inverts the map of the
+    /// whole frame and decides there.
     pub fn carry(&self, point: Vector2<f64>, from: f64, to: f64) -> Vector2<f64> {
-        self.twist.after((to - from) * self.readout_time).apply(point)
+        self.carry_by(&self.passage(from, to), point)
+    }
+
+    /// What [`carry`](Self::carry) does for all points exposed at share `from`, made ready once.
+    pub fn passage(&self, from: f64, to: f64) -> Passage {
+        let motion = match &self.global {
+            Global::Uniform { twist, readout_time } => matrix(twist.after((to - from) * readout_time)),
+            Global::Sampled(path) => path.between(from, to),
+        };
+        Passage { motion, elapsed: to - from }
+    }
+
+    /// Where a passage takes the point that the frame shows at `point` (centred pixels).
+    pub fn carry_by(&self, passage: &Passage, point: Vector2<f64>) -> Vector2<f64> {
+        let moved = project(&passage.motion, point);
+        match &self.residual {
+            Some(field) => moved + field.velocity(point) * passage.elapsed,
+            None => moved,
+        }
     }
 
     /// Whether no point moves during the readout.
     pub fn is_still(&self) -> bool {
-        self.twist == Twist::ZERO || self.readout_time == 0.0
+        let global = match &self.global {
+            Global::Uniform { twist, readout_time } => *twist == Twist::ZERO || *readout_time == 0.0,
+            Global::Sampled(path) => path.is_still(),
+        };
+        global && self.residual().is_none_or(ResidualField::is_zero)
+    }
+
+    /// The uniform motion that turns the picture about its centre and moves that centre during the
+    /// readout as this path does, the residual field left aside; of a uniform path, its own.
+    pub fn mean_twist(&self) -> Twist {
+        match &self.global {
+            Global::Uniform { twist, .. } => *twist,
+            Global::Sampled(path) => path.mean_twist(),
+        }
+    }
+}
+
+impl From<SampledPath> for MotionPath {
+    fn from(path: SampledPath) -> Self {
+        Self { global: Global::Sampled(Arc::new(path)), residual: None }
+    }
+}
+
+/// A rigid motion as a homography.
+fn matrix(rigid: Rigid) -> Matrix3<f64> {
+    let Rigid { cos, sin, shift } = rigid;
+    Matrix3::new(cos, -sin, shift.x, sin, cos, shift.y, 0.0, 0.0, 1.0)
+}
+
+/// Where a homography takes a point.
+fn project(motion: &Matrix3<f64>, point: Vector2<f64>) -> Vector2<f64> {
+    let row = |i: usize| motion[(i, 0)] * point.x + motion[(i, 1)] * point.y + motion[(i, 2)];
+    Vector2::new(row(0), row(1)) / row(2).max(LEAST_W)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::motion::ResidualMesh;
+
+    #[test]
+    fn a_uniform_path_is_the_motion_of_its_twist() {
+        let twist = Twist::new(1.3, 240.0, -70.0);
+        let path = MotionPath::uniform(twist, 0.02);
+        let point = Vector2::new(-310.0, 125.0);
+        assert_eq!(path.carry(point, 0.2, 0.9), twist.after((0.9 - 0.2) * 0.02).apply(point));
+        assert_eq!(path.mean_twist(), twist);
+    }
+
+    #[test]
+    fn what_moves_beside_the_path_is_added_in_proportion_to_time() {
+        // v = (8 + x/10, −4) px a readout, on nodes 20 px apart from (−40, −40) on.
+        let mesh = ResidualMesh { columns: 5, rows: 5, origin: [-40.0; 2], spacing: [20.0; 2] };
+        let velocity = |node: usize| [8.0 + ((node % 5) as f32 * 20.0 - 40.0) / 10.0, -4.0];
+        let field = ResidualField::new(mesh, (0..25).map(velocity).collect()).unwrap();
+        let path = MotionPath::uniform(Twist::new(0.0, 100.0, 0.0), 0.02).with_residual(field);
+        // 2 px a readout of the twist and 8.5 of the field, over half a readout.
+        let moved = path.carry(Vector2::new(5.0, 7.0), 0.25, 0.75);
+        assert!((moved - Vector2::new(5.0 + 0.5 * (2.0 + 8.5), 7.0 - 0.5 * 4.0)).norm() < 1e-6);
+    }
+
+    #[test]
+    fn still_is_what_moves_nowhere() {
+        let mesh = ResidualMesh { columns: 1, rows: 1, origin: [0.0; 2], spacing: [8.0; 2] };
+        let beside =
+            |v: f32| MotionPath::STILL.with_residual(ResidualField::new(mesh, vec![[v; 2]]).unwrap());
+        assert!(MotionPath::STILL.is_still() && beside(0.0).is_still() && !beside(0.1).is_still());
+        let twist = Twist::new(0.0, 1.0, 0.0);
+        assert!(MotionPath::uniform(twist, 0.0).is_still() && !MotionPath::uniform(twist, 0.1).is_still());
+    }
+
+    #[test]
+    fn nothing_comes_back_from_beyond_the_horizon() {
+        let tilt = Matrix3::new(1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 1e-2, 0.0, 1.0);
+        assert_eq!(project(&tilt, Vector2::new(100.0, 40.0)), Vector2::new(50.0, 20.0));
+        for x in [-90.0, -100.0, -1e4] {
+            let moved = project(&tilt, Vector2::new(x, 0.0));
+            assert!(moved.x.is_finite() && moved.x < x, "{x} goes to {moved}");
+        }
     }
 }

@@ -28,6 +28,16 @@ impl Twist {
         Self::new(omega, omega * centre.y, -omega * centre.x)
     }
 
+    /// The twist that turns by `angle` and moves the image centre by `shift` pixels in `time` seconds:
+    /// the inverse of [`after`](Self::after).
+    pub(super) fn between(angle: f64, shift: Vector2<f64>, time: f64) -> Self {
+        let (sin, cos) = angle.sin_cos();
+        let (along, across) = chord(angle, sin, cos);
+        let turned = Vector2::new(along * shift.x + across * shift.y, along * shift.y - across * shift.x);
+        let velocity = turned / ((along * along + across * across) * time);
+        Self { omega: angle / time, velocity }
+    }
+
     /// (ω, v_x, v_y) as a vector.
     pub fn to_vector(self) -> Vector3<f64> {
         Vector3::new(self.omega, self.velocity.x, self.velocity.y)
@@ -131,6 +141,7 @@ impl Rigid {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::f64::consts::{FRAC_PI_2, PI};
 
     /// 25.2 as printed.
     fn equation_2(x: Vector2<f64>, theta: f64, c: Vector2<f64>) -> Vector2<f64> {
@@ -157,6 +168,14 @@ mod tests {
         assert_eq!(twist.after(0.1).apply(Vector2::new(1.0, 2.0)), Vector2::new(11.0, 0.0));
         let nearly = Twist::new(1e-12, 100.0, -20.0);
         assert!((nearly.after(0.1).apply(Vector2::new(1.0, 2.0)) - Vector2::new(11.0, 0.0)).norm() < 1e-9);
+    }
+
+    #[test]
+    fn angle_and_shift_tell_the_twist() {
+        // A quarter of a turn about (3, 4) in half a second takes the origin to (3 + 4, 4 − 3).
+        let twist = Twist::between(FRAC_PI_2, Vector2::new(7.0, 1.0), 0.5);
+        assert!((twist.omega - PI).abs() < 1e-12);
+        assert!((twist.centre().unwrap() - Vector2::new(3.0, 4.0)).norm() < 1e-12);
     }
 
     #[test]

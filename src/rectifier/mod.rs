@@ -53,7 +53,7 @@ impl Default for Settings {
 }
 
 /// The motion of one frame and how far it is to be trusted.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct FrameSolution {
     /// The shutter the motion was solved with.
     pub readout: Readout,
@@ -259,7 +259,7 @@ impl Rectifier {
         let coverage = fit.inliers as f64 / (FULL_COVERAGE * nodes as f64).max(1.0);
         FrameSolution {
             readout: frame.readout,
-            path: MotionPath { twist: fit.twist, readout_time: frame.readout.time },
+            path: MotionPath::uniform(fit.twist, frame.readout.time),
             confidence: fit.confidence * coverage.min(1.0),
             origin: if frame.repeats { Origin::Repeated } else { origin },
             correspondences: frame.correspondences,

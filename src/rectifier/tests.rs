@@ -58,7 +58,7 @@ fn pops(rectifier: &mut Rectifier) -> Vec<FrameSolution> {
 const VELOCITY: Vector2<f64> = Vector2::new(180.0, -60.0);
 
 fn assert_velocity(solution: &FrameSolution, velocity: Vector2<f64>) {
-    let twist = solution.path.twist;
+    let twist = solution.path.mean_twist();
     let off = (twist.velocity - velocity).norm() * PERIOD;
     assert!(off < 0.1 && (twist.omega * PERIOD).abs() < 5e-4, "{off} px a frame off: {solution:?}");
     assert!(solution.confidence > 0.9, "{solution:?}");
@@ -124,7 +124,7 @@ fn a_duplicate_repeats_its_frame_s_motion() {
         assert_eq!(solutions.len(), 12);
         for pair in solutions.chunks(2) {
             assert_velocity(&pair[0], VELOCITY);
-            assert_eq!((pair[1].origin, pair[1].path.twist), (Origin::Repeated, pair[0].path.twist));
+            assert_eq!((pair[1].origin, &pair[1].path), (Origin::Repeated, &pair[0].path));
         }
     }
 }
@@ -137,8 +137,8 @@ fn a_camera_that_stops_is_still_after_a_few_frames() {
         push(&mut rectifier, &shown, k as f64 * PERIOD, false);
     }
     rectifier.drain();
-    let last = *pops(&mut rectifier).last().unwrap();
-    assert!(last.path.twist.velocity.norm() * PERIOD < 0.05, "{last:?}");
+    let last = pops(&mut rectifier).pop().unwrap();
+    assert!(last.path.mean_twist().velocity.norm() * PERIOD < 0.05, "{last:?}");
 }
 
 #[test]
@@ -216,6 +216,6 @@ fn any_size_and_any_grid() {
         rectifier.drain();
         let solutions = pops(&mut rectifier);
         assert_eq!(solutions.len(), 4, "{width}x{height}");
-        assert!(solutions.iter().all(|s| s.path.twist.is_finite() && s.confidence.is_finite()));
+        assert!(solutions.iter().all(|s| s.path.mean_twist().is_finite() && s.confidence.is_finite()));
     }
 }

@@ -9,7 +9,7 @@
 //! vectors as there are taps and whole parts, never gathers.
 
 use super::Placement;
-use super::inverse::Field;
+use super::inverse::{Field, cubic};
 use super::kernels;
 use super::weights::{FRACTION_BITS, ONE};
 use crate::cpu::CpuLevel;
@@ -84,16 +84,16 @@ impl KnotTable {
         let [scale_x, scale_y] = placement.scale;
         self.first = from.div_euclid(BLOCK as isize) * 2;
         self.columns = (to.div_euclid(BLOCK as isize) * 2 + 3 - self.first).max(3) as usize;
-        self.origin = (field.origin[1] - placement.offset[1]) / scale_y;
-        self.spacing = field.spacing / scale_y;
+        self.origin = (field.y.first - placement.offset[1]) / scale_y;
+        self.spacing = field.y.spacing / scale_y;
         self.values.clear();
-        self.values.resize(self.columns * field.rows(), 0.0);
+        self.values.resize(self.columns * field.y.count, 0.0);
         for index in 0..self.columns {
             let column = ((self.first + index as isize) * KNOT as isize) as f64;
-            let at = (scale_x * column + placement.offset[0] - field.origin[0]) / field.spacing;
-            let (node, weights) = cubic(at, field.columns);
-            let weights = weights.map(|weight| weight / placement.scale[axis] as f32);
-            let nodes = field.values.chunks_exact(field.columns.max(1));
+            let at = (scale_x * column + placement.offset[0] - field.x.first) / field.x.spacing;
+            let (node, weights) = cubic(at, field.x.count);
+            let weights = weights.map(|weight| weight as f32 / placement.scale[axis] as f32);
+            let nodes = field.values.chunks_exact(field.x.count.max(1));
             for (row, nodes) in self.values.chunks_exact_mut(self.columns).zip(nodes) {
                 row[index] = weights.iter().zip(&nodes[node..]).map(|(w, v)| w * v).sum();
             }
@@ -106,7 +106,7 @@ impl KnotTable {
         let (node, weights) = cubic((row as f64 - self.origin) / self.spacing, rows);
         let nodes = &self.values[node * self.columns..(node + 4) * self.columns];
         knots.resize(self.columns, 0);
-        kernels::knots(level, nodes, weights.map(|weight| weight * ONE as f32), round as f32, knots);
+        kernels::knots(level, nodes, weights.map(|weight| weight as f32 * ONE as f32), round as f32, knots);
     }
 
     /// The blocks of plane columns `from` (a multiple of 16) to `to`, from the knots of a row. Where
@@ -129,18 +129,4 @@ impl KnotTable {
         }
         blocks.extend((blocks.len() as isize..=to - from).map(|block| outside(first + 2 * block)));
     }
-}
-
-/// First of four nodes and their Catmull–Rom weights at position `at` among `count` ≥ 4 nodes.
-fn cubic(at: f64, count: usize) -> (usize, [f32; 4]) {
-    let at = super::inverse::within(at, 1.0, count.saturating_sub(2).max(1) as f64, 1.0);
-    let node = (at.floor() as usize).clamp(1, count.saturating_sub(3).max(1));
-    let t = at - node as f64;
-    let weights = [
-        -0.5 * t * (1.0 - t) * (1.0 - t),
-        1.0 + t * t * (1.5 * t - 2.5),
-        t * (0.5 + t * (2.0 - 1.5 * t)),
-        -0.5 * t * t * (1.0 - t),
-    ];
-    (node - 1, weights.map(|weight| weight as f32))
 }

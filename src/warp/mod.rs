@@ -1,7 +1,7 @@
 //! A frame's motion path and a plane → the rectified plane.
 //!
 //! The frame shows the point x (centred pixels, exposed at share s) at x; the rectified frame shows it
-//! at z · carry(x, s, s + α·(ref − s)): 25.11 with a strength α and a zoom z. [`Warper::prepare`]
+//! at z · (x + α·(carry(x, s, ref) − x)): 25.11 with a strength α and a zoom z. [`Warper::prepare`]
 //! inverts this map once a frame, [`Warper::warp`] samples any of the frame's planes by it, in
 //! two passes: first down the columns, then along the rows (see `kernels`).
 //!
@@ -10,8 +10,10 @@
 
 mod blocks;
 mod border;
+mod correction;
 mod inverse;
 mod kernels;
+mod monotone;
 mod rows;
 #[cfg(test)]
 mod tests;
@@ -62,7 +64,9 @@ pub struct WarpSettings {
     pub border: BorderMode,
     /// Share of the readout whose instant the output shows, 0 to 1; 0 = first read.
     pub reference_row: f64,
-    /// How much of the correction is applied, 0 to 1.
+    /// Share of the correction that is applied, 0 to 1: each point of the picture is displaced by this
+    /// share of its whole displacement, so that a frame fades steadily into the one that arrived,
+    /// whatever its motion.
     pub strength: f64,
     /// The picture is enlarged about its centre by this factor, at least 1, to push borders out.
     pub zoom: f64,
@@ -239,8 +243,8 @@ impl PlaneMap {
         self.across.fill(&map.across, placement, 0, 0, last);
         let down = &map.down;
         let column = |x: f64| ((x - placement.offset[0]) / placement.scale[0]) as isize;
-        let from = column(down.origin[0]).clamp(-2 * last - 2, 0);
-        let to = column(down.origin[0] + down.spacing * down.columns as f64).clamp(last, 3 * last + 3);
+        let from = column(down.x.first).clamp(-2 * last - 2, 0);
+        let to = column(down.x.at(down.x.count)).clamp(last, 3 * last + 3);
         self.down.fill(down, placement, 1, from, to);
     }
 }

@@ -55,7 +55,7 @@ impl Method for Paper {
 fn correction(input: &Input, fit: &Fit) -> Box<dyn Correction> {
     let readout = input.readout;
     let centre = image_centre(readout.width, readout.height);
-    let path = MotionPath { twist: fit.twist, readout_time: readout.time };
+    let path = MotionPath::uniform(fit.twist, readout.time);
     Box::new(move |pixel: Vector2<f64>| {
         path.carry(pixel - centre, readout.share(pixel.x, pixel.y), 0.5) + centre
     })

@@ -83,7 +83,7 @@ mod tests {
     fn a_known_path_carries_to_the_middle_of_the_readout() {
         let time = ReadoutTime::Seconds(0.02);
         let readout = Readout::new(64, 48, ReadoutDirection::BottomToTop, time, 0.04);
-        let path = MotionPath { twist: Twist::new(0.0, 100.0, 0.0), readout_time: 0.02 };
+        let path = MotionPath::uniform(Twist::new(0.0, 100.0, 0.0), 0.02);
         let solution = FrameSolution {
             readout,
             path,

@@ -139,7 +139,7 @@ impl Report {
     /// Counts a frame given out.
     pub fn count_frame(&mut self, time: &FrameTime, solution: Option<&FrameSolution>) {
         self.stats.frames += 1;
-        self.stats.last = solution.copied().or(self.stats.last);
+        self.stats.last = solution.cloned().or(self.stats.last.take());
         self.position = time.stream.or(self.position);
     }
 
@@ -176,7 +176,7 @@ fn add_solution(structure: &mut gst::StructureRef, solution: &FrameSolution) {
 
 /// The structure of the element message about one frame.
 pub fn frame_message(time: &FrameTime, solution: &FrameSolution) -> gst::Structure {
-    let twist = solution.path.twist;
+    let twist = solution.path.mean_twist();
     let mut message = gst::Structure::builder("rsrectify")
         .field("timestamp", time.pts)
         .field("duration", time.duration)
@@ -216,7 +216,7 @@ mod tests {
         let direction = readout::ReadoutDirection::TopToBottom;
         FrameSolution {
             readout: readout::Readout::new(101, 51, direction, readout::ReadoutTime::Seconds(0.02), 0.04),
-            path: MotionPath { twist, readout_time: 0.02 },
+            path: MotionPath::uniform(twist, 0.02),
             confidence: 0.75,
             origin: Origin::Forward,
             correspondences: 700,

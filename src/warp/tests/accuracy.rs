@@ -4,17 +4,16 @@ use super::*;
 use crate::warp::blocks::Block;
 use crate::warp::weights::ONE;
 
-/// The forward map of 25.11 with a strength, written out: a rotation about c by the share that
-/// is left to the reference.
-struct Truth {
-    size: [f64; 2],
-    direction: ReadoutDirection,
-    gamma: f64,
-    twist: Twist,
-    settings: WarpSettings,
+/// The forward map, written out for a motion that is known in closed form.
+pub(super) struct Truth<'a> {
+    pub size: [f64; 2],
+    pub direction: ReadoutDirection,
+    pub settings: WarpSettings,
+    /// Where a point (centred) seen at the first share is at the second.
+    pub carry: &'a dyn Fn([f64; 2], f64, f64) -> [f64; 2],
 }
 
-impl Truth {
+impl Truth<'_> {
     fn share(&self, x: f64, y: f64) -> f64 {
         match self.direction {
             ReadoutDirection::TopToBottom => (y + 0.5) / self.size[1],
@@ -25,24 +24,16 @@ impl Truth {
     }
 
     /// Where the frame's pixel is shown.
-    fn forward(&self, x: f64, y: f64) -> [f64; 2] {
-        let time = self.settings.strength * (self.settings.reference_row - self.share(x, y)) * self.gamma;
+    pub fn forward(&self, x: f64, y: f64) -> [f64; 2] {
+        let WarpSettings { strength, zoom, reference_row, .. } = self.settings;
         let centre = [(self.size[0] - 1.0) / 2.0, (self.size[1] - 1.0) / 2.0];
-        let (dx, dy) = (x - centre[0], y - centre[1]);
-        let v = self.twist.velocity;
-        let moved = match self.twist.centre() {
-            Some(c) => {
-                let (sin, cos) = (self.twist.omega * time).sin_cos();
-                let (rx, ry) = (dx - c.x, dy - c.y);
-                [c.x + cos * rx - sin * ry, c.y + sin * rx + cos * ry]
-            }
-            None => [dx + v.x * time, dy + v.y * time],
-        };
-        [centre[0] + self.settings.zoom * moved[0], centre[1] + self.settings.zoom * moved[1]]
+        let seen = [x - centre[0], y - centre[1]];
+        let moved = (self.carry)(seen, self.share(x, y), reference_row);
+        [0, 1].map(|axis| centre[axis] + zoom * (seen[axis] + strength * (moved[axis] - seen[axis])))
     }
 
     /// The frame's pixel that is shown at (x, y): Newton with numeric derivatives.
-    fn inverse(&self, x: f64, y: f64) -> [f64; 2] {
+    pub fn inverse(&self, x: f64, y: f64) -> [f64; 2] {
         let (mut u, mut v) = (x, y);
         for _ in 0..60 {
             let [fx, fy] = self.forward(u, v);
@@ -52,18 +43,36 @@ impl Truth {
             let det = j00 * j11 - j01 * j10;
             u += (j11 * (x - fx) - j01 * (y - fy)) / det;
             v += (j00 * (y - fy) - j10 * (x - fx)) / det;
+            if (fx - x).hypot(fy - y) < 1e-8 {
+                break;
+            }
         }
         let [fx, fy] = self.forward(u, v);
         assert!((fx - x).abs() < 1e-6 && (fy - y).abs() < 1e-6, "no truth at {x}, {y}");
         [u, v]
     }
 
-    fn warper(&self) -> Warper {
-        let readout = readout(self.size[0] as usize, self.size[1] as usize, self.direction, self.gamma);
+    pub fn warper(&self, path: &MotionPath) -> Warper {
+        let readout = readout(self.size[0] as usize, self.size[1] as usize, self.direction, 1.0);
         let mut warper = Warper::new();
-        let path = MotionPath { twist: self.twist, readout_time: readout.time };
-        warper.prepare(&readout, &path, &self.settings);
+        warper.prepare(&readout, path, &self.settings);
         warper
+    }
+}
+
+/// 25.11 written out: a rotation about c by the share that is left to the reference; `gamma` frames
+/// are read in a second, so that the twist is one a frame.
+fn turn(twist: Twist, gamma: f64) -> impl Fn([f64; 2], f64, f64) -> [f64; 2] {
+    move |[x, y], from, to| {
+        let time = (to - from) * gamma;
+        match twist.centre() {
+            Some(c) => {
+                let (sin, cos) = (twist.omega * time).sin_cos();
+                let (rx, ry) = (x - c.x, y - c.y);
+                [c.x + cos * rx - sin * ry, c.y + sin * rx + cos * ry]
+            }
+            None => [x + twist.velocity.x * time, y + twist.velocity.y * time],
+        }
     }
 }
 
@@ -74,14 +83,28 @@ fn position(blocks: &[Block], from: isize, at: isize) -> f64 {
 }
 
 /// The largest error in plane pixels over a sample of rows and columns.
-fn largest_error(truth: &Truth, placement: Placement) -> f64 {
+fn largest_error(truth: &Truth, path: &MotionPath, placement: Placement) -> f64 {
+    let mut worst: f64 = 0.0;
+    for_each_sample(truth, path, placement, |shown, [x, y]| {
+        let [u, v] = truth.inverse(shown[0], shown[1]);
+        worst = worst.max((x - u).hypot(y - v) / placement.scale[0]);
+    });
+    worst
+}
+
+/// Calls `check` with places of the output and where the frame shows them, in frame pixels.
+pub(super) fn for_each_sample(
+    truth: &Truth,
+    path: &MotionPath,
+    placement: Placement,
+    mut check: impl FnMut([f64; 2], [f64; 2]),
+) {
     let width = (truth.size[0] / placement.scale[0]) as usize;
     let height = (truth.size[1] / placement.scale[1]) as usize;
-    let warper = truth.warper();
+    let warper = truth.warper(path);
     let map = warper.plane_map(placement, width);
     let (mut knots, mut across, mut down) = (Vec::new(), Vec::new(), Vec::new());
     let from = -(width.next_multiple_of(16) as isize);
-    let mut worst: f64 = 0.0;
     for row in (0..height).step_by(13).chain([height - 1]) {
         map.across.row(CpuLevel::Scalar, row, 0, &mut knots);
         map.across.blocks(&knots, 0, width as isize - 1, &mut across);
@@ -93,14 +116,12 @@ fn largest_error(truth: &Truth, placement: Placement) -> f64 {
             let height = |at: f64| position(&down, from, at as isize) - at + row as f64;
             let y = height(left) + (x - left) * (height(left + 1.0) - height(left));
             let frame = |axis: usize, at: f64| placement.scale[axis] * at + placement.offset[axis];
-            let [u, v] = truth.inverse(frame(0, column as f64), frame(1, row as f64));
-            worst = worst.max((frame(0, x) - u).hypot(frame(1, y) - v) / placement.scale[0]);
+            check([frame(0, column as f64), frame(1, row as f64)], [frame(0, x), frame(1, y)]);
         }
     }
-    worst
 }
 
-const DIRECTIONS: [ReadoutDirection; 4] = [
+pub(super) const DIRECTIONS: [ReadoutDirection; 4] = [
     ReadoutDirection::TopToBottom,
     ReadoutDirection::BottomToTop,
     ReadoutDirection::LeftToRight,
@@ -120,8 +141,10 @@ fn positions_are_right_to_a_hundredth_of_a_pixel() {
         for (twist, gamma) in twists.into_iter().zip([1.0, 1.0, 0.6, 0.3]) {
             for reference_row in [0.0, 0.5, 1.0] {
                 let settings = WarpSettings { reference_row, ..WarpSettings::default() };
-                let truth = Truth { size: [1920.0, 1080.0], direction, gamma, twist, settings };
-                let error = largest_error(&truth, Placement::FULL);
+                let carry = turn(twist, gamma);
+                let truth = Truth { size: [1920.0, 1080.0], direction, settings, carry: &carry };
+                let path = MotionPath::uniform(twist, gamma);
+                let error = largest_error(&truth, &path, Placement::FULL);
                 assert!(error < 0.01, "{direction:?} {twist:?} {reference_row}: {error}");
                 worst = worst.max(error);
             }
@@ -136,8 +159,9 @@ fn strength_and_zoom_are_in_the_map() {
         let settings = WarpSettings { strength, zoom, ..WarpSettings::default() };
         let twist = Twist::new(0.15, 40.0, -30.0);
         let size = [1280.0, 720.0];
-        let truth = Truth { size, direction: ReadoutDirection::TopToBottom, gamma: 0.8, twist, settings };
-        let error = largest_error(&truth, Placement::FULL);
+        let carry = turn(twist, 0.8);
+        let truth = Truth { size, direction: ReadoutDirection::TopToBottom, settings, carry: &carry };
+        let error = largest_error(&truth, &MotionPath::uniform(twist, 0.8), Placement::FULL);
         assert!(error < 0.01, "{strength} {zoom}: {error}");
     }
 }
@@ -148,22 +172,20 @@ fn chroma_planes_follow_the_same_map() {
         let settings = WarpSettings::default();
         let twist = Twist::new(0.1, 40.0, -30.0);
         let size = [1920.0, 1080.0];
-        let truth = Truth { size, direction: ReadoutDirection::BottomToTop, gamma: 1.0, twist, settings };
-        let error = largest_error(&truth, Placement { scale: [2.0, 2.0], offset });
+        let carry = turn(twist, 1.0);
+        let truth = Truth { size, direction: ReadoutDirection::BottomToTop, settings, carry: &carry };
+        let path = MotionPath::uniform(twist, 1.0);
+        let error = largest_error(&truth, &path, Placement { scale: [2.0, 2.0], offset });
         assert!(error < 0.01, "{offset:?}: {error}");
     }
 }
 
 #[test]
 fn the_row_at_the_reference_stays() {
-    let truth = Truth {
-        size: [640.0, 480.0],
-        direction: ReadoutDirection::TopToBottom,
-        gamma: 1.0,
-        twist: Twist::new(0.1, 50.0, 0.0),
-        settings: WarpSettings { reference_row: 100.5 / 480.0, ..WarpSettings::default() },
-    };
-    let warper = truth.warper();
+    let readout = readout(640, 480, ReadoutDirection::TopToBottom, 1.0);
+    let mut warper = Warper::new();
+    let settings = WarpSettings { reference_row: 100.5 / 480.0, ..WarpSettings::default() };
+    warper.prepare(&readout, &path(&readout, 0.1, 50.0, 0.0), &settings);
     let map = warper.plane_map(Placement::FULL, 640);
     let (mut knots, mut blocks) = (Vec::new(), Vec::new());
     for table in [&map.across, &map.down] {

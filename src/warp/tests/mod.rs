@@ -1,5 +1,6 @@
 mod accuracy;
 mod kernels;
+mod paths;
 mod picture;
 
 use super::*;
@@ -14,7 +15,7 @@ fn readout(width: usize, height: usize, direction: ReadoutDirection, gamma: f64)
 }
 
 fn path(readout: &Readout, omega: f64, vx: f64, vy: f64) -> MotionPath {
-    MotionPath { twist: Twist::new(omega, vx, vy), readout_time: readout.time }
+    MotionPath::uniform(Twist::new(omega, vx, vy), readout.time)
 }
 
 /// Rectifies packed samples of a full-size plane.

@@ -13,9 +13,10 @@ fn distorted(readout: &Readout, path: &MotionPath, scene: impl Fn(f64, f64) -> f
     let centre = Vector2::new((SIZE.0 as f64 - 1.0) / 2.0, (SIZE.1 as f64 - 1.0) / 2.0);
     picture(SIZE.0, SIZE.1, |x, y| {
         let share = readout.share(x, y);
-        let angle = path.twist.omega * (share - 0.5) * path.readout_time;
+        let twist = path.mean_twist();
+        let angle = twist.omega * (share - 0.5) * readout.time;
         // The scene lies still at share ½; a pixel read at `share` looks back along the rotation.
-        let about = path.twist.centre().unwrap();
+        let about = twist.centre().unwrap();
         let (dx, dy) = (x - centre.x - about.x, y - centre.y - about.y);
         let (sin, cos) = (-angle).sin_cos();
         scene(centre.x + about.x + cos * dx - sin * dy, centre.y + about.y + sin * dx + cos * dy)
@@ -88,7 +89,7 @@ fn ramp(layout: PlaneLayout, placement: Placement, axis: usize) -> Vec<u8> {
 }
 
 /// Frame positions that the rectified plane shows, by a ramp along each axis.
-fn positions(warper: &Warper, layout: PlaneLayout, placement: Placement) -> [Vec<f64>; 2] {
+pub(super) fn positions(warper: &Warper, layout: PlaneLayout, placement: Placement) -> [Vec<f64>; 2] {
     [0, 1].map(|axis| {
         rectify(warper, &ramp(layout, placement, axis), layout, placement, [0; 4])
             .chunks(2)

@@ -1,0 +1,147 @@
+//! What parts of the picture do beside the motion of the whole: parallax, things that move.
+
+use nalgebra::Vector2;
+use thiserror::Error;
+
+/// Where the nodes of a [`ResidualField`] lie.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ResidualMesh {
+    /// Nodes in a row.
+    pub columns: usize,
+    /// Rows of nodes.
+    pub rows: usize,
+    /// Node (0, 0) in centred pixels of the frame, x and y.
+    pub origin: [f64; 2],
+    /// Pixels from one node to the next, in x and y.
+    pub spacing: [f64; 2],
+}
+
+/// Velocities that are added to a global path, for points *as the frame shows them*: bilinear between
+/// the nodes of a regular mesh, as at its edge outside of it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ResidualField {
+    mesh: ResidualMesh,
+    /// Pixels in a whole readout, x and y, row by row.
+    velocities: Vec<[f32; 2]>,
+}
+
+/// Why velocities do not make a field.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
+pub enum MeshError {
+    /// Not one velocity a node, or no node.
+    #[error("a mesh of {columns} × {rows} nodes with {velocities} velocities")]
+    Size {
+        /// Nodes in a row.
+        columns: usize,
+        /// Rows of nodes.
+        rows: usize,
+        /// Velocities given.
+        velocities: usize,
+    },
+    /// An origin that is not finite or a spacing that is not positive.
+    #[error("the nodes of a mesh must lie at finite places, apart from each other")]
+    Place,
+    /// A velocity that is not finite.
+    #[error("the velocity of node {0} is not finite")]
+    Velocity(usize),
+}
+
+impl ResidualField {
+    /// A field from velocities in pixels per whole readout, one a node, row by row.
+    pub fn new(mesh: ResidualMesh, velocities: Vec<[f32; 2]>) -> Result<Self, MeshError> {
+        let ResidualMesh { columns, rows, origin, spacing } = mesh;
+        if velocities.is_empty() || columns.checked_mul(rows) != Some(velocities.len()) {
+            return Err(MeshError::Size { columns, rows, velocities: velocities.len() });
+        }
+        let apart = spacing.iter().all(|spacing| spacing.is_finite() && *spacing > 0.0);
+        if !(apart && origin.iter().all(|origin| origin.is_finite())) {
+            return Err(MeshError::Place);
+        }
+        match velocities.iter().position(|velocity| velocity.iter().any(|value| !value.is_finite())) {
+            Some(node) => Err(MeshError::Velocity(node)),
+            None => Ok(Self { mesh, velocities }),
+        }
+    }
+
+    /// Where the nodes lie.
+    pub fn mesh(&self) -> &ResidualMesh {
+        &self.mesh
+    }
+
+    /// The velocity, in pixels per whole readout, of what the frame shows at a point (centred pixels).
+    pub fn velocity(&self, point: Vector2<f64>) -> Vector2<f64> {
+        let ResidualMesh { columns, rows, .. } = self.mesh;
+        let (left, right, x) = self.cell(0, point.x, columns);
+        let (top, bottom, y) = self.cell(1, point.y, rows);
+        let at =
+            |column: usize, row: usize| Vector2::from(self.velocities[row * columns + column].map(f64::from));
+        let above = at(left, top) * (1.0 - x) + at(right, top) * x;
+        let below = at(left, bottom) * (1.0 - x) + at(right, bottom) * x;
+        above * (1.0 - y) + below * y
+    }
+
+    /// Whether nothing moves.
+    pub fn is_zero(&self) -> bool {
+        self.velocities.iter().all(|velocity| *velocity == [0.0; 2])
+    }
+
+    /// The nodes on both sides of a coordinate and how far it is from the first to the second.
+    fn cell(&self, axis: usize, at: f64, count: usize) -> (usize, usize, f64) {
+        let last = count - 1;
+        let at = ((at - self.mesh.origin[axis]) / self.mesh.spacing[axis]).clamp(0.0, last as f64);
+        // Not a number becomes node 0 here, and counts as no distance.
+        let node = at as usize;
+        let beyond = (at - node as f64).max(0.0);
+        (node, (node + 1).min(last), beyond)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const MESH: ResidualMesh =
+        ResidualMesh { columns: 3, rows: 2, origin: [-10.0, 4.0], spacing: [10.0, 20.0] };
+
+    #[test]
+    fn velocities_are_bilinear_within_and_clamped_outside() {
+        let rows = [[0.0, 1.0], [4.0, 1.0], [6.0, 1.0], [10.0, 3.0], [14.0, 3.0], [16.0, 3.0]];
+        let field = ResidualField::new(MESH, rows.to_vec()).unwrap();
+        let cases = [
+            ((-10.0, 4.0), (0.0, 1.0)),
+            ((-5.0, 4.0), (2.0, 1.0)),
+            ((5.0, 14.0), (10.0, 2.0)),
+            ((10.0, 24.0), (16.0, 3.0)),
+            ((-1e9, 9.0), (2.5, 1.5)),
+            ((1e300, 1e300), (16.0, 3.0)),
+            ((f64::NEG_INFINITY, f64::INFINITY), (10.0, 3.0)),
+        ];
+        for ((x, y), (vx, vy)) in cases {
+            assert_eq!(field.velocity(Vector2::new(x, y)), Vector2::new(vx, vy), "{x} {y}");
+        }
+        assert!(field.velocity(Vector2::new(f64::NAN, 0.0)).x.is_finite());
+        assert!(!field.is_zero());
+    }
+
+    #[test]
+    fn one_node_is_enough() {
+        let mesh = ResidualMesh { columns: 1, rows: 1, ..MESH };
+        let field = ResidualField::new(mesh, vec![[2.0, -3.0]]).unwrap();
+        assert_eq!(field.velocity(Vector2::new(77.0, -1.0)), Vector2::new(2.0, -3.0));
+    }
+
+    #[test]
+    fn what_is_no_field_is_refused() {
+        let new = |mesh, nodes: usize| ResidualField::new(mesh, vec![[0.0; 2]; nodes]).map(|_| ());
+        assert_eq!(new(MESH, 6), Ok(()));
+        assert_eq!(new(MESH, 5), Err(MeshError::Size { columns: 3, rows: 2, velocities: 5 }));
+        assert!(new(ResidualMesh { columns: 0, ..MESH }, 0).is_err());
+        assert!(new(ResidualMesh { columns: usize::MAX, rows: 3, ..MESH }, 6).is_err());
+        for spacing in [0.0, -1.0, f64::NAN, f64::INFINITY] {
+            assert_eq!(new(ResidualMesh { spacing: [spacing, 1.0], ..MESH }, 6), Err(MeshError::Place));
+        }
+        assert_eq!(new(ResidualMesh { origin: [0.0, f64::NAN], ..MESH }, 6), Err(MeshError::Place));
+        let velocities = vec![[0.0, 0.0], [0.0, f32::NAN], [0.0; 2], [0.0; 2], [0.0; 2], [0.0; 2]];
+        assert_eq!(ResidualField::new(MESH, velocities), Err(MeshError::Velocity(1)));
+    }
+}

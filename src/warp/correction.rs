@@ -1,0 +1,94 @@
+//! The correction of one frame: where what it shows is to be shown.
+
+use super::WarpSettings;
+use super::inverse::Axis;
+use crate::motion::{MotionPath, Passage, image_centre};
+use crate::readout::Readout;
+use nalgebra::Vector2;
+
+/// Largest zoom that is honoured.
+const MAX_ZOOM: f64 = 8.0;
+
+/// Places along each edge of what the output sees at which that edge is looked for, and how often it is.
+const EDGE_SAMPLES: usize = 16;
+const EDGE_ROUNDS: usize = 3;
+
+/// The correction of one frame as a function of centred points; see [`inverse`](super::inverse).
+pub(super) struct Correction<'a> {
+    readout: &'a Readout,
+    path: &'a MotionPath,
+    pub centre: Vector2<f64>,
+    reference: f64,
+    strength: f64,
+    pub zoom: f64,
+}
+
+impl<'a> Correction<'a> {
+    pub fn new(readout: &'a Readout, path: &'a MotionPath, settings: &WarpSettings) -> Self {
+        Self {
+            readout,
+            path,
+            centre: image_centre(readout.width, readout.height),
+            reference: within(settings.reference_row, 0.0, 1.0, 0.5),
+            strength: within(settings.strength, 0.0, 1.0, 1.0),
+            zoom: within(settings.zoom, 1.0, MAX_ZOOM, 1.0),
+        }
+    }
+
+    /// The passages to the reference of the rows of nodes, or of the columns where these are read.
+    pub fn passages(&self, x: &Axis, y: &Axis, passages: &mut Vec<Passage>) {
+        let axis = if self.readout.direction.is_by_rows() { y } else { x };
+        passages.clear();
+        passages.extend((0..axis.count).map(|index| self.passage(axis.at(index), axis.at(index))));
+    }
+
+    /// The passage to the reference from a pixel of the frame.
+    fn passage(&self, x: f64, y: f64) -> Passage {
+        self.path.passage(self.readout.share(x, y), self.reference)
+    }
+
+    /// How far from its place in the frame (centred) a point is shown, before the zoom: finite, and at
+    /// most one and a half frames.
+    pub fn displacement(&self, passage: &Passage, point: Vector2<f64>) -> Vector2<f64> {
+        let moved = self.strength * (self.path.carry_by(passage, point) - point);
+        let bound = |value: f64, size: usize| within(value, -1.5 * size as f64, 1.5 * size as f64, 0.0);
+        Vector2::new(bound(moved.x, self.readout.width), bound(moved.y, self.readout.height))
+    }
+
+    /// First and last pixel, in x and in y, of the part of the frame's plane that is shown within `output`
+    /// (the same); not less than `output`, and at most a frame more on each side.
+    ///
+    /// Each edge is moved outwards by as much as it is shown within the output's edge, and again, as
+    /// what lies farther out moves farther.
+    pub fn seen(&self, output: &[[f64; 2]; 2]) -> [[f64; 2]; 2] {
+        let most = self.centre * 2.0 + Vector2::repeat(1.0);
+        let mut seen = *output;
+        for _ in 0..EDGE_ROUNDS {
+            let inside = [0, 1].map(|axis| [0, 1].map(|end| self.inside(&seen, output, axis, end)));
+            for axis in [0, 1] {
+                seen[axis][0] = (seen[axis][0] - inside[axis][0]).max(output[axis][0] - most[axis]);
+                seen[axis][1] = (seen[axis][1] + inside[axis][1]).min(output[axis][1] + most[axis]);
+            }
+        }
+        seen
+    }
+
+    /// How far within the output's edge one edge of `seen` is shown; at least 0.
+    fn inside(&self, seen: &[[f64; 2]; 2], output: &[[f64; 2]; 2], axis: usize, end: usize) -> f64 {
+        let [from, to] = seen[1 - axis];
+        let edge = (output[axis][end] - self.centre[axis]) / self.zoom;
+        let inwards = if end == 0 { 1.0 } else { -1.0 };
+        (0..=EDGE_SAMPLES).fold(0.0, |most, sample| {
+            let mut pixel = Vector2::repeat(seen[axis][end]);
+            pixel[1 - axis] = from + (to - from) * sample as f64 / EDGE_SAMPLES as f64;
+            let point = pixel - self.centre;
+            let shown = point + self.displacement(&self.passage(pixel.x, pixel.y), point);
+            most.max(inwards * (shown[axis] - edge))
+        })
+    }
+}
+
+/// `value` kept within bounds; `otherwise` where it is not a number.
+pub(super) fn within(value: f64, low: f64, high: f64, otherwise: f64) -> f64 {
+    if value.is_nan() { otherwise } else { value.clamp(low, high) }
+}
