@@ -1,6 +1,7 @@
 //! The queue on pictures whose motion is known in closed form.
 
 use super::*;
+use nalgebra::Vector2;
 use crate::plane::{Plane, PlaneLayout, SampleFormat};
 
 const WIDTH: usize = 320;

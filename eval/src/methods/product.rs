@@ -77,8 +77,8 @@ pub fn corrected(solution: &FrameSolution, pixel: Vector2<f64>) -> Vector2<f64> 
     let readout = &solution.readout;
     let centre = image_centre(readout.width, readout.height);
     let share = readout.share(pixel.x, pixel.y);
-    let shown = share + solution.weight() * (0.5 - share);
-    solution.path.carry(pixel - centre, share, shown) + centre
+    let carried = solution.path.carry(pixel - centre, share, 0.5) + centre;
+    pixel + (carried - pixel) * solution.weight()
 }
 
 #[cfg(test)]

@@ -43,6 +43,9 @@ impl Truth<'_> {
             let det = j00 * j11 - j01 * j10;
             u += (j11 * (x - fx) - j01 * (y - fy)) / det;
             v += (j00 * (y - fy) - j10 * (x - fx)) / det;
+            if (fx - x).hypot(fy - y) < 1e-8 {
+                break;
+            }
         }
         let [fx, fy] = self.forward(u, v);
         assert!((fx - x).abs() < 1e-6 && (fy - y).abs() < 1e-6, "no truth at {x}, {y}");
