@@ -28,6 +28,7 @@ pub mod media;
 pub mod methods;
 pub mod metrics;
 pub mod pairs;
+pub mod readout;
 pub mod report;
 pub mod scene;
 pub mod sequence;
