@@ -11,7 +11,7 @@ const MIN_POINTS: usize = 32;
 /// quadratic one.
 const ROUNDS: [usize; 2] = [8, 5];
 /// The loss reaches this many standard deviations of the inliers.
-const REACH: f64 = 3.0;
+const REACH: f64 = 6.0;
 /// Variance of a coordinate over the median of half the squared error, which is χ² with two degrees
 /// of freedom: its median is 2·ln 2.
 const MEDIAN_TO_VARIANCE: f64 = 1.0 / (2.0 * std::f64::consts::LN_2);

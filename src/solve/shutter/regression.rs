@@ -1,7 +1,7 @@
 //! Robust regression of equations whose errors are correlated from one to the next.
 
 use super::equations::{Equation, Regressors, UNKNOWNS};
-use nalgebra::{Matrix2, SMatrix, SVector, Vector2, Vector6};
+use nalgebra::{Matrix2, SMatrix, SVector, Vector2, Vector5, Vector6};
 
 type Unknowns = SVector<f64, UNKNOWNS>;
 type Normal = SMatrix<f64, UNKNOWNS, UNKNOWNS>;
@@ -10,8 +10,11 @@ type Normal = SMatrix<f64, UNKNOWNS, UNKNOWNS>;
 const ROUNDS: usize = 6;
 /// Equations whose errors are taken to be correlated with each other: those share frames.
 const LAG: usize = 8;
-/// Expected size of the slopes of inverse depth over half the frame, as a share of its mean.
-const DEPTH: f64 = 0.5;
+/// Expected size of the slopes of inverse depth over half the frame, as a share of its mean, before
+/// and at least.
+const DEPTH: [f64; 2] = [0.5, 0.002];
+/// Correlation that a misfit of the model may have with what a readout does.
+const CONSPIRACY: f64 = 0.1;
 
 /// The two readout times, by columns and by rows, with their covariance.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -40,7 +43,8 @@ pub(super) fn regress(equations: &[Equation], floor: f64) -> Option<Gaussian> {
     for (i, precision) in precisions.iter_mut().enumerate() {
         *precision = 1.0 / spread(equations.iter().map(|e| e.distortion[i]), floor).powi(2);
     }
-    let mut solution = solve(equations, &weights, &precisions)?;
+    let mut depth = Vector5::repeat(DEPTH[0]);
+    let mut solution = solve(equations, &weights, &precisions, &depth)?;
     for _ in 0..ROUNDS {
         let errors: Vec<Vector6<f64>> = equations.iter().map(|e| e.distortion - e.by * solution.0).collect();
         for (i, precision) in precisions.iter_mut().enumerate() {
@@ -50,11 +54,26 @@ pub(super) fn regress(equations: &[Equation], floor: f64) -> Option<Gaussian> {
             let size = error.component_mul(error).dot(&precisions) / 6.0;
             *weight = (4.0 / (4.0 + size)).powi(2);
         }
-        solution = solve(equations, &weights, &precisions)?;
+        // Evidence: a shape that the picture does not bear is not left to imitate the shutter.
+        for (shape, size) in depth.iter_mut().enumerate() {
+            let (mean, variance) = (solution.0[2 + shape], solution.1[(2 + shape, 2 + shape)]);
+            *size = (mean * mean + variance).sqrt().clamp(DEPTH[1], DEPTH[0]);
+        }
+        solution = solve(equations, &weights, &precisions, &depth)?;
     }
     let (unknowns, inverse) = solution;
     let covariance = sandwich(equations, &weights, &precisions, &unknowns, &inverse);
-    let covariance = covariance.fixed_view::<2, 2>(0, 0).into_owned();
+    let mut covariance = covariance.fixed_view::<2, 2>(0, 0).into_owned();
+    for axis in 0..2 {
+        let (mut misfit, mut effect) = (0.0, 0.0);
+        for (equation, weight) in equations.iter().zip(&weights) {
+            let error = equation.distortion - equation.by * unknowns;
+            misfit += weight * error.component_mul(&error).dot(&precisions);
+            let by = equation.by.column(axis);
+            effect += weight * by.component_mul(&by).dot(&precisions);
+        }
+        covariance[(axis, axis)] += CONSPIRACY * CONSPIRACY * misfit / effect;
+    }
     let finite = unknowns.iter().chain(covariance.iter()).all(|value| value.is_finite());
     finite.then_some(Gaussian { mean: unknowns.fixed_rows::<2>(0).into_owned(), covariance })
 }
@@ -68,7 +87,12 @@ fn spread(values: impl Iterator<Item = f64>, floor: f64) -> f64 {
 }
 
 /// The unknowns and the inverse of their normal matrix.
-fn solve(equations: &[Equation], weights: &[f64], precisions: &Vector6<f64>) -> Option<(Unknowns, Normal)> {
+fn solve(
+    equations: &[Equation],
+    weights: &[f64],
+    precisions: &Vector6<f64>,
+    depth: &Vector5<f64>,
+) -> Option<(Unknowns, Normal)> {
     let mut normal = Normal::zeros();
     let mut right = Unknowns::zeros();
     for (equation, weight) in equations.iter().zip(weights) {
@@ -80,7 +104,7 @@ fn solve(equations: &[Equation], weights: &[f64], precisions: &Vector6<f64>) -> 
         normal[(axis, axis)] += 1.0;
     }
     for shape in 2..UNKNOWNS {
-        normal[(shape, shape)] += 1.0 / (DEPTH * DEPTH);
+        normal[(shape, shape)] += depth[shape - 2].powi(-2);
     }
     let inverse = normal.cholesky()?.inverse();
     Some((inverse * right, inverse))
