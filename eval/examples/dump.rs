@@ -25,7 +25,7 @@ fn main() -> anyhow::Result<()> {
                 (w, h, fps, truth, runs) = (clip.width, clip.height, 30.0, [0.9, 0.0], vec![run]);
             } else {
                 let mut settings = sequence::named(name).unwrap();
-                settings.frames = frames;
+                if frames > 0 { settings.frames = frames; }
                 settings.seed = *seed;
                 runs = if mode == "exact" { readout::exact(&settings, 0.1)? } else { readout::sampled(&settings)? };
                 (w, h, fps, truth) = (settings.width, settings.height, settings.delivered_fps(), readout::truth(&settings));

@@ -21,6 +21,8 @@ pub(super) struct Pair {
     pub field: Split,
     /// What an interval of 1 and a readout of 1 along each axis add by the rows that points cross.
     pub stretch: [Split; 2],
+    /// Mean square of what the bands of columns, and of rows, move beyond the field.
+    pub ripple: [f64; 2],
 }
 
 /// Six equations: `distortion` = `by` · unknowns.

@@ -17,6 +17,8 @@ const REACH: f64 = 6.0;
 const MEDIAN_TO_VARIANCE: f64 = 1.0 / (2.0 * std::f64::consts::LN_2);
 /// Relative weight of the wish that there be no curvature: settles what points in a corner cannot.
 const FLATNESS: f64 = 1e-4;
+/// Bands in which a ripple is looked for, over the longer side.
+const BANDS: usize = 24;
 
 /// A correspondence on the chart: the middle of its two ends, and the way from the first to the second.
 #[derive(Clone, Copy, Debug)]
@@ -128,4 +130,26 @@ fn weighted_field(points: &[Moved], weight: impl Fn(&Moved) -> f64, count: usize
     }
     let field = normal.cholesky()?.solve(&right);
     field.iter().all(|value| value.is_finite()).then_some(Field(field))
+}
+
+/// The mean square that bands of columns (axis 0) or of rows (axis 1) move beyond a field, without what
+/// chance makes of it: motion that is fast against the readout.
+pub(super) fn ripple(points: &[Moved], field: &Field, axis: usize) -> f64 {
+    let mut bands = [(0.0, Vector2::zeros(), 0.0); BANDS];
+    for point in points {
+        let left = point.way - field.at(point.middle);
+        let band = ((point.middle[axis] + 1.0) * (BANDS as f64 / 2.0)).clamp(0.0, BANDS as f64 - 1.0);
+        let (count, sum, squares) = &mut bands[band as usize];
+        *count += 1.0;
+        *sum += left;
+        *squares += left.norm_squared();
+    }
+    let (mut total, mut used) = (0.0, 0.0);
+    for (count, sum, squares) in bands.into_iter().filter(|(count, ..)| *count > 3.0) {
+        // The variance of a mean of `count` that do not go together.
+        let mean = sum.norm_squared() / (count * count);
+        total += mean - (squares / count - mean) / (count - 1.0);
+        used += 1.0;
+    }
+    if used > 0.0 { (total / used).max(0.0) } else { 0.0 }
 }

@@ -43,7 +43,7 @@ use crate::correspond::Correspondence;
 use crate::readout::ReadoutDirection;
 use chart::{Chart, Times};
 use equations::{Builder, Equation, Pair};
-use field::{Moved, robust_field};
+use field::{Moved, ripple, robust_field};
 use nalgebra::Vector6;
 use regression::{Gaussian, regress};
 use std::collections::VecDeque;
@@ -122,7 +122,8 @@ impl ShutterEstimator {
             self.settle();
         }
         let stretch = [0, 1].map(|axis| self.chart.stretch(&field, axis));
-        self.history.push_back(Pair { run: self.run, interval, field: field.into(), stretch });
+        let ripple = [0, 1].map(|axis| ripple(&self.points, &field, axis));
+        self.history.push_back(Pair { run: self.run, interval, field: field.into(), stretch, ripple });
     }
 
     /// The next pair does not follow the last one: a cut, or a gap.
@@ -190,7 +191,8 @@ impl ShutterEstimator {
                 self.builder.run(&self.chart, run, period, times, bends, &mut self.equations);
                 start += run.len();
             }
-            found = Some(regress(&self.equations, FLOOR / self.chart.unit)?);
+            let ripple = [0, 1].map(|axis| pairs.iter().map(|pair| pair.ripple[axis]).sum::<f64>() / count as f64);
+            found = Some(regress(&self.equations, FLOOR / self.chart.unit, ripple)?);
             times = found.map_or(times, |found| found.mean.map(|time| time.clamp(-1.0, 1.0)));
         }
         found

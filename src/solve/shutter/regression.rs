@@ -3,6 +3,11 @@
 use super::equations::{Equation, Regressors, UNKNOWNS};
 use nalgebra::{Matrix2, SMatrix, SVector, Vector2, Vector5, Vector6};
 
+/// Share of a ripple within the frame that counts as an error of the lean.
+const ALIASED: f64 = 0.2;
+/// What the model's approximations cost, in periods.
+const MODEL: f64 = 0.004;
+
 type Unknowns = SVector<f64, UNKNOWNS>;
 type Normal = SMatrix<f64, UNKNOWNS, UNKNOWNS>;
 
@@ -10,9 +15,11 @@ type Normal = SMatrix<f64, UNKNOWNS, UNKNOWNS>;
 const ROUNDS: usize = 6;
 /// Equations whose errors are taken to be correlated with each other: those share frames.
 const LAG: usize = 8;
-/// Expected size of the slopes of inverse depth over half the frame, as a share of its mean, before
-/// and at least.
+/// Expected size of the slopes of inverse depth over half the frame, as a share of its mean, at
+/// most and at least.
 const DEPTH: [f64; 2] = [0.5, 0.002];
+/// What it is taken to be at first.
+const DEPTH_START: f64 = 0.1;
 /// Correlation that a misfit of the model may have with what a readout does.
 const CONSPIRACY: f64 = 0.1;
 
@@ -34,7 +41,7 @@ impl Gaussian {
 
 /// The readout times that explain most equations. `floor` is the standard deviation of a distortion
 /// below which the spread is not believed.
-pub(super) fn regress(equations: &[Equation], floor: f64) -> Option<Gaussian> {
+pub(super) fn regress(equations: &[Equation], floor: f64, ripple: [f64; 2]) -> Option<Gaussian> {
     if equations.len() < 4 {
         return None;
     }
@@ -43,7 +50,7 @@ pub(super) fn regress(equations: &[Equation], floor: f64) -> Option<Gaussian> {
     for (i, precision) in precisions.iter_mut().enumerate() {
         *precision = 1.0 / spread(equations.iter().map(|e| e.distortion[i]), floor).powi(2);
     }
-    let mut depth = Vector5::repeat(DEPTH[0]);
+    let mut depth = Vector5::repeat(DEPTH_START);
     let mut solution = solve(equations, &weights, &precisions, &depth)?;
     for _ in 0..ROUNDS {
         let errors: Vec<Vector6<f64>> = equations.iter().map(|e| e.distortion - e.by * solution.0).collect();
@@ -65,14 +72,16 @@ pub(super) fn regress(equations: &[Equation], floor: f64) -> Option<Gaussian> {
     let covariance = sandwich(equations, &weights, &precisions, &unknowns, &inverse);
     let mut covariance = covariance.fixed_view::<2, 2>(0, 0).into_owned();
     for axis in 0..2 {
-        let (mut misfit, mut effect) = (0.0, 0.0);
+        let (mut misfit, mut effect, mut total) = (0.0, 0.0, 0.0);
         for (equation, weight) in equations.iter().zip(&weights) {
             let error = equation.distortion - equation.by * unknowns;
             misfit += weight * error.component_mul(&error).dot(&precisions);
             let by = equation.by.column(axis);
             effect += weight * by.component_mul(&by).dot(&precisions);
+            total += by.norm_squared() / equations.len() as f64;
         }
         covariance[(axis, axis)] += CONSPIRACY * CONSPIRACY * misfit / effect;
+        covariance[(axis, axis)] += ALIASED * ALIASED * ripple[axis] / total + MODEL * MODEL;
     }
     let finite = unknowns.iter().chain(covariance.iter()).all(|value| value.is_finite());
     finite.then_some(Gaussian { mean: unknowns.fixed_rows::<2>(0).into_owned(), covariance })
@@ -101,7 +110,7 @@ fn solve(
         right += weighted.transpose() * equation.distortion;
     }
     for axis in 0..2 {
-        normal[(axis, axis)] += 1.0;
+        normal[(axis, axis)] += 0.01;
     }
     for shape in 2..UNKNOWNS {
         normal[(shape, shape)] += depth[shape - 2].powi(-2);
@@ -143,6 +152,6 @@ fn sandwich(
         }
     }
     let independent = equations.len() as f64 / LAG as f64;
-    let small = (independent + 2.0) / independent.max(0.5);
+    let small = (independent + 4.0) / independent.max(0.5);
     inverse * (sum * small) * inverse + inverse
 }
