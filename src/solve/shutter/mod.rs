@@ -38,13 +38,15 @@ mod derivative;
 mod equations;
 mod field;
 mod regression;
+#[cfg(test)]
+mod tests;
 
 use crate::correspond::Correspondence;
 use crate::readout::ReadoutDirection;
 use chart::{Chart, Times};
 use equations::{Builder, Equation, Pair};
 use field::{Moved, ripple, robust_field};
-use nalgebra::Vector6;
+use nalgebra::{Matrix2, Vector2, Vector6};
 use regression::{Gaussian, regress};
 use std::collections::VecDeque;
 
@@ -61,21 +63,36 @@ const FLOOR: f64 = 0.02;
 /// What is settled keeps this share of its weight as the next stretch is.
 const REMEMBERED: f64 = 0.8;
 
+/// What can be said of a camera's shutter.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Verdict {
+    /// Not known yet: there was too little acceleration, or what was seen fits no shutter.
+    Unknown,
+    /// A readout too short to matter: its direction says nothing.
+    Global,
+    /// Lines are read one after another.
+    Rolling,
+}
+
 /// What is known of a camera's readout.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ReadoutEstimate {
+    /// What it comes to.
+    pub verdict: Verdict,
     /// Which edge is read first, most probably.
     pub direction: ReadoutDirection,
-    /// Readout time T in seconds; 0 for a global shutter.
+    /// Readout time T in seconds by that direction, at least 0 and at most a frame period.
     pub time: f64,
-    /// Standard error of the time in seconds.
+    /// Standard error of the time in seconds, before it was held to its limits.
     pub standard_error: f64,
-    /// Probability, 0 to 1, that the direction is right, or of a global shutter.
+    /// Probability, 0 to 1, that the camera reads in that direction; if the verdict is
+    /// [`Global`](Verdict::Global), that it reads along that axis or not at all.
     pub confidence: f64,
-    /// Raw, debugging: signed time by rows and its error, by columns and error, in periods.
-    pub raw: [f64; 4],
-    /// Probabilities.
-    pub probability: [f64; 3],
+    /// Time from column 0 to the last, and from row 0 to the last, in seconds and with sign, where
+    /// neither axis is ruled out.
+    pub times: Vector2<f64>,
+    /// Covariance of `times` in seconds squared.
+    pub covariance: Matrix2<f64>,
 }
 
 /// Finds the readout as pairs of frames come.
@@ -131,41 +148,17 @@ impl ShutterEstimator {
         self.run += 1;
     }
 
-    /// What is known so far; `None` if nothing is.
+    /// What is known so far; `None` before the first ten pairs or so that follow each other.
+    ///
+    /// Solves for the last [`HISTORY`] pairs; asking after every pair is allowed, but seldom of use.
     pub fn estimate(&mut self) -> Option<ReadoutEstimate> {
         let period = self.period()?;
         let recent = self.solve(self.history.len(), period);
-        let in_periods = |settled: Gaussian| Gaussian {
-            mean: settled.mean / period,
-            covariance: settled.covariance / (period * period),
-        };
-        let found = match (recent, self.settled.map(in_periods)) {
+        let found = match (recent, self.settled.map(|settled| settled.scaled(1.0 / period))) {
             (Some(recent), Some(settled)) => recent.fused(&settled)?,
             (recent, settled) => recent.or(settled)?,
         };
-        let weighed = decision::weigh(&found)?;
-        let best = (0..3).max_by(|a, b| weighed.probability[*a].total_cmp(&weighed.probability[*b]))?;
-        let (time, error) =
-            if best < 2 { (weighed.time[best], weighed.error[best]) } else { (0.0, weighed.error[0]) };
-        let direction = match (best, time < 0.0) {
-            (1, false) => ReadoutDirection::LeftToRight,
-            (1, true) => ReadoutDirection::RightToLeft,
-            (_, false) => ReadoutDirection::TopToBottom,
-            (_, true) => ReadoutDirection::BottomToTop,
-        };
-        Some(ReadoutEstimate {
-            direction,
-            time: time.abs() * period,
-            standard_error: error * period,
-            confidence: weighed.probability[best],
-            raw: [
-                found.mean.y,
-                found.covariance[(1, 1)].sqrt(),
-                found.mean.x,
-                found.covariance[(0, 0)].sqrt(),
-            ],
-            probability: weighed.probability,
-        })
+        decision::decide(&found, period)
     }
 
     /// The usual interval between frames in seconds.
@@ -191,7 +184,8 @@ impl ShutterEstimator {
                 self.builder.run(&self.chart, run, period, times, bends, &mut self.equations);
                 start += run.len();
             }
-            let ripple = [0, 1].map(|axis| pairs.iter().map(|pair| pair.ripple[axis]).sum::<f64>() / count as f64);
+            let ripple =
+                [0, 1].map(|axis| pairs.iter().map(|pair| pair.ripple[axis]).sum::<f64>() / count as f64);
             found = Some(regress(&self.equations, FLOOR / self.chart.unit, ripple)?);
             times = found.map_or(times, |found| found.mean.map(|time| time.clamp(-1.0, 1.0)));
         }

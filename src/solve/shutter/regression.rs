@@ -1,27 +1,36 @@
-//! Robust regression of equations whose errors are correlated from one to the next.
+//! Robust regression of equations whose errors go together from one to the next.
 
 use super::equations::{Equation, Regressors, UNKNOWNS};
-use nalgebra::{Matrix2, SMatrix, SVector, Vector2, Vector5, Vector6};
-
-/// Share of a ripple within the frame that counts as an error of the lean.
-const ALIASED: f64 = 0.2;
-/// What the model's approximations cost, in periods.
-const MODEL: f64 = 0.004;
+use nalgebra::{Matrix2, SMatrix, SVector, Vector2, Vector6};
 
 type Unknowns = SVector<f64, UNKNOWNS>;
 type Normal = SMatrix<f64, UNKNOWNS, UNKNOWNS>;
 
+/// Fewer equations say nothing.
+const MIN_EQUATIONS: usize = 4;
 /// Rounds of reweighting.
 const ROUNDS: usize = 6;
-/// Equations whose errors are taken to be correlated with each other: those share frames.
+/// The loss reaches so many times the usual squared error.
+const REACH: f64 = 4.0;
+/// Standard deviation, in periods, that readout times have before anything is seen: wide.
+const WIDE: f64 = 10.0;
+/// Standard deviation of the slopes of inverse depth over half the frame, as a share of its mean.
+const DEPTH: f64 = 0.3;
+/// Depth is believed in where without it more than this share of the squared distortion is left. A
+/// camera that turns in circles would be taken for one that moves before a slope otherwise: both lean
+/// the picture in step.
+const DEPTH_MATTERS: f64 = 0.05;
+/// And where it takes away this share of what is left.
+const DEPTH_EXPLAINS: f64 = 0.4;
+/// Equations so far apart have errors of their own.
 const LAG: usize = 8;
-/// Expected size of the slopes of inverse depth over half the frame, as a share of its mean, at
-/// most and at least.
-const DEPTH: [f64; 2] = [0.5, 0.002];
-/// What it is taken to be at first.
-const DEPTH_START: f64 = 0.1;
-/// Correlation that a misfit of the model may have with what a readout does.
+/// Correlation that the misfit may have with what a readout does.
 const CONSPIRACY: f64 = 0.1;
+/// Share of a ripple within the frame that counts as an error of the lean: what is fast against the
+/// readout is not seen between frames, or as something slow.
+const ALIASED: f64 = 0.2;
+/// What the model's approximations cost, in periods.
+const MODEL: f64 = 0.004;
 
 /// The two readout times, by columns and by rows, with their covariance.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -37,121 +46,168 @@ impl Gaussian {
         let covariance = (a + b).try_inverse()?;
         Some(Self { mean: covariance * (a * self.mean + b * other.mean), covariance })
     }
+
+    /// In a unit that is `factor` times smaller.
+    pub fn scaled(&self, factor: f64) -> Self {
+        Self { mean: self.mean * factor, covariance: self.covariance * (factor * factor) }
+    }
 }
 
-/// The readout times that explain most equations. `floor` is the standard deviation of a distortion
-/// below which the spread is not believed.
+/// The readout times that explain most equations, with errors that allow for noise that goes together
+/// over [`LAG`] equations, for a misfit that happens to look like a readout, and for `ripple`, the mean
+/// square that bands of columns and of rows move beyond their field. `floor` is the standard deviation
+/// of a distortion below which the spread is not believed.
 pub(super) fn regress(equations: &[Equation], floor: f64, ripple: [f64; 2]) -> Option<Gaussian> {
-    if equations.len() < 4 {
+    if equations.len() < MIN_EQUATIONS {
         return None;
     }
-    let mut weights = vec![1.0; equations.len()];
-    let mut precisions = Vector6::repeat(1.0);
-    for (i, precision) in precisions.iter_mut().enumerate() {
-        *precision = 1.0 / spread(equations.iter().map(|e| e.distortion[i]), floor).powi(2);
-    }
-    let mut depth = Vector5::repeat(DEPTH_START);
-    let mut solution = solve(equations, &weights, &precisions, &depth)?;
-    for _ in 0..ROUNDS {
-        let errors: Vec<Vector6<f64>> = equations.iter().map(|e| e.distortion - e.by * solution.0).collect();
-        for (i, precision) in precisions.iter_mut().enumerate() {
-            *precision = 1.0 / spread(errors.iter().map(|e| e[i]), floor).powi(2);
-        }
-        for (weight, error) in weights.iter_mut().zip(&errors) {
-            let size = error.component_mul(error).dot(&precisions) / 6.0;
-            *weight = (4.0 / (4.0 + size)).powi(2);
-        }
-        // Evidence: a shape that the picture does not bear is not left to imitate the shutter.
-        for (shape, size) in depth.iter_mut().enumerate() {
-            let (mean, variance) = (solution.0[2 + shape], solution.1[(2 + shape, 2 + shape)]);
-            *size = (mean * mean + variance).sqrt().clamp(DEPTH[1], DEPTH[0]);
-        }
-        solution = solve(equations, &weights, &precisions, &depth)?;
-    }
-    let (unknowns, inverse) = solution;
-    let covariance = sandwich(equations, &weights, &precisions, &unknowns, &inverse);
-    let mut covariance = covariance.fixed_view::<2, 2>(0, 0).into_owned();
+    let flat = Fit::new(equations, floor, 0.0)?;
+    let deep = Fit::new(equations, floor, DEPTH)?;
+    let matters = flat.lean() > DEPTH_MATTERS * lean(equations);
+    let explains = deep.lean() < (1.0 - DEPTH_EXPLAINS) * flat.lean();
+    let chosen = if matters && explains { deep } else { flat };
+    let mut covariance = chosen.sandwich(equations).fixed_view::<2, 2>(0, 0).into_owned();
     for axis in 0..2 {
-        let (mut misfit, mut effect, mut total) = (0.0, 0.0, 0.0);
-        for (equation, weight) in equations.iter().zip(&weights) {
-            let error = equation.distortion - equation.by * unknowns;
-            misfit += weight * error.component_mul(&error).dot(&precisions);
+        covariance[(axis, axis)] += chosen.bias(equations, axis, ripple[axis]);
+    }
+    let mean = chosen.unknowns.fixed_rows::<2>(0).into_owned();
+    let finite = mean.iter().chain(covariance.iter()).all(|value| value.is_finite());
+    finite.then_some(Gaussian { mean, covariance })
+}
+
+/// A weighted least-squares fit.
+struct Fit {
+    /// Of each equation.
+    weights: Vec<f64>,
+    /// One over the variance of each of the six distortions.
+    precisions: Vector6<f64>,
+    unknowns: Unknowns,
+    /// Inverse of the normal matrix.
+    inverse: Normal,
+}
+
+impl Fit {
+    /// Reweighted least squares, the shapes of depth having the standard deviation `depth`.
+    fn new(equations: &[Equation], floor: f64, depth: f64) -> Option<Self> {
+        let mut fit = Self {
+            weights: vec![1.0; equations.len()],
+            precisions: Vector6::zeros(),
+            unknowns: Unknowns::zeros(),
+            inverse: Normal::zeros(),
+        };
+        let mut errors = vec![Vector6::zeros(); equations.len()];
+        let mut sizes = Vec::with_capacity(equations.len());
+        for _ in 0..ROUNDS {
+            for (error, equation) in errors.iter_mut().zip(equations) {
+                *error = equation.distortion - equation.by * fit.unknowns;
+            }
+            for (kind, precision) in fit.precisions.iter_mut().enumerate() {
+                sizes.clear();
+                sizes.extend(errors.iter().map(|error| error[kind].abs()));
+                *precision = 1.0 / spread(&mut sizes).max(floor).powi(2);
+            }
+            for (weight, error) in fit.weights.iter_mut().zip(&errors) {
+                let size = error.component_mul(error).dot(&fit.precisions) / 6.0;
+                *weight = (REACH / (REACH + size)).powi(2);
+            }
+            fit.solve(equations, depth)?;
+        }
+        Some(fit)
+    }
+
+    fn solve(&mut self, equations: &[Equation], depth: f64) -> Option<()> {
+        let mut normal = Normal::zeros();
+        let mut right = Unknowns::zeros();
+        for (equation, weight) in equations.iter().zip(&self.weights) {
+            let weighted = self.scaled(&equation.by) * *weight;
+            normal += weighted.transpose() * equation.by;
+            right += weighted.transpose() * equation.distortion;
+        }
+        for unknown in 0..UNKNOWNS {
+            if unknown < 2 {
+                normal[(unknown, unknown)] += 1.0 / (WIDE * WIDE);
+            } else if depth > 0.0 {
+                normal[(unknown, unknown)] += 1.0 / (depth * depth);
+            } else {
+                normal.row_mut(unknown).fill(0.0);
+                normal.column_mut(unknown).fill(0.0);
+                normal[(unknown, unknown)] = 1.0;
+                right[unknown] = 0.0;
+            }
+        }
+        self.inverse = normal.cholesky()?.inverse();
+        if depth == 0.0 {
+            for unknown in 2..UNKNOWNS {
+                self.inverse[(unknown, unknown)] = 0.0;
+            }
+        }
+        self.unknowns = self.inverse * right;
+        Some(())
+    }
+
+    /// The usual square of the lean and the stretch, the first two distortions, that are left.
+    fn lean(&self) -> f64 {
+        self.precisions.fixed_rows::<2>(0).iter().map(|precision| 1.0 / precision).sum()
+    }
+
+    fn scaled(&self, by: &Regressors) -> Regressors {
+        let mut by = *by;
+        for (mut row, precision) in by.row_iter_mut().zip(&self.precisions) {
+            row *= *precision;
+        }
+        by
+    }
+
+    /// The variance that the model's own errors may give the readout time along an axis.
+    fn bias(&self, equations: &[Equation], axis: usize, ripple: f64) -> f64 {
+        let (mut misfit, mut effect, mut plain) = (0.0, 0.0, 0.0);
+        for (equation, weight) in equations.iter().zip(&self.weights) {
+            let error = equation.distortion - equation.by * self.unknowns;
             let by = equation.by.column(axis);
-            effect += weight * by.component_mul(&by).dot(&precisions);
-            total += by.norm_squared() / equations.len() as f64;
+            misfit += weight * error.component_mul(&error).dot(&self.precisions);
+            effect += weight * by.component_mul(&by).dot(&self.precisions);
+            plain += by.norm_squared() / equations.len() as f64;
         }
-        covariance[(axis, axis)] += CONSPIRACY * CONSPIRACY * misfit / effect;
-        covariance[(axis, axis)] += ALIASED * ALIASED * ripple[axis] / total + MODEL * MODEL;
+        CONSPIRACY * CONSPIRACY * misfit / effect + ALIASED * ALIASED * ripple / plain + MODEL * MODEL
     }
-    let finite = unknowns.iter().chain(covariance.iter()).all(|value| value.is_finite());
-    finite.then_some(Gaussian { mean: unknowns.fixed_rows::<2>(0).into_owned(), covariance })
+
+    /// Covariance whatever the errors' sizes and correlation: W. K. Newey and K. D. West, *A simple,
+    /// positive semi-definite, heteroskedasticity and autocorrelation consistent covariance matrix*,
+    /// Econometrica 55, 1987; and that of errors of the assumed size.
+    fn sandwich(&self, equations: &[Equation]) -> Normal {
+        let score = |(equation, weight): (&Equation, &f64)| {
+            let error = equation.distortion - equation.by * self.unknowns;
+            self.scaled(&equation.by).transpose() * error * *weight
+        };
+        let scores: Vec<Unknowns> = equations.iter().zip(&self.weights).map(score).collect();
+        let mut sum = Normal::zeros();
+        for (index, score) in scores.iter().enumerate() {
+            sum += score * score.transpose();
+            for lag in 1..=LAG.min(index) {
+                let share = 1.0 - lag as f64 / (LAG + 1) as f64;
+                let cross = scores[index - lag] * score.transpose() * share;
+                sum += cross + cross.transpose();
+            }
+        }
+        // Few independent errors tell little of their own size.
+        let independent = equations.len() as f64 / LAG as f64;
+        let few = (independent + 4.0) / independent;
+        self.inverse * (sum * few) * self.inverse + self.inverse
+    }
 }
 
-/// Standard deviation of most values about 0, from their median size.
-fn spread(values: impl Iterator<Item = f64>, floor: f64) -> f64 {
-    let mut sizes: Vec<f64> = values.map(f64::abs).collect();
-    let middle = sizes.len() / 2;
-    let median = *sizes.select_nth_unstable_by(middle, f64::total_cmp).1;
-    (1.4826 * median).max(floor)
-}
-
-/// The unknowns and the inverse of their normal matrix.
-fn solve(
-    equations: &[Equation],
-    weights: &[f64],
-    precisions: &Vector6<f64>,
-    depth: &Vector5<f64>,
-) -> Option<(Unknowns, Normal)> {
-    let mut normal = Normal::zeros();
-    let mut right = Unknowns::zeros();
-    for (equation, weight) in equations.iter().zip(weights) {
-        let weighted = scaled(&equation.by, precisions) * *weight;
-        normal += weighted.transpose() * equation.by;
-        right += weighted.transpose() * equation.distortion;
-    }
-    for axis in 0..2 {
-        normal[(axis, axis)] += 0.01;
-    }
-    for shape in 2..UNKNOWNS {
-        normal[(shape, shape)] += depth[shape - 2].powi(-2);
-    }
-    let inverse = normal.cholesky()?.inverse();
-    Some((inverse * right, inverse))
-}
-
-fn scaled(by: &Regressors, precisions: &Vector6<f64>) -> Regressors {
-    let mut by = *by;
-    for (mut row, precision) in by.row_iter_mut().zip(precisions) {
-        row *= *precision;
-    }
-    by
-}
-
-/// Covariance whatever the errors' sizes and correlation: W. K. Newey and K. D. West, *A simple,
-/// positive semi-definite, heteroskedasticity and autocorrelation consistent covariance matrix*,
-/// Econometrica 55, 1987.
-fn sandwich(
-    equations: &[Equation],
-    weights: &[f64],
-    precisions: &Vector6<f64>,
-    unknowns: &Unknowns,
-    inverse: &Normal,
-) -> Normal {
-    let score = |(equation, weight): (&Equation, &f64)| {
-        let error = equation.distortion - equation.by * unknowns;
-        scaled(&equation.by, precisions).transpose() * error * *weight
+/// The usual square of the lean and the stretch.
+fn lean(equations: &[Equation]) -> f64 {
+    let of = |kind: usize| {
+        spread(&mut equations.iter().map(|e| e.distortion[kind].abs()).collect::<Vec<_>>()).powi(2)
     };
-    let scores: Vec<Unknowns> = equations.iter().zip(weights).map(score).collect();
-    let mut sum = Normal::zeros();
-    for (index, score) in scores.iter().enumerate() {
-        sum += score * score.transpose();
-        for lag in 1..=LAG.min(index) {
-            let share = 1.0 - lag as f64 / (LAG + 1) as f64;
-            let cross = scores[index - lag] * score.transpose() * share;
-            sum += cross + cross.transpose();
-        }
-    }
-    let independent = equations.len() as f64 / LAG as f64;
-    let small = (independent + 4.0) / independent.max(0.5);
-    inverse * (sum * small) * inverse + inverse
+    of(0) + of(1)
+}
+
+/// Standard deviation about 0 of most values, given their sizes, which are reordered.
+fn spread(sizes: &mut [f64]) -> f64 {
+    /// Standard deviation over the median size of normal errors.
+    const FROM_MEDIAN: f64 = 1.4826;
+    let middle = sizes.len() / 2;
+    FROM_MEDIAN * *sizes.select_nth_unstable_by(middle, f64::total_cmp).1
 }

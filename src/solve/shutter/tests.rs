@@ -26,7 +26,8 @@ impl Camera {
     }
 
     fn swing(&self, kind: usize, t: f64) -> f64 {
-        let sum = |(phase, (cycles, peak)): (usize, &(f64, f64))| peak * (TAU * cycles * t + phase as f64).sin();
+        let sum =
+            |(phase, (cycles, peak)): (usize, &(f64, f64))| peak * (TAU * cycles * t + phase as f64).sin();
         self.swings[kind].iter().enumerate().map(sum).sum()
     }
 
@@ -48,7 +49,8 @@ impl Camera {
     fn pairs(&self, first: f64, second: f64, random: &mut Random) -> Vec<Correspondence> {
         let [width, height] = SIZE;
         let readout = Readout::new(width, height, self.direction, ReadoutTime::Seconds(self.time), PERIOD);
-        let cells = (0..768).map(|cell| Vector2::new((cell % 32 * 20) as f64 + 9.5, (cell / 32 * 20) as f64 + 9.5));
+        let cells =
+            (0..768).map(|cell| Vector2::new((cell % 32 * 20) as f64 + 9.5, (cell / 32 * 20) as f64 + 9.5));
         let pair = |from: Vector2<f64>| {
             let place = self.place(from, first + readout.offset(from.x, from.y));
             // The row in which the point arrives decides when, and the other way round.
@@ -111,7 +113,8 @@ fn a_shaken_camera_tells_its_readout_in_all_four_directions() {
 fn lost_frames_and_uneven_intervals_change_nothing() {
     let mut random = Random(5);
     let jittered = regular(80).into_iter().map(|stamp| stamp + 0.25 * PERIOD * random.uniform());
-    let stamps: Vec<f64> = jittered.enumerate().filter(|(k, _)| k % 13 != 7).map(|(_, stamp)| stamp).collect();
+    let stamps: Vec<f64> =
+        jittered.enumerate().filter(|(k, _)| k % 13 != 7).map(|(_, stamp)| stamp).collect();
     let camera = Camera::shaken(ReadoutDirection::TopToBottom, 0.7 * PERIOD);
     let found = camera.film(&stamps, 6).estimate().unwrap();
     assert_eq!(found.direction, ReadoutDirection::TopToBottom);
