@@ -29,8 +29,8 @@ const CONSPIRACY: f64 = 0.1;
 /// Share of a ripple within the frame that counts as an error of the lean: what is fast against the
 /// readout is not seen between frames, or as something slow.
 const ALIASED: f64 = 0.2;
-/// What the model's approximations cost, in periods.
-const MODEL: f64 = 0.004;
+/// What the model's approximations cost, in periods and as a share of the readout time.
+const MODEL: [f64; 2] = [0.004, 0.01];
 
 /// The two readout times, by columns and by rows, with their covariance.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -77,6 +77,8 @@ pub(super) fn regress(equations: &[Equation], floor: f64, ripple: [f64; 2]) -> O
 
 /// A weighted least-squares fit.
 struct Fit {
+    /// What is taken off each equation: their weighted mean, if there is depth.
+    offset: Equation,
     /// Of each equation.
     weights: Vec<f64>,
     /// One over the variance of each of the six distortions.
@@ -88,8 +90,12 @@ struct Fit {
 
 impl Fit {
     /// Reweighted least squares, the shapes of depth having the standard deviation `depth`.
+    ///
+    /// Where there is depth, a camera that goes steadily forwards leans the picture steadily, as the
+    /// ground comes up faster than the horizon: a constant that is nobody's acceleration is left out.
     fn new(equations: &[Equation], floor: f64, depth: f64) -> Option<Self> {
         let mut fit = Self {
+            offset: Equation { distortion: Vector6::zeros(), by: Regressors::zeros() },
             weights: vec![1.0; equations.len()],
             precisions: Vector6::zeros(),
             unknowns: Unknowns::zeros(),
@@ -99,7 +105,7 @@ impl Fit {
         let mut sizes = Vec::with_capacity(equations.len());
         for _ in 0..ROUNDS {
             for (error, equation) in errors.iter_mut().zip(equations) {
-                *error = equation.distortion - equation.by * fit.unknowns;
+                *error = fit.error(equation);
             }
             for (kind, precision) in fit.precisions.iter_mut().enumerate() {
                 sizes.clear();
@@ -110,18 +116,40 @@ impl Fit {
                 let size = error.component_mul(error).dot(&fit.precisions) / 6.0;
                 *weight = (REACH / (REACH + size)).powi(2);
             }
+            if depth > 0.0 {
+                fit.centre(equations);
+            }
             fit.solve(equations, depth)?;
         }
         Some(fit)
+    }
+
+    /// Takes the weighted mean of the equations as their offset.
+    fn centre(&mut self, equations: &[Equation]) {
+        self.offset = Equation { distortion: Vector6::zeros(), by: Regressors::zeros() };
+        let total: f64 = self.weights.iter().sum();
+        for (equation, weight) in equations.iter().zip(&self.weights) {
+            self.offset.distortion += equation.distortion * (weight / total);
+            self.offset.by += equation.by * (weight / total);
+        }
+    }
+
+    fn by(&self, equation: &Equation) -> Regressors {
+        equation.by - self.offset.by
+    }
+
+    fn error(&self, equation: &Equation) -> Vector6<f64> {
+        equation.distortion - self.offset.distortion - self.by(equation) * self.unknowns
     }
 
     fn solve(&mut self, equations: &[Equation], depth: f64) -> Option<()> {
         let mut normal = Normal::zeros();
         let mut right = Unknowns::zeros();
         for (equation, weight) in equations.iter().zip(&self.weights) {
-            let weighted = self.scaled(&equation.by) * *weight;
-            normal += weighted.transpose() * equation.by;
-            right += weighted.transpose() * equation.distortion;
+            let by = self.by(equation);
+            let weighted = self.scaled(&by) * *weight;
+            normal += weighted.transpose() * by;
+            right += weighted.transpose() * (equation.distortion - self.offset.distortion);
         }
         for unknown in 0..UNKNOWNS {
             if unknown < 2 {
@@ -162,13 +190,16 @@ impl Fit {
     fn bias(&self, equations: &[Equation], axis: usize, ripple: f64) -> f64 {
         let (mut misfit, mut effect, mut plain) = (0.0, 0.0, 0.0);
         for (equation, weight) in equations.iter().zip(&self.weights) {
-            let error = equation.distortion - equation.by * self.unknowns;
-            let by = equation.by.column(axis);
+            let (error, by) = (self.error(equation), self.by(equation));
+            let by = by.column(axis);
             misfit += weight * error.component_mul(&error).dot(&self.precisions);
             effect += weight * by.component_mul(&by).dot(&self.precisions);
             plain += by.norm_squared() / equations.len() as f64;
         }
-        CONSPIRACY * CONSPIRACY * misfit / effect + ALIASED * ALIASED * ripple / plain + MODEL * MODEL
+        CONSPIRACY * CONSPIRACY * misfit / effect
+            + ALIASED * ALIASED * ripple / plain
+            + MODEL[0].powi(2)
+            + (MODEL[1] * self.unknowns[axis]).powi(2)
     }
 
     /// Covariance whatever the errors' sizes and correlation: W. K. Newey and K. D. West, *A simple,
@@ -176,8 +207,7 @@ impl Fit {
     /// Econometrica 55, 1987; and that of errors of the assumed size.
     fn sandwich(&self, equations: &[Equation]) -> Normal {
         let score = |(equation, weight): (&Equation, &f64)| {
-            let error = equation.distortion - equation.by * self.unknowns;
-            self.scaled(&equation.by).transpose() * error * *weight
+            self.scaled(&self.by(equation)).transpose() * self.error(equation) * *weight
         };
         let scores: Vec<Unknowns> = equations.iter().zip(&self.weights).map(score).collect();
         let mut sum = Normal::zeros();
