@@ -3,20 +3,20 @@
 use super::field::{Field, Moved, generators, terms};
 use crate::correspond::Correspondence;
 use crate::motion::image_centre;
-use nalgebra::{Matrix6, SMatrix, SVector, Vector2, Vector6};
+use nalgebra::{Matrix2, Matrix2x6, Matrix6, SMatrix, Vector2, Vector6};
 
 /// Places along each side of the grid on which fields of higher degree are projected.
 const GRID: usize = 12;
 /// Derivatives of the path whose change over the readout is taken into account.
 pub(super) const ORDERS: usize = 3;
-/// Shapes of inverse depth over the frame: x, y, x², xy, y².
-pub(super) const SHAPES: usize = 5;
+/// Slopes of inverse depth: along x and along y.
+pub(super) const SLOPES: usize = 2;
 
 /// A field split into what a motion can be and what only the shutter or depth makes.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Split {
     pub motion: Vector6<f64>,
-    pub distortion: Vector6<f64>,
+    pub distortion: Vector2<f64>,
 }
 
 impl From<Field> for Split {
@@ -33,7 +33,7 @@ struct Axis {
     /// For each order n the fields φⱼ·sⁿ/n! of the generators, as columns: their motion.
     motion: [Matrix6<f64>; ORDERS],
     /// Their distortion.
-    distortion: [Matrix6<f64>; ORDERS],
+    distortion: [Matrix2x6<f64>; ORDERS],
 }
 
 /// Frame geometry: places in halves of the longer side, from the centre.
@@ -48,8 +48,6 @@ pub(super) struct Chart {
     inverse: Matrix6<f64>,
     /// Columns read one after another, and rows.
     axes: [Axis; 2],
-    /// For each shape of inverse depth the distortion of a translation along x and along y.
-    depth: [SMatrix<f64, 6, 2>; SHAPES],
 }
 
 impl Chart {
@@ -60,7 +58,7 @@ impl Chart {
         let none = Axis {
             share: Vector2::zeros(),
             motion: [Matrix6::zeros(); ORDERS],
-            distortion: [Matrix6::zeros(); ORDERS],
+            distortion: [Matrix2x6::zeros(); ORDERS],
         };
         let mut chart = Self {
             centre: image_centre(width.max(1), height.max(1)),
@@ -68,13 +66,11 @@ impl Chart {
             half,
             inverse: Matrix6::identity(),
             axes: [none.clone(), none],
-            depth: [SMatrix::zeros(); SHAPES],
         };
         let normal: Matrix6<f64> = chart.grid().map(|u| terms(u) * terms(u).transpose()).sum();
         chart.inverse = normal.try_inverse().unwrap_or_else(Matrix6::zeros);
         let shares = [Vector2::new(0.5 / half.x, 0.0), Vector2::new(0.0, 0.5 / half.y)];
         chart.axes = shares.map(|share| chart.axis(share));
-        chart.depth = std::array::from_fn(|shape| chart.shaped(shape));
         chart
     }
 
@@ -96,7 +92,7 @@ impl Chart {
     /// the next: `changes[n]` is that of derivative n + 1 of the motion.
     pub fn added(&self, axis: usize, time: f64, changes: &[Vector6<f64>; ORDERS]) -> Split {
         let Axis { motion, distortion, .. } = &self.axes[axis];
-        let mut sum = Split { motion: Vector6::zeros(), distortion: Vector6::zeros() };
+        let mut sum = Split { motion: Vector6::zeros(), distortion: Vector2::zeros() };
         let mut power = 1.0;
         for (order, change) in changes.iter().enumerate() {
             sum.motion += motion[order] * change * power;
@@ -104,11 +100,6 @@ impl Chart {
             power *= time;
         }
         sum
-    }
-
-    /// The distortions by depth of each shape under a translation.
-    pub fn depth(&self, translation: Vector2<f64>) -> SMatrix<f64, 6, SHAPES> {
-        SMatrix::from_columns(&self.depth.map(|shape| shape * translation))
     }
 
     fn axis(&self, share: Vector2<f64>) -> Axis {
@@ -124,14 +115,8 @@ impl Chart {
         Axis {
             share,
             motion: spreads.map(|fields| Matrix6::from_columns(&fields.map(|field| field.motion))),
-            distortion: spreads.map(|fields| Matrix6::from_columns(&fields.map(|field| field.distortion))),
+            distortion: spreads.map(|fields| Matrix2x6::from_columns(&fields.map(|field| field.distortion))),
         }
-    }
-
-    fn shaped(&self, shape: usize) -> SMatrix<f64, 6, 2> {
-        let columns =
-            [Vector2::x(), Vector2::y()].map(|way| self.project(|u| way * terms(u)[shape + 1]).distortion());
-        SMatrix::from_columns(&columns)
     }
 
     /// The quadratic closest to a field over the whole frame.
@@ -149,5 +134,12 @@ impl Chart {
     }
 }
 
+/// The distortions that unit slopes of inverse depth along x and along y make of a translation (u, v):
+/// the fields x·(u, v) and y·(u, v).
+pub(super) fn depth(translation: Vector2<f64>) -> Matrix2<f64> {
+    let (u, v) = (translation.x, translation.y);
+    Matrix2::new(v, u, -u, v)
+}
+
 /// The readout along x and along y, in the unit of the intervals.
-pub(super) type Times = SVector<f64, 2>;
+pub(super) type Times = Vector2<f64>;

@@ -15,7 +15,7 @@ const RANGE: f64 = 2.0;
 /// The misfit counts as that of Student's t with so many degrees of freedom: the errors of the errors.
 const FREEDOM: f64 = 6.0;
 /// A readout is known if its direction is that probable.
-const SURE: f64 = 0.9;
+const SURE: f64 = 0.95;
 /// And if its standard error is at most so many periods.
 const PRECISE: f64 = 0.15;
 /// A readout of at most so many periods, with two standard errors, is none.

@@ -1,14 +1,14 @@
 //! From the fields of successive pairs to equations that are linear in the readout time.
 
-use super::chart::{Chart, ORDERS, SHAPES, Split, Times};
+use super::chart::{self, Chart, ORDERS, SLOPES, Split, Times};
 use super::derivative::{self, REACH};
-use nalgebra::{SMatrix, Vector6};
+use nalgebra::{SMatrix, Vector2, Vector6};
 
-/// Unknowns: the readout time by columns and by rows, and the shape of inverse depth.
-pub(super) const UNKNOWNS: usize = 2 + SHAPES;
+/// Unknowns: the readout time by columns and by rows, and the slopes of inverse depth.
+pub(super) const UNKNOWNS: usize = 2 + SLOPES;
 
 /// The distortion of some pairs and what each unknown contributes to it.
-pub(super) type Regressors = SMatrix<f64, 6, UNKNOWNS>;
+pub(super) type Regressors = SMatrix<f64, 2, UNKNOWNS>;
 
 /// One pair of frames.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -25,10 +25,10 @@ pub(super) struct Pair {
     pub ripple: [f64; 2],
 }
 
-/// Six equations: `distortion` = `by` · unknowns.
+/// Two equations: `distortion` = `by` · unknowns.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Equation {
-    pub distortion: Vector6<f64>,
+    pub distortion: Vector2<f64>,
     pub by: Regressors,
 }
 
@@ -79,7 +79,7 @@ impl Builder {
                 *bend += added.motion * times[axis];
                 by.set_column(axis, &added.distortion);
             }
-            by.fixed_columns_mut::<SHAPES>(2).copy_from(&chart.depth(pair.field.motion.xy()));
+            by.fixed_columns_mut::<SLOPES>(2).copy_from(&chart::depth(pair.field.motion.xy()));
             self.raw.push(Some(Equation { distortion: pair.field.distortion, by }));
         }
         equations.extend(self.raw.windows(SMOOTHING.len()).filter_map(smoothed));
@@ -121,7 +121,7 @@ impl Builder {
 
 /// The weighted sum of neighbouring equations, if all are there.
 fn smoothed(neighbours: &[Option<Equation>]) -> Option<Equation> {
-    let mut sum = Equation { distortion: Vector6::zeros(), by: Regressors::zeros() };
+    let mut sum = Equation { distortion: Vector2::zeros(), by: Regressors::zeros() };
     for (equation, weight) in neighbours.iter().zip(SMOOTHING) {
         let Equation { distortion, by } = (*equation)?;
         sum.distortion += distortion * weight;

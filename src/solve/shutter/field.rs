@@ -15,8 +15,11 @@ const REACH: f64 = 6.0;
 /// Variance of a coordinate over the median of half the squared error, which is χ² with two degrees
 /// of freedom: its median is 2·ln 2.
 const MEDIAN_TO_VARIANCE: f64 = 1.0 / (2.0 * std::f64::consts::LN_2);
-/// Relative weight of the wish that there be no curvature: settles what points in a corner cannot.
-const FLATNESS: f64 = 1e-4;
+/// Curvature over half the frame as a share of the displacement: a pan bends the picture by (half the
+/// width / focal length)².
+const CURVATURE: f64 = 0.3;
+/// Points whose errors go together, as those of one thing in the scene do.
+const TOGETHER: f64 = 10.0;
 /// Bands in which a ripple is looked for, over the longer side.
 const BANDS: usize = 24;
 
@@ -54,11 +57,11 @@ impl Field {
         )
     }
 
-    /// What no combination of the [`generators`] has: shear (lean), stretch along the rows against
-    /// stretch along the columns, and four ways to be curved.
-    pub fn distortion(&self) -> Vector6<f64> {
+    /// What no combination of the [`generators`] has: the lean ∂dx/∂y + ∂dy/∂x, and the stretch
+    /// ∂dy/∂y − ∂dx/∂x. (Nor have they four of the ways to be curved; but those say as much of the scene.)
+    pub fn distortion(&self) -> Vector2<f64> {
         let (x, y) = (self.0.column(0), self.0.column(1));
-        Vector6::new(x[2] + y[1], y[2] - x[1], x[5], y[3], x[3] - y[4], y[5] - x[4])
+        Vector2::new(x[2] + y[1], y[2] - x[1])
     }
 }
 
@@ -83,12 +86,17 @@ pub(super) fn robust_field(points: &[Moved], noise: f64, errors: &mut Vec<f64>) 
     if points.len() < MIN_POINTS {
         return None;
     }
-    let mut field = weighted_field(points, |_| 1.0, 3)?;
+    let mut field = weighted_field(points, |_| 1.0, 3, 0.0)?;
+    let moved = points.iter().map(|point| point.way.norm_squared()).sum::<f64>() / points.len() as f64;
     for (rounds, count) in ROUNDS.into_iter().zip([3, 6]) {
         for _ in 0..rounds {
             let reach = reach_of(points, &field, noise, errors);
             let weight = |error: f64| (reach / (reach + error)).powi(2);
-            field = weighted_field(points, |point| weight(error(point, &field)), count)?;
+            // What is curved by chance is worth less than that nothing is: points in a corner of the
+            // frame, or at different depths, cannot tell.
+            let flatness =
+                TOGETHER * (reach / (REACH * REACH)) / (CURVATURE * CURVATURE * moved.max(noise * noise));
+            field = weighted_field(points, |point| weight(error(point, &field)), count, flatness)?;
         }
     }
     Some(field)
@@ -108,19 +116,22 @@ fn reach_of(points: &[Moved], field: &Field, noise: f64, errors: &mut Vec<f64>) 
     REACH * REACH * (2.0 * median * MEDIAN_TO_VARIANCE).max(noise * noise)
 }
 
-/// Least squares in the first `count` terms.
-fn weighted_field(points: &[Moved], weight: impl Fn(&Moved) -> f64, count: usize) -> Option<Field> {
+/// Least squares in the first `count` terms, with the weight `flatness` of no curvature.
+fn weighted_field(
+    points: &[Moved],
+    weight: impl Fn(&Moved) -> f64,
+    count: usize,
+    flatness: f64,
+) -> Option<Field> {
     let mut normal = Matrix6::zeros();
     let mut right = SMatrix::<f64, 6, 2>::zeros();
-    let mut total = 0.0;
     for point in points {
         let (w, terms) = (weight(point), terms(point.middle));
         normal += terms * terms.transpose() * w;
         right += terms * point.way.transpose() * w;
-        total += w;
     }
     for term in 3..6 {
-        normal[(term, term)] += FLATNESS * total;
+        normal[(term, term)] += flatness;
     }
     for unused in count..6 {
         normal.row_mut(unused).fill(0.0);

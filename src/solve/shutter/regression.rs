@@ -1,7 +1,7 @@
 //! Robust regression of equations whose errors go together from one to the next.
 
 use super::equations::{Equation, Regressors, UNKNOWNS};
-use nalgebra::{Matrix2, SMatrix, SVector, Vector2, Vector6};
+use nalgebra::{Matrix2, SMatrix, SVector, Vector2};
 
 type Unknowns = SVector<f64, UNKNOWNS>;
 type Normal = SMatrix<f64, UNKNOWNS, UNKNOWNS>;
@@ -25,7 +25,7 @@ const DEPTH_EXPLAINS: f64 = 0.4;
 /// Equations so far apart have errors of their own.
 const LAG: usize = 8;
 /// Correlation that the misfit may have with what a readout does.
-const CONSPIRACY: f64 = 0.1;
+const CONSPIRACY: f64 = 0.15;
 /// Share of a ripple within the frame that counts as an error of the lean: what is fast against the
 /// readout is not seen between frames, or as something slow.
 const ALIASED: f64 = 0.2;
@@ -81,27 +81,27 @@ struct Fit {
     offset: Equation,
     /// Of each equation.
     weights: Vec<f64>,
-    /// One over the variance of each of the six distortions.
-    precisions: Vector6<f64>,
+    /// One over the variance of each of the two distortions.
+    precisions: Vector2<f64>,
     unknowns: Unknowns,
     /// Inverse of the normal matrix.
     inverse: Normal,
 }
 
 impl Fit {
-    /// Reweighted least squares, the shapes of depth having the standard deviation `depth`.
+    /// Reweighted least squares, the slopes of inverse depth having the standard deviation `depth`.
     ///
     /// Where there is depth, a camera that goes steadily forwards leans the picture steadily, as the
     /// ground comes up faster than the horizon: a constant that is nobody's acceleration is left out.
     fn new(equations: &[Equation], floor: f64, depth: f64) -> Option<Self> {
         let mut fit = Self {
-            offset: Equation { distortion: Vector6::zeros(), by: Regressors::zeros() },
+            offset: Equation { distortion: Vector2::zeros(), by: Regressors::zeros() },
             weights: vec![1.0; equations.len()],
-            precisions: Vector6::zeros(),
+            precisions: Vector2::zeros(),
             unknowns: Unknowns::zeros(),
             inverse: Normal::zeros(),
         };
-        let mut errors = vec![Vector6::zeros(); equations.len()];
+        let mut errors = vec![Vector2::zeros(); equations.len()];
         let mut sizes = Vec::with_capacity(equations.len());
         for _ in 0..ROUNDS {
             for (error, equation) in errors.iter_mut().zip(equations) {
@@ -113,7 +113,7 @@ impl Fit {
                 *precision = 1.0 / spread(&mut sizes).max(floor).powi(2);
             }
             for (weight, error) in fit.weights.iter_mut().zip(&errors) {
-                let size = error.component_mul(error).dot(&fit.precisions) / 6.0;
+                let size = error.component_mul(error).dot(&fit.precisions) / 2.0;
                 *weight = (REACH / (REACH + size)).powi(2);
             }
             if depth > 0.0 {
@@ -126,7 +126,7 @@ impl Fit {
 
     /// Takes the weighted mean of the equations as their offset.
     fn centre(&mut self, equations: &[Equation]) {
-        self.offset = Equation { distortion: Vector6::zeros(), by: Regressors::zeros() };
+        self.offset = Equation { distortion: Vector2::zeros(), by: Regressors::zeros() };
         let total: f64 = self.weights.iter().sum();
         for (equation, weight) in equations.iter().zip(&self.weights) {
             self.offset.distortion += equation.distortion * (weight / total);
@@ -138,7 +138,7 @@ impl Fit {
         equation.by - self.offset.by
     }
 
-    fn error(&self, equation: &Equation) -> Vector6<f64> {
+    fn error(&self, equation: &Equation) -> Vector2<f64> {
         equation.distortion - self.offset.distortion - self.by(equation) * self.unknowns
     }
 
@@ -173,9 +173,9 @@ impl Fit {
         Some(())
     }
 
-    /// The usual square of the lean and the stretch, the first two distortions, that are left.
+    /// The usual square of the lean and the stretch that are left.
     fn lean(&self) -> f64 {
-        self.precisions.fixed_rows::<2>(0).iter().map(|precision| 1.0 / precision).sum()
+        self.precisions.iter().map(|precision| 1.0 / precision).sum()
     }
 
     fn scaled(&self, by: &Regressors) -> Regressors {
