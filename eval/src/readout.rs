@@ -1,80 +1,73 @@
-//! How well the library finds the readout from the picture.
+//! How well the library finds the readout from the picture alone.
 
-use crate::cache::Cache;
-use crate::correspondences::{GRID, Source, of_run};
-use crate::footage::{Footage, direction};
-use crate::sequence::{Sequence, Settings};
+use crate::correspondences::{Follower, Source, of_run};
+use crate::footage::Footage;
+use crate::media::Clip;
+use crate::metrics::readout::{error, signed_ratio};
 use anyhow::Result;
-use nalgebra::Vector2;
-use rand::SeedableRng;
-use rand_chacha::ChaCha8Rng;
-use rand_distr::{Distribution, Normal};
-use rsrectify::correspond::Correspondence;
+use rsrectify::readout::{Readout, ReadoutTime};
 use rsrectify::solve::shutter::{ReadoutEstimate, ShutterEstimator};
 
-/// Pairs.
-pub type Runs = Vec<Vec<(Vec<Correspondence>, f64)>>;
+/// The heading of the rows of [`row`].
+pub const HEADING: &str = "| sequence | seed | true ratio | found | ± | verdict | confidence | error |\n\
+                           |---|---|---|---|---|---|---|---|";
 
-/// From the truth with noise.
-pub fn exact(settings: &Settings, noise: f64) -> Result<Runs> {
-    let sequence = Sequence::new(settings.clone());
-    let deliveries = sequence.deliveries();
-    let mut frames: Vec<usize> = (0..deliveries.len()).collect();
-    frames.dedup_by_key(|index| deliveries[*index].capture);
-    let mut random = ChaCha8Rng::seed_from_u64(settings.seed);
-    let normal = Normal::new(0.0, noise)?;
-    let mut runs: Runs = vec![vec![]];
-    for pair in frames.windows(2) {
-        let (a, b) = (deliveries[pair[0]], deliveries[pair[1]]);
-        if sequence.take_index(a.capture) != sequence.take_index(b.capture) {
-            runs.push(vec![]);
-            continue;
-        }
-        let mut found =
-            sequence.capture(a.capture).exact_correspondences(&sequence.capture(b.capture), GRID[0], GRID[1]);
-        for c in &mut found {
-            c.to += Vector2::new(normal.sample(&mut random), normal.sample(&mut random));
-        }
-        runs.last_mut().unwrap().push((found, b.stamp - a.stamp));
-    }
-    Ok(runs)
-}
-
-/// From pictures.
-pub fn sampled(settings: &Settings) -> Result<Runs> {
-    let footage = Footage::load(settings, None, &Cache::in_default_folder()?)?;
-    let mut runs = Vec::new();
-    for run in footage.runs() {
-        let found = of_run(&footage, &run, Source::Sampler)?;
-        let stamps = run.windows(2).map(|p| footage.stamps[p[1]] - footage.stamps[p[0]]);
-        runs.push(found.into_iter().zip(stamps).collect());
-    }
-    Ok(runs)
-}
-
-/// Estimates after each checkpoint.
-pub fn estimates(settings: &Settings, runs: &Runs, checkpoints: &[usize]) -> Vec<Option<ReadoutEstimate>> {
+/// What the library finds in rendered footage, given all of it.
+///
+/// # Errors
+/// If the frames cannot be followed.
+pub fn of_footage(footage: &Footage) -> Result<Option<ReadoutEstimate>> {
+    let settings = footage.settings();
     let mut estimator = ShutterEstimator::new(settings.width, settings.height);
-    let mut out = vec![];
-    let mut n = 0;
-    for run in runs {
-        for (c, dt) in run {
-            estimator.push(c, *dt);
-            n += 1;
-            if checkpoints.contains(&n) {
-                out.push(estimator.estimate());
-            }
+    for run in footage.runs() {
+        let pairs = of_run(footage, &run, Source::Sampler)?;
+        for (pair, frames) in pairs.iter().zip(run.windows(2)) {
+            estimator.push(pair, footage.stamps[frames[1]] - footage.stamps[frames[0]]);
         }
         estimator.reset_pair();
     }
-    out.push(estimator.estimate());
-    out
+    Ok(estimator.estimate())
 }
 
-/// Truth signed: rows, columns.
-pub fn truth(settings: &Settings) -> [f64; 2] {
-    let d = direction(settings.first);
-    let g = settings.readout_time() * settings.delivered_fps();
-    let g = if d.is_reversed() { -g } else { g };
-    if d.is_by_rows() { [g, 0.0] } else { [0.0, g] }
+/// What the library finds in a real clip.
+///
+/// # Errors
+/// If the frames cannot be followed.
+pub fn of_clip(clip: &Clip) -> Result<Option<ReadoutEstimate>> {
+    let mut estimator = ShutterEstimator::new(clip.width, clip.height);
+    let mut follower = Follower::new(clip.width, clip.height);
+    for frame in &clip.frames {
+        if let Some(pairs) = follower.follow(frame)? {
+            estimator.push(&pairs, 1.0 / clip.fps);
+        }
+    }
+    Ok(estimator.estimate())
+}
+
+/// Direction and signed ratio, standard error in periods, verdict and confidence, as cells of a table;
+/// `fps` are the frames a second.
+pub fn cells(found: &ReadoutEstimate, size: [usize; 2], fps: f64) -> String {
+    let ratio = signed_ratio(&readout(found, size, fps), 1.0 / fps);
+    let ReadoutEstimate { direction, verdict, confidence, .. } = found;
+    let error = found.standard_error * fps;
+    format!("{direction:?} {ratio:+.3} | {error:.3} | {verdict:?} | {confidence:.2}")
+}
+
+/// A row of the table: ratios are signed, the error is that of [`error`], in frame periods.
+///
+/// # Errors
+/// If the frames cannot be followed.
+pub fn row(footage: &Footage) -> Result<String> {
+    let (settings, truth) = (footage.settings(), footage.readout());
+    let (size, fps) = ([settings.width, settings.height], settings.delivered_fps());
+    let ratio = signed_ratio(&truth, 1.0 / fps);
+    let found = of_footage(footage)?.map_or("– | – | – | – | –".into(), |found| {
+        let distance = error(&readout(&found, size, fps), &truth, 1.0 / fps);
+        format!("{} | {distance:.3}", cells(&found, size, fps))
+    });
+    Ok(format!("| {} | {} | {:?} {ratio:+.3} | {found} |", settings.name, settings.seed, truth.direction))
+}
+
+fn readout(found: &ReadoutEstimate, [width, height]: [usize; 2], fps: f64) -> Readout {
+    Readout::new(width, height, found.direction, ReadoutTime::Seconds(found.time), 1.0 / fps)
 }
