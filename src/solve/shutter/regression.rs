@@ -24,6 +24,9 @@ const DEPTH_MATTERS: f64 = 0.05;
 const DEPTH_EXPLAINS: f64 = 0.4;
 /// Equations so far apart have errors of their own.
 const LAG: usize = 8;
+/// What depth does to the picture lasts for so many equations: with fewer, a misfit may go with the
+/// acceleration all the way.
+const LASTING: f64 = 25.0;
 /// Correlation that the misfit may have with what a readout does.
 const CONSPIRACY: f64 = 0.15;
 /// Share of a ripple within the frame that counts as an error of the lean: what is fast against the
@@ -70,7 +73,11 @@ pub(super) fn regress(equations: &[Equation], floor: f64, ripple: [f64; 2]) -> O
     for axis in 0..2 {
         covariance[(axis, axis)] += chosen.bias(equations, axis, ripple[axis]);
     }
+    covariance *= 1.0 + LASTING / equations.len() as f64;
     let mean = chosen.unknowns.fixed_rows::<2>(0).into_owned();
+    for axis in 0..2 {
+        covariance[(axis, axis)] += MODEL[0].powi(2) + (MODEL[1] * mean[axis]).powi(2);
+    }
     let finite = mean.iter().chain(covariance.iter()).all(|value| value.is_finite());
     finite.then_some(Gaussian { mean, covariance })
 }
@@ -196,10 +203,7 @@ impl Fit {
             effect += weight * by.component_mul(&by).dot(&self.precisions);
             plain += by.norm_squared() / equations.len() as f64;
         }
-        CONSPIRACY * CONSPIRACY * misfit / effect
-            + ALIASED * ALIASED * ripple / plain
-            + MODEL[0].powi(2)
-            + (MODEL[1] * self.unknowns[axis]).powi(2)
+        CONSPIRACY * CONSPIRACY * misfit / effect + ALIASED * ALIASED * ripple / plain
     }
 
     /// Covariance whatever the errors' sizes and correlation: W. K. Newey and K. D. West, *A simple,
