@@ -60,8 +60,10 @@ const ROUNDS: usize = 4;
 const NOISE: f64 = 0.05;
 /// Standard deviation in pixels at the frame's edge of what a tracker makes of a still picture.
 const FLOOR: f64 = 0.02;
-/// What is settled keeps this share of its weight as the next stretch is.
-const REMEMBERED: f64 = 0.8;
+/// As a stretch is settled that brings the share x of what is known, what was known before keeps
+/// (1 − x) to this power of its weight: some five stretches that tell as much are remembered, for the
+/// errors of the model are the same in all of them, and a rest makes nothing forgotten.
+const FORGETTING: f64 = 1.2;
 
 /// What can be said of a camera's shutter.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -150,7 +152,7 @@ impl ShutterEstimator {
 
     /// What is known so far; `None` before the first ten pairs or so that follow each other.
     ///
-    /// Solves for the last [`HISTORY`] pairs; asking after every pair is allowed, but seldom of use.
+    /// Solves anew for the last 160 pairs; asking after every pair is allowed, but seldom of use.
     pub fn estimate(&mut self) -> Option<ReadoutEstimate> {
         let period = self.period()?;
         let recent = self.solve(self.history.len(), period);
@@ -201,10 +203,7 @@ impl ShutterEstimator {
                 Gaussian { mean: found.mean * period, covariance: found.covariance * period * period };
             self.settled = match self.settled {
                 None => Some(found),
-                Some(before) => {
-                    let faded = Gaussian { covariance: before.covariance / REMEMBERED, ..before };
-                    found.fused(&faded).or(self.settled)
-                }
+                Some(before) => found.fused(&before.faded(&found, FORGETTING)).or(Some(before)),
             };
         }
         self.history.drain(..SETTLED.min(self.history.len()));

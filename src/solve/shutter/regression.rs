@@ -50,6 +50,14 @@ impl Gaussian {
         Some(Self { mean: covariance * (a * self.mean + b * other.mean), covariance })
     }
 
+    /// Less sure, by the share x that `newer` has of what both know: the precision times (1 − x)^power.
+    pub fn faded(&self, newer: &Self, power: f64) -> Self {
+        let size = |of: &Self| of.covariance.determinant().max(0.0).sqrt();
+        let (own, other) = (size(self), size(newer));
+        let share = if own + other > 0.0 { own / (own + other) } else { 0.5 };
+        Self { covariance: self.covariance / (1.0 - share).max(0.01).powf(power), ..*self }
+    }
+
     /// In a unit that is `factor` times smaller.
     pub fn scaled(&self, factor: f64) -> Self {
         Self { mean: self.mean * factor, covariance: self.covariance * (factor * factor) }

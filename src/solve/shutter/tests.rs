@@ -187,13 +187,14 @@ fn knowledge_outlives_cuts_and_rest() {
     estimator.reset_pair();
     let still = Camera { swings: Default::default(), ..camera };
     let mut random = Random(10);
-    for _ in 0..200 {
+    for _ in 0..330 {
         estimator.push(&still.pairs(0.0, PERIOD, &mut random), PERIOD);
     }
     let after = estimator.estimate().unwrap();
     assert_eq!((before.verdict, after.verdict), (Verdict::Rolling, Verdict::Rolling));
     assert_eq!(after.direction, ReadoutDirection::LeftToRight);
     assert!((after.time / PERIOD - 0.6).abs() < 0.03, "{after:?}");
+    assert!(after.standard_error < 1.1 * before.standard_error, "{before:?} {after:?}");
 }
 
 #[test]
