@@ -18,6 +18,7 @@ mod start;
 pub mod window;
 
 pub use link::{Fit, Link};
+pub use shutter::{ReadoutEstimate, ShutterEstimator, Verdict};
 pub use window::{Candidate, Origin, Window};
 
 #[cfg(test)]

@@ -20,12 +20,19 @@
 //! h = (∂dx/∂y + ∂dy/∂x) + i·(∂dy/∂y − ∂dx/∂x) = −i·g·δ¹d:
 //!
 //! two equations a pair for the two numbers of g, so that rows and columns, forwards and backwards
-//! are one question. It takes acceleration to answer it, in any direction. Depth leans the picture too: inverse
-//! depth with the slope p gives h = −i·p·d. That goes with the velocity, so that it can be told apart.
+//! are one question. It takes acceleration to answer it, in any direction. Depth leans the picture too:
+//! inverse depth with the slope p gives h = −i·p·d. That goes with the velocity, so that it can be told
+//! apart; but where depth is more than a slope it is noise, and the errors say so.
+//!
+//! # State
+//!
+//! Bounded and plain: some 30 numbers for each of the last 160 pairs, and two times with their covariance
+//! for all before them. [`push`](ShutterEstimator::push) costs a dozen weighted fits of six terms to the
+//! points of the pair; [`estimate`](ShutterEstimator::estimate) no more than that, whatever their number.
 //!
 //! | step | file |
 //! |---|---|
-//! | correspondences of a pair → robust quadratic field, 12 numbers: 6 of the motion, 6 of the distortion that no motion has | `field` |
+//! | correspondences of a pair → robust quadratic field → six numbers of its motion, two of its distortion | `field` |
 //! | what a readout and depth make of a motion, for a frame size | `chart` |
 //! | derivatives of the path at the frames, at any spacing | `derivative` |
 //! | pairs → linear equations; both sides are smoothed over five pairs, which takes out what is too fast for the derivatives | `equations` |
@@ -128,7 +135,7 @@ impl ShutterEstimator {
     }
 
     /// Takes the correspondences, in full-frame pixels, from the last frame to one `interval` seconds
-    /// later.
+    /// later. Too few correspondences, or an interval that is not positive, are a gap.
     pub fn push(&mut self, correspondences: &[Correspondence], interval: f64) {
         self.points.clear();
         self.points.extend(correspondences.iter().map(|pair| self.chart.place(pair)));
@@ -199,8 +206,7 @@ impl ShutterEstimator {
         if let Some(period) = self.period()
             && let Some(found) = self.solve(SETTLED, period)
         {
-            let found =
-                Gaussian { mean: found.mean * period, covariance: found.covariance * period * period };
+            let found = found.scaled(period);
             self.settled = match self.settled {
                 None => Some(found),
                 Some(before) => found.fused(&before.faded(&found, FORGETTING)).or(Some(before)),
