@@ -12,6 +12,7 @@
 //! | [`methods`] | the systems that are compared, among them the library under test |
 //! | [`metrics`] | how far a rectified frame is from the truth |
 //! | [`report`] | runs everything and writes tables, charts and stills |
+//! | [`readout`] | how well the library finds the readout from the picture alone |
 //! | [`shutter`] | what a user says of a camera's shutter |
 //! | [`pairs`] | two-frame clips with a global-shutter truth, as data sets have them |
 //! | [`clip`] | a real clip without truth |
@@ -28,6 +29,7 @@ pub mod media;
 pub mod methods;
 pub mod metrics;
 pub mod pairs;
+pub mod readout;
 pub mod report;
 pub mod scene;
 pub mod sequence;

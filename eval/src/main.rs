@@ -9,6 +9,7 @@ use eval::media;
 use eval::methods::product::{self, Delay};
 use eval::metrics::{Stats, displacement, floor};
 use eval::pairs;
+use eval::readout;
 use eval::report::{self, quick};
 use eval::sequence::{self, Sequence, Settings};
 use eval::shutter::Shutter;
@@ -53,6 +54,19 @@ enum Command {
         /// Frames the library may look ahead.
         #[arg(long, default_value_t = 12)]
         lookahead: usize,
+        #[command(flatten)]
+        changes: Changes,
+        #[command(flatten)]
+        place: Place,
+    },
+    /// Finds the readout from the picture alone, and compares it with the truth.
+    Readout {
+        /// A real clip instead of sequences.
+        #[arg(long, conflicts_with = "sequence")]
+        clip: Option<PathBuf>,
+        /// Names of sequences; all without it.
+        #[arg(long)]
+        sequence: Vec<String>,
         #[command(flatten)]
         changes: Changes,
         #[command(flatten)]
@@ -168,6 +182,8 @@ fn main() -> Result<()> {
         Command::Measure { sequence, lookahead, changes, place } => {
             measure(&sequence, lookahead, &changes, &place)
         }
+        Command::Readout { clip: Some(file), .. } => readout_of_clip(&file),
+        Command::Readout { clip: None, sequence, changes, place } => readouts(&sequence, &changes, &place),
         Command::Speed { file, lookahead } => speed(&file, lookahead),
         Command::Report { scenes, sequence: sequences, frames, redraw, place } => {
             let photographs = place.textures.is_some();
@@ -199,12 +215,29 @@ fn render(settings: Settings, out: &std::path::Path) -> Result<()> {
     video::write(out, size, fps, Sequence::new(settings).frames()?)
 }
 
+/// The sequences of these names; all without names.
+fn chosen(names: &[String]) -> Result<Vec<Settings>> {
+    if names.is_empty() { Ok(sequence::catalogue()) } else { names.iter().map(|name| find(name)).collect() }
+}
+
+fn readouts(names: &[String], changes: &Changes, place: &Place) -> Result<()> {
+    println!("{}", readout::HEADING);
+    for settings in chosen(names)? {
+        println!("{}", readout::row(&place.footage(&changes.apply(settings))?)?);
+    }
+    Ok(())
+}
+
+fn readout_of_clip(file: &std::path::Path) -> Result<()> {
+    let clip = media::decode(file)?;
+    let size = [clip.width, clip.height];
+    let found = readout::of_clip(&clip)?;
+    println!("{}", found.map_or("nothing is known".into(), |found| readout::cells(&found, size, clip.fps)));
+    Ok(())
+}
+
 fn measure(names: &[String], lookahead: usize, changes: &Changes, place: &Place) -> Result<()> {
-    let settings: Vec<Settings> = if names.is_empty() {
-        sequence::catalogue()
-    } else {
-        names.iter().map(|name| find(name)).collect::<Result<_>>()?
-    };
+    let settings = chosen(names)?;
     println!(
         "| sequence | uncorrected px (p95) | best rotation: left px (p95) | share | sequential: left px (p95) | share \
          | continuous: left px (p95) | share | readout unknown: left px (p95) | share | second half: left px (p95) | share \

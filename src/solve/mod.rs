@@ -5,6 +5,7 @@
 //! | [`measurement`] | measurement constraint 25.4 and its sparse Levenberg–Marquardt |
 //! | `start` | (a start that survives outliers; the paper has none) |
 //! | [`link`] | one pair: uniform rotation 25.6, sequential steps 25.7–25.10 |
+//! | [`shutter`] | (readout time and direction from the picture; the paper takes them as known) |
 //! | [`window`] | least E over the window, both directions, final choice 25.4.1.3 |
 //!
 //! The only clock is the exposure time t = t_k + T·s, so that any frame rate, dropped frame or
@@ -13,10 +14,12 @@
 pub mod continuous;
 pub mod link;
 pub mod measurement;
+pub mod shutter;
 mod start;
 pub mod window;
 
 pub use link::{Fit, Link};
+pub use shutter::{ReadoutEstimate, ShutterEstimator, Verdict};
 pub use window::{Candidate, Origin, Window};
 
 #[cfg(test)]
