@@ -44,9 +44,4 @@ impl Running {
     pub fn information(&self) -> f64 {
         self.information
     }
-
-    /// Standard deviation.
-    pub fn deviation(&self) -> f64 {
-        self.information.sqrt().recip()
-    }
 }

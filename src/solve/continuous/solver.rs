@@ -12,6 +12,8 @@ use rayon::prelude::*;
 /// Blocks before the first exposure and after the last that the path covers: points may leave the
 /// frame, and the readout may turn out longer.
 const MARGIN: f64 = 0.25;
+/// Residuals of up to so many times the least noise are those of the tracker on blurred or compressed footage.
+const TRACKED: f64 = 10.0;
 /// The most that γ and κ may change at once.
 const MOST_CHANGE: f64 = 0.1;
 /// How fast the motion may change.
@@ -63,6 +65,8 @@ pub(super) struct Solver {
     pub smoothness: Smoothness,
     /// Beliefs from all windows so far: γ, the signed readout time in frame periods, and κ.
     pub beliefs: [Running; SHARED],
+    /// Mean and information of what is known of γ from elsewhere.
+    pub hint: Option<(f64, f64)>,
     /// What γ and κ may be.
     pub limits: [[f64; 2]; SHARED],
     /// γ and κ of this window.
@@ -97,6 +101,7 @@ impl Solver {
             smoothness,
             shared: beliefs.map(|belief| belief.mean),
             beliefs,
+            hint: None,
             limits,
             seen: [None; SHARED],
             flow: Flow::default(),
@@ -114,6 +119,7 @@ impl Solver {
         let smoothness = self.smoothness.started(tempo.start_variance());
         let mut other = Self::new(self.reading, tempo, self.radius, self.noise, smoothness, self.beliefs, self.limits);
         other.shared = self.shared;
+        other.hint = self.hint;
         other
     }
 
@@ -240,11 +246,18 @@ impl Solver {
                 information[(p, q)] -= dot(&self.border[p], &self.weighted[q]);
             }
         }
+        let trust = self.trust();
+        information *= trust;
+        side *= trust;
         let mut all = information;
         let mut all_side = side;
         for (p, belief) in self.beliefs.iter().enumerate() {
             all[(p, p)] += belief.information();
             all_side[p] += belief.information() * (belief.mean - self.shared[p]);
+        }
+        if let Some((mean, known)) = self.hint {
+            all[(0, 0)] += known;
+            all_side[0] += known * (mean - self.shared[0]);
         }
         for p in 0..SHARED {
             // The other one is as uncertain as the belief in it.
@@ -262,6 +275,20 @@ impl Solver {
             }
         }
         [self.shared[0] - before[0], self.shared[1] - before[1]]
+    }
+
+    /// How far residuals are the tracker's: what parallax leaves is alike from pair to pair and says
+    /// nothing of γ and κ.
+    pub fn trust(&self) -> f64 {
+        let sum: f64 = self.normals.iter().map(|normal| normal.sigma).sum();
+        let sigma = sum / self.normals.len().max(1) as f64;
+        (TRACKED * self.noise / sigma).powi(2).min(1.0)
+    }
+
+    /// Standard deviation of γ by all that is known.
+    pub fn readout_deviation(&self) -> f64 {
+        let information = self.beliefs[0].information() + self.hint.map_or(0.0, |(_, known)| known);
+        information.sqrt().recip()
     }
 
     /// Adds what the window says of γ and κ to the beliefs; `share` of it is new.

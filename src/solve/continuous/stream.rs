@@ -8,6 +8,7 @@ use crate::correspond::Correspondence;
 use crate::motion::generators::Model;
 use crate::motion::image_centre;
 use crate::readout::{Readout, ReadoutDirection, ReadoutTime};
+use crate::solve::shutter::ShutterEstimator;
 use nalgebra::{Matrix3, Vector2};
 use std::collections::VecDeque;
 
@@ -41,6 +42,8 @@ const KNOWN: f64 = 1e-6;
 const LEAST_DEVIATION: f64 = 0.01;
 /// Independent measurements in a pair, two coordinates each: the weight of its residuals' logarithm.
 const WEIGHT: f64 = 50.0;
+/// Pairs from one rough estimate of the readout to the next.
+const HINT_EVERY: usize = 4;
 /// A reading axis whose likelihood is less than another's by a factor of e to this power is given up.
 const DECISIVE: f64 = 40.0;
 
@@ -90,6 +93,8 @@ struct Hypothesis {
     solver: Solver,
     /// Logarithm of its likelihood, up to a constant.
     score: f64,
+    /// The same by the rough estimate.
+    rough: f64,
     /// Frames since another tempo was tried.
     since_trial: usize,
 }
@@ -112,6 +117,10 @@ pub struct Continuous {
     unit_before: Option<f64>,
     /// Whether the first frame that waits follows a settled one.
     continues: bool,
+    /// Finds the readout where it is not known: roughly, but from whatever start.
+    shutter: Option<ShutterEstimator>,
+    /// Pairs that it has taken in.
+    taken: usize,
 }
 
 impl Continuous {
@@ -130,7 +139,7 @@ impl Continuous {
             };
             let beliefs = [READOUT_BELIEF, kappa_belief(&camera)].map(|(mean, deviation)| Running::new(mean, deviation));
             let solver = Solver::new(reading, Tempo::Calm, radius, noise, smoothness, beliefs, [signs, KAPPA_LIMITS]);
-            Hypothesis { direction, solver, score: 0.0, since_trial: TRIAL }
+            Hypothesis { direction, solver, score: 0.0, rough: 0.0, since_trial: TRIAL }
         };
         Self {
             camera,
@@ -143,6 +152,8 @@ impl Continuous {
             clock: None,
             unit_before: None,
             continues: false,
+            shutter: (camera.readout_time == ReadoutTime::Unknown).then(|| ShutterEstimator::new(width, height)),
+            taken: 0,
         }
     }
 
@@ -154,8 +165,35 @@ impl Continuous {
         let (centre, radius) = (self.centre, self.radius);
         if let (Some(last), Some(found)) = (self.frames.back_mut(), correspondences) {
             last.to_next = Pair::new(found, centre, radius, [last.stamp, stamp]);
+            if let Some(shutter) = &mut self.shutter {
+                shutter.push(found, (stamp - last.stamp) * unit);
+                self.taken += 1;
+                if self.taken % HINT_EVERY == 0 {
+                    self.take_hint(unit);
+                }
+            }
+        } else if let Some(shutter) = &mut self.shutter {
+            shutter.reset_pair();
         }
         self.frames.push_back(Entry { stamp, to_next: None });
+    }
+
+    /// Takes what the rough estimate says into each hypothesis: γ if only its axis is read along, and how
+    /// well that fits.
+    fn take_hint(&mut self, unit: f64) {
+        let Some(estimate) = self.shutter.as_mut().and_then(ShutterEstimator::estimate) else { return };
+        let (times, covariance) = (estimate.times / unit, estimate.covariance / (unit * unit));
+        for hypothesis in &mut self.hypotheses {
+            let own = usize::from(hypothesis.direction.is_by_rows());
+            let other = 1 - own;
+            let coupling = covariance[(own, other)] / covariance[(other, other)];
+            let mean = times[own] - coupling * times[other];
+            let variance = covariance[(own, own)] - coupling * covariance[(own, other)];
+            if mean.is_finite() && variance.is_finite() && variance > 0.0 {
+                hypothesis.solver.hint = Some((mean, 1.0 / variance));
+                hypothesis.rough = -0.5 * times[other] * times[other] / covariance[(other, other)];
+            }
+        }
     }
 
     /// Starts the clock.
@@ -224,9 +262,10 @@ impl Continuous {
 
     /// Puts the likelier axis first and gives up one that is far less likely.
     fn choose(&mut self) {
-        let Some(best) = self.hypotheses.iter().map(|h| h.score).max_by(f64::total_cmp) else { return };
-        self.hypotheses.retain(|hypothesis| hypothesis.score > best - DECISIVE);
-        self.hypotheses.sort_by(|a, b| b.score.total_cmp(&a.score));
+        let likelihood = |hypothesis: &Hypothesis| hypothesis.score + hypothesis.rough;
+        let Some(best) = self.hypotheses.iter().map(likelihood).max_by(f64::total_cmp) else { return };
+        self.hypotheses.retain(|hypothesis| likelihood(hypothesis) > best - DECISIVE);
+        self.hypotheses.sort_by(|a, b| likelihood(b).total_cmp(&likelihood(a)));
     }
 
     /// The motion of the frame after the first `past` pairs.
@@ -253,7 +292,7 @@ impl Continuous {
             confidence: self.confidence(solver, sigma, moved),
             inliers,
             sigma,
-            readout_deviation: solver.beliefs[0].deviation(),
+            readout_deviation: solver.readout_deviation(),
         }
     }
 
@@ -264,7 +303,7 @@ impl Continuous {
             return explained;
         }
         // Nothing under one deviation from no rolling shutter at all, everything from three on.
-        let deviation = solver.beliefs[0].deviation().max(LEAST_DEVIATION);
+        let deviation = solver.readout_deviation().max(LEAST_DEVIATION);
         explained * ((solver.shared[0].abs() / deviation - 1.0) / 2.0).clamp(0.0, 1.0)
     }
 
@@ -313,7 +352,7 @@ impl Hypothesis {
         self.try_tempo(pairs, past, known);
         self.solver.remember(1.0 / pairs.len() as f64);
         if let Some(sigma) = self.solver.sigma(past) {
-            self.score -= WEIGHT * sigma.max(self.solver.noise).ln();
+            self.score -= WEIGHT * self.solver.trust() * sigma.max(self.solver.noise).ln();
         }
     }
 
