@@ -9,6 +9,7 @@
 //! | track | `tracker` | sub-pixel registration of one patch: inverse-compositional Lucas–Kanade |
 //! | sample | `patch` | its kernels: patches between pixels, stretched patches, sums |
 //! | agree | `field` | what the neighbours of a point say of its motion and its local distortion |
+//! | refine | `tiles` | small patches where the points of the grid disagree |
 //! | join | `sampler` | the order of it all, and which points are kept |
 //!
 //! Three coordinate systems occur: *full-frame* pixels, which callers see; *analysed* pixels, those
@@ -33,9 +34,11 @@ mod luma;
 mod patch;
 mod pyramid;
 mod sampler;
+mod search;
 mod start;
 #[cfg(test)]
 mod tests;
+mod tiles;
 mod tracker;
 
 pub use pyramid::Pyramid;

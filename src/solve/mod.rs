@@ -12,6 +12,7 @@
 
 pub mod link;
 pub mod measurement;
+pub mod layer;
 mod start;
 pub mod window;
 
