@@ -5,8 +5,8 @@ use super::field::{Motion, Neighbourhood};
 use super::grid::{Grid, centre};
 use super::luma::Reduction;
 use super::pyramid::{Level, Pyramid};
+use super::refine::{Local, Refinement};
 use super::start::Search;
-use super::tiles::{Fine, Known, Local, Tiles};
 use super::tracker::{COARSE, CoarseTemplate, Effort, FINE, FineTemplate, Match};
 use crate::cpu::CpuLevel;
 use crate::plane::Luma;
@@ -14,7 +14,7 @@ use nalgebra::{Matrix2, Vector2};
 use rayon::prelude::*;
 
 /// Points whose texture (squared grey levels) is less are not kept.
-const LEAST_TEXTURE: f32 = 1.0;
+pub(super) const LEAST_TEXTURE: f32 = 1.0;
 
 /// Points whose patches correlate less are not kept.
 const LEAST_CORRELATION: f32 = 0.7;
@@ -84,7 +84,7 @@ pub struct Sampler {
     search: Search,
     motions: Vec<Option<Motion>>,
     found: Vec<Option<Found>>,
-    fine: Vec<Option<Correspondence>>,
+    refinement: Refinement,
 }
 
 impl Sampler {
@@ -114,7 +114,7 @@ impl Sampler {
             search: Search::default(),
             motions: vec![None; cells],
             found: vec![None; cells],
-            fine: Vec::new(),
+            refinement: Refinement::default(),
         }
     }
 
@@ -173,45 +173,18 @@ impl Sampler {
     }
 
     /// Measures further correspondences of the pair that [`correspond`](Self::correspond) was last
-    /// given, and adds them to `out`: where its points disagree on the motion.
+    /// given, and adds them to `out`: in cells where nothing was found, and in tiles of 8 × 8 analysed
+    /// pixels where the points around disagree on the motion.
     ///
-    /// The points are the middles of tiles of 8 × 8 analysed pixels. Each is followed from the
-    /// motions of the grid's points around it, and nowhere else: what they do not know is not found.
+    /// Small patches see depth edges and small things, but are more often mistaken than the points of
+    /// the grid: they are for local motion, not for that of the frame.
     pub fn refine(&mut self, first: &Pyramid, second: &Pyramid, out: &mut Vec<Correspondence>) {
         let pair = Pair { cpu: self.cpu, first: first.levels(), second: second.levels() };
-        let (size, scale) = (self.reduction.size(), self.reduction.scale());
-        let (true, Some([first, second])) = (pair.is_usable(size), pair.finest()) else { return };
-        let tiles = Tiles::new(size);
-        let (grid, found) = (&self.grid, &self.found);
-        let cpu = self.cpu;
-        let motions: Vec<_> = found.iter().map(|found| found.as_ref().map(|f| f.local().motion)).collect();
-        let mut recovered: Vec<Option<Fine>> = vec![None; grid.len()];
-        recovered.par_iter_mut().enumerate().with_min_len(8).for_each(|(index, out)| {
-            let Some(corner) = grid.corner(index) else { return };
-            if found[index].is_some() { return }
-            let at = centre::<FINE>(Vector2::new(corner.0 as f32, corner.1 as f32));
-            let around = Neighbourhood::new(&motions, grid.columns, index).agreement(at);
-            *out = recover(&pair, at, around.shift.unwrap_or_default());
-        });
-        let mut all = motions.clone();
-        for (m, r) in all.iter_mut().zip(&recovered) {
-            if let Some(r) = r { *m = Some(r.motion()); }
+        if pair.is_usable(self.reduction.size()) {
+            let scale = self.reduction.scale();
+            self.refinement.run(&pair, &self.grid, self.found.iter().map(|found| found.map(|f| f.local())));
+            out.extend(self.refinement.found().map(|small| small.to_full(scale)));
         }
-        let need = super::tiles::knob("SUPPORT", 1.0) as usize;
-        for (index, r) in recovered.iter_mut().enumerate() {
-            if let Some(f) = r {
-                let around = Neighbourhood::new(&all, grid.columns, index);
-                if around.support(f.motion(), &Matrix2::identity()) < need { *r = None; }
-            }
-        }
-        let motions: Vec<_> = found.iter().zip(&recovered).map(|(found, r)| found.as_ref().map(Found::local).or(r.as_ref().map(|r| Local { motion: r.motion(), slope: Matrix2::zeros() }))).collect();
-        out.extend(recovered.iter().flatten().map(|r| r.to_full(scale)));
-        let known = Known { motions: &motions, columns: self.grid.columns, size };
-        self.fine.resize(tiles.len(), None);
-        self.fine.par_iter_mut().enumerate().with_min_len(64).for_each(|(index, fine)| {
-            *fine = tiles.follow(index, cpu, [first, second], &known).map(|found| found.to_full(scale));
-        });
-        out.extend(self.fine.iter().flatten());
     }
 
     /// How much two frames differ: the highest mean absolute grey difference (0 to 255) of any
@@ -242,7 +215,7 @@ struct Found {
 }
 
 impl Found {
-    fn local(&self) -> Local {
+    fn local(self) -> Local {
         let motion = Motion { at: centre::<FINE>(self.from), shift: self.found.corner - self.from };
         Local { motion, slope: self.distortion - Matrix2::identity() }
     }
@@ -259,10 +232,10 @@ impl Found {
 
 /// The levels of two frames.
 #[derive(Clone, Copy)]
-struct Pair<'a> {
-    cpu: CpuLevel,
-    first: &'a [Level],
-    second: &'a [Level],
+pub(super) struct Pair<'a> {
+    pub(super) cpu: CpuLevel,
+    pub(super) first: &'a [Level],
+    pub(super) second: &'a [Level],
 }
 
 impl Pair<'_> {
@@ -272,16 +245,12 @@ impl Pair<'_> {
         fits(self.first) && fits(self.second)
     }
 
-    fn finest(&self) -> Option<[&Level; 2]> {
-        Some([self.first.first()?, self.second.first()?])
-    }
-
-    fn reversed(self) -> Self {
+    pub(super) fn reversed(self) -> Self {
         Self { first: self.second, second: self.first, ..self }
     }
 }
 
-fn level_scale(level: usize) -> f32 {
+pub(super) fn level_scale(level: usize) -> f32 {
     (1u32 << level) as f32
 }
 
@@ -289,7 +258,7 @@ fn to_fine(at: Vector2<f32>, level: usize) -> Vector2<f32> {
     at.add_scalar(0.5) * level_scale(level) - Vector2::repeat(0.5)
 }
 
-fn to_level(at: Vector2<f32>, level: usize) -> Vector2<f32> {
+pub(super) fn to_level(at: Vector2<f32>, level: usize) -> Vector2<f32> {
     at.add_scalar(0.5) / level_scale(level) - Vector2::repeat(0.5)
 }
 
@@ -500,31 +469,4 @@ fn block_difference(first: &Level, second: &Level) -> f64 {
         highest
     });
     f64::from(highest.reduce(|| 0.0, f32::max))
-}
-
-fn recover(pair: &Pair<'_>, at: Vector2<f32>, expected: Vector2<f32>) -> Option<Fine> {
-    let level = 2.min(pair.first.len() - 1);
-    let unit = level_scale(level);
-    let levels = [pair.first.get(level)?, pair.second.get(level)?];
-    let (shift, score) = super::search::best_shift(pair.cpu, levels, to_level(at, level), expected / unit)?;
-    if score < super::tiles::knob("NCC", 0.8) { return None; }
-    let mut shift = shift * unit;
-    if let Some((s, m)) = coarse_match(pair, 1.min(level), at, shift / level_scale(1.min(level))) {
-        if m.correlation > 0.7 { shift = s * level_scale(1.min(level)); }
-    }
-    let corner = at.add_scalar(-0.5 * (COARSE as f32 - 1.0)).map(f32::round);
-    let forth = small_match(pair, corner, shift)?;
-    let nearest = forth.1.corner.map(f32::round);
-    let back = small_match(&pair.reversed(), nearest, corner - forth.1.corner)?;
-    let error = (back.1.corner - nearest) - (corner - forth.1.corner);
-    if error.norm() > 0.7 { return None; }
-    Some(Fine { from: corner, found: forth.1, texture: forth.0 })
-}
-
-fn small_match(pair: &Pair<'_>, corner: Vector2<f32>, shift: Vector2<f32>) -> Option<(f32, Match)> {
-    if corner.x < 0.0 || corner.y < 0.0 { return None; }
-    let template = CoarseTemplate::new(pair.cpu, pair.first.first()?, (corner.x as usize, corner.y as usize), 0.3)?;
-    if template.texture.is_nan() || template.texture < LEAST_TEXTURE { return None; }
-    let found = template.find(pair.second.first()?, corner + shift, FINE_EFFORT)?;
-    (found.correlation > super::tiles::knob("CORR", 0.8) && found.step < 0.1 && (found.corner - corner - shift).norm() < 3.0).then_some((template.texture, found))
 }

@@ -10,9 +10,9 @@
 //! The only clock is the exposure time t = t_k + T·s, so that any frame rate, dropped frame or
 //! reverse playback is right; see the [`readout`](crate::readout).
 
+pub mod layer;
 pub mod link;
 pub mod measurement;
-pub mod layer;
 mod start;
 pub mod window;
 

@@ -21,6 +21,8 @@
 
 mod node;
 mod samples;
+#[cfg(test)]
+mod tests;
 
 use crate::correspond::Correspondence;
 use crate::readout::Readout;

@@ -11,6 +11,10 @@ const WANTED: usize = 10;
 /// Cells (a mesh spacing wide) around a node within which it looks for them.
 const FARTHEST: usize = 5;
 
+/// Displacements over the interval to a neighbour that differ by less, in mesh spacings, may be the same:
+/// one analysed pixel.
+const SAME_MOTION: f64 = 0.125;
+
 /// Texture (squared grey levels) of a patch whose place counts half.
 const WEAK_TEXTURE: f32 = 4.0;
 
@@ -27,12 +31,21 @@ pub(super) struct Sample {
     pub(super) ahead: f32,
 }
 
+impl Sample {
+    /// Whether it comes from a neighbour as this one does: both earlier or both later.
+    pub(super) fn is_on_side_of(&self, ahead: f32) -> bool {
+        (self.ahead > 0.0) == (ahead > 0.0)
+    }
+}
+
 /// The samples of a frame in cells around the nodes of the mesh.
 #[derive(Debug)]
 pub(super) struct Samples {
     columns: usize,
     rows: usize,
     spacing: f64,
+    /// Velocities (pixels per readout) that differ by less may be the same.
+    tolerance: f32,
     unsorted: Vec<(usize, Sample)>,
     /// Where the samples of each cell start, and one end.
     starts: Vec<usize>,
@@ -42,7 +55,8 @@ pub(super) struct Samples {
 
 impl Samples {
     pub(super) fn new(columns: usize, rows: usize, spacing: f64) -> Self {
-        Self { columns, rows, spacing, unsorted: Vec::new(), starts: Vec::new(), sorted: Vec::new() }
+        let (unsorted, starts, sorted) = (Vec::new(), Vec::new(), Vec::new());
+        Self { columns, rows, spacing, tolerance: 0.0, unsorted, starts, sorted }
     }
 
     /// Takes the residual velocities of all neighbours.
@@ -53,7 +67,13 @@ impl Samples {
         carry: impl Fn(Vector2<f64>, f64, f64) -> Vector2<f64>,
     ) {
         self.unsorted.clear();
+        self.tolerance = 0.0;
         for neighbour in neighbours {
+            let ahead = (neighbour.interval / readout.time) as f32;
+            if !ahead.is_finite() || ahead == 0.0 {
+                continue;
+            }
+            self.tolerance = self.tolerance.max((SAME_MOTION * self.spacing) as f32 / ahead.abs());
             for correspondence in neighbour.correspondences {
                 let (here, there) = match neighbour.interval > 0.0 {
                     true => (correspondence.from, correspondence.to),
@@ -67,7 +87,6 @@ impl Samples {
                     continue;
                 };
                 let trust = correspondence.texture / (correspondence.texture + WEAK_TEXTURE);
-                let ahead = (neighbour.interval / readout.time) as f32;
                 let sample = Sample { at: here.cast(), velocity: velocity.cast(), trust, ahead };
                 self.unsorted.push((cell, sample));
             }
@@ -80,7 +99,7 @@ impl Samples {
         let place = (at / self.spacing).map(f64::round);
         let inside = |place: f64, count: usize| place >= 0.0 && place < count as f64;
         let within = inside(place.x, self.columns) && inside(place.y, self.rows);
-        within.then_some(place.y as usize * self.columns + place.x as usize)
+        within.then(|| place.y as usize * self.columns + place.x as usize)
     }
 
     /// Counting sort by cell.
@@ -120,7 +139,7 @@ impl Samples {
             }
             (top..=bottom).for_each(|row| out.samples.extend_from_slice(&self.sorted[slice(row)]));
             let cells = (right - left + 1) * (bottom - top + 1);
-            out.spacing = self.spacing as f32;
+            (out.spacing, out.tolerance) = (self.spacing as f32, self.tolerance);
             out.apart = (self.spacing * (cells as f64 / count.max(1) as f64).sqrt()) as f32;
             return;
         }
