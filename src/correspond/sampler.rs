@@ -220,7 +220,7 @@ impl Found {
         Local { motion, slope: self.distortion - Matrix2::identity() }
     }
 
-    fn to_full(&self, scale: f64) -> Correspondence {
+    fn to_full(self, scale: f64) -> Correspondence {
         Correspondence {
             from: to_full(centre::<FINE>(self.from), scale),
             to: to_full(centre::<FINE>(self.found.corner), scale),

@@ -68,7 +68,6 @@ impl VelocityMesh {
 /// Solves the residual velocities of one frame after another.
 #[derive(Debug)]
 pub struct Layer {
-    readout_size: (usize, usize),
     mesh: VelocityMesh,
     samples: Samples,
 }
@@ -82,20 +81,20 @@ impl Layer {
         let (columns, rows) = (nodes(width), nodes(height));
         let velocities = vec![Vector2::zeros(); columns * rows];
         let mesh = VelocityMesh { columns, rows, spacing, velocities };
-        Self { readout_size: (width, height), samples: Samples::new(columns, rows, spacing), mesh }
+        Self { samples: Samples::new(columns, rows, spacing), mesh }
     }
 
     /// The residual velocities of a frame, given its neighbours in time.
     ///
     /// `carry` is the global path: where it takes a point (frame pixels) from one exposure time to
-    /// another (seconds after the frame's timestamp). Nothing to go by leaves zeros.
+    /// another (seconds after the frame's timestamp). `readout` is that of the frame and its neighbours, of the
+    /// size given to [`new`](Self::new). Nothing to go by leaves zeros.
     pub fn solve(
         &mut self,
         readout: &Readout,
         neighbours: &[Neighbour<'_>],
         carry: impl Fn(Vector2<f64>, f64, f64) -> Vector2<f64>,
     ) -> &VelocityMesh {
-        debug_assert_eq!(self.readout_size, (readout.width, readout.height));
         self.samples.fill(readout, neighbours, carry);
         let mut velocities = std::mem::take(&mut self.mesh.velocities);
         let (mesh, samples) = (&self.mesh, &self.samples);
