@@ -97,7 +97,7 @@ impl Surroundings {
         best.1
     }
 
-    /// Weight of the samples that move as this one does.
+    /// Weight of the other samples that move as this one does: what is alone is more likely a mistake.
     fn agreement(&self, seed: &Sample) -> f32 {
         let wide = self.tolerance + ACCELERATION * seed.velocity.norm();
         let (narrow, wide) = (1.0 / (self.tolerance * self.tolerance), 1.0 / (wide * wide));
@@ -105,7 +105,9 @@ impl Surroundings {
             let scale = if sample.is_on_side_of(seed.ahead) { narrow } else { wide };
             weight * kernel(scale * (sample.velocity - seed.velocity).norm_squared())
         };
-        self.samples.iter().zip(&self.weights).map(agrees).sum()
+        let others =
+            self.samples.iter().zip(&self.weights).filter(|(sample, _)| !std::ptr::eq(*sample, seed));
+        others.map(agrees).sum()
     }
 
     /// The mean of the samples of one neighbour whose velocities are within `tolerance` or so of `around`.
