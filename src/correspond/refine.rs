@@ -25,7 +25,7 @@ const SEARCHED: usize = 2;
 const LEAST_SEARCH_CORRELATION: f32 = 0.7;
 
 /// Small patches that correlate less are not kept.
-const LEAST_CORRELATION: f32 = 0.8;
+const LEAST_CORRELATION: f32 = 0.9;
 
 /// What was searched for is kept where as many neighbours move as it does.
 const FEWEST_SUPPORTERS: usize = 2;
