@@ -27,7 +27,7 @@ pub(super) struct Motion {
 
 impl Motion {
     /// The motion at another point, given how the motion changes from pixel to pixel.
-    fn carried(&self, at: Vector2<f32>, slope: &Matrix2<f32>) -> Vector2<f32> {
+    pub(super) fn carried(&self, at: Vector2<f32>, slope: &Matrix2<f32>) -> Vector2<f32> {
         self.shift + slope * (at - self.at)
     }
 }

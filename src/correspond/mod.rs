@@ -10,6 +10,7 @@
 //! | sample | `patch` | its kernels: patches between pixels, stretched patches, sums |
 //! | agree | `field` | what the neighbours of a point say of its motion and its local distortion |
 //! | join | `sampler` | the order of it all, and which points are kept |
+//! | refine | `refine`, `search` | on demand: small patches where the points are missing or disagree |
 //!
 //! Three coordinate systems occur: *full-frame* pixels, which callers see; *analysed* pixels, those
 //! of the reduced grey; and pixels of level l, each 2^l analysed pixels wide. In all of them pixel
@@ -32,7 +33,9 @@ mod grid;
 mod luma;
 mod patch;
 mod pyramid;
+mod refine;
 mod sampler;
+mod search;
 mod start;
 #[cfg(test)]
 mod tests;

@@ -5,6 +5,7 @@ use super::field::{Motion, Neighbourhood};
 use super::grid::{Grid, centre};
 use super::luma::Reduction;
 use super::pyramid::{Level, Pyramid};
+use super::refine::{Local, Refinement};
 use super::start::Search;
 use super::tracker::{COARSE, CoarseTemplate, Effort, FINE, FineTemplate, Match};
 use crate::cpu::CpuLevel;
@@ -13,7 +14,7 @@ use nalgebra::{Matrix2, Vector2};
 use rayon::prelude::*;
 
 /// Points whose texture (squared grey levels) is less are not kept.
-const LEAST_TEXTURE: f32 = 1.0;
+pub(super) const LEAST_TEXTURE: f32 = 1.0;
 
 /// Points whose patches correlate less are not kept.
 const LEAST_CORRELATION: f32 = 0.7;
@@ -82,7 +83,8 @@ pub struct Sampler {
     grid: Grid,
     search: Search,
     motions: Vec<Option<Motion>>,
-    found: Vec<Option<Correspondence>>,
+    found: Vec<Option<Found>>,
+    refinement: Refinement,
 }
 
 impl Sampler {
@@ -112,6 +114,7 @@ impl Sampler {
             search: Search::default(),
             motions: vec![None; cells],
             found: vec![None; cells],
+            refinement: Refinement::default(),
         }
     }
 
@@ -163,11 +166,25 @@ impl Sampler {
                 let at = centre::<FINE>(Vector2::new(corner.0 as f32, corner.1 as f32));
                 let own = motions.get(index).copied().flatten().map(|motion| motion.shift);
                 let around = Neighbourhood::new(motions, grid.columns, index);
-                let found = fine_match(&pair, corner, at, own, &around)?;
-                Some(found.to_full(scale))
+                fine_match(&pair, corner, at, own, &around)
             });
         });
-        out.extend(self.found.iter().flatten());
+        out.extend(self.found.iter().flatten().map(|found| found.to_full(scale)));
+    }
+
+    /// Measures further correspondences of the pair that [`correspond`](Self::correspond) was last
+    /// given, and adds them to `out`: in cells where nothing was found, and in tiles of 8 × 8 analysed
+    /// pixels where the points around disagree on the motion.
+    ///
+    /// Small patches see depth edges and small things, but are more often mistaken than the points of
+    /// the grid: they are for local motion, not for that of the frame.
+    pub fn refine(&mut self, first: &Pyramid, second: &Pyramid, out: &mut Vec<Correspondence>) {
+        let pair = Pair { cpu: self.cpu, first: first.levels(), second: second.levels() };
+        if pair.is_usable(self.reduction.size()) {
+            let scale = self.reduction.scale();
+            self.refinement.run(&pair, &self.grid, self.found.iter().map(|found| found.map(|f| f.local())));
+            out.extend(self.refinement.found().map(|small| small.to_full(scale)));
+        }
     }
 
     /// How much two frames differ: the highest mean absolute grey difference (0 to 255) of any
@@ -189,14 +206,21 @@ impl Sampler {
 }
 
 /// A point that passed, in analysed pixels.
+#[derive(Clone, Copy, Debug)]
 struct Found {
     from: Vector2<f32>,
     found: Match,
     texture: f32,
+    distortion: Matrix2<f32>,
 }
 
 impl Found {
-    fn to_full(&self, scale: f64) -> Correspondence {
+    fn local(self) -> Local {
+        let motion = Motion { at: centre::<FINE>(self.from), shift: self.found.corner - self.from };
+        Local { motion, slope: self.distortion - Matrix2::identity() }
+    }
+
+    fn to_full(self, scale: f64) -> Correspondence {
         Correspondence {
             from: to_full(centre::<FINE>(self.from), scale),
             to: to_full(centre::<FINE>(self.found.corner), scale),
@@ -208,10 +232,10 @@ impl Found {
 
 /// The levels of two frames.
 #[derive(Clone, Copy)]
-struct Pair<'a> {
-    cpu: CpuLevel,
-    first: &'a [Level],
-    second: &'a [Level],
+pub(super) struct Pair<'a> {
+    pub(super) cpu: CpuLevel,
+    pub(super) first: &'a [Level],
+    pub(super) second: &'a [Level],
 }
 
 impl Pair<'_> {
@@ -221,12 +245,12 @@ impl Pair<'_> {
         fits(self.first) && fits(self.second)
     }
 
-    fn reversed(self) -> Self {
+    pub(super) fn reversed(self) -> Self {
         Self { first: self.second, second: self.first, ..self }
     }
 }
 
-fn level_scale(level: usize) -> f32 {
+pub(super) fn level_scale(level: usize) -> f32 {
     (1u32 << level) as f32
 }
 
@@ -234,7 +258,7 @@ fn to_fine(at: Vector2<f32>, level: usize) -> Vector2<f32> {
     at.add_scalar(0.5) * level_scale(level) - Vector2::repeat(0.5)
 }
 
-fn to_level(at: Vector2<f32>, level: usize) -> Vector2<f32> {
+pub(super) fn to_level(at: Vector2<f32>, level: usize) -> Vector2<f32> {
     at.add_scalar(0.5) / level_scale(level) - Vector2::repeat(0.5)
 }
 
@@ -249,7 +273,7 @@ fn expected_shift(
     if shift.iter().all(|value| value.is_finite()) { shift } else { Vector2::zeros() }
 }
 
-fn to_full(at: Vector2<f32>, scale: f64) -> Vector2<f64> {
+pub(super) fn to_full(at: Vector2<f32>, scale: f64) -> Vector2<f64> {
     at.map(f64::from).add_scalar(0.5) * scale - Vector2::repeat(0.5)
 }
 
@@ -399,7 +423,12 @@ fn fine_match(
     let supporters = around.support(Motion { at, shift: found.corner - from }, &agreed.distortion);
     let is_alone = supporters < FEWEST_SUPPORTERS.min(around.cells() - 1);
     let error = return_error(&pair.reversed(), from, found.corner, agreed.distortion)?;
-    (!is_alone && error <= MOST_RETURN_ERROR).then_some(Found { from, found, texture: template.texture })
+    (!is_alone && error <= MOST_RETURN_ERROR).then_some(Found {
+        from,
+        found,
+        texture: template.texture,
+        distortion: agreed.distortion,
+    })
 }
 
 /// How far from `from` a point found at `to` is found back, in pixels.

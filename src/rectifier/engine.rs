@@ -1,9 +1,8 @@
 //! The two estimators behind one face.
 
-use crate::correspond::Correspondence;
 use crate::motion::{MotionPath, SampledPath, Twist, image_centre};
 use crate::readout::Readout;
-use crate::solve::continuous::{Camera, Continuous};
+use crate::solve::continuous::{Camera, Continuous, Found};
 use crate::solve::{Candidate, Link, Origin, Window};
 use nalgebra::Vector2;
 
@@ -27,7 +26,7 @@ pub(super) struct Settled {
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Step<'a> {
     /// Correspondences with the frame before; `None` after a start or a gap.
-    pub correspondences: Option<&'a [Correspondence]>,
+    pub found: Option<Found<'a>>,
     /// Seconds.
     pub time: f64,
     /// Seconds since the frame before; negative in reverse playback.
@@ -61,8 +60,8 @@ impl Engine {
         Self::Sequential(Sequential::default())
     }
 
-    pub fn continuous(camera: Camera, (width, height): (usize, usize), noise: f64) -> Self {
-        Self::Continuous(Box::new(Continuous::new(camera, width, height, noise)))
+    pub fn continuous(camera: Camera, (width, height): (usize, usize), pixel_scale: f64) -> Self {
+        Self::Continuous(Box::new(Continuous::new(camera, width, height, pixel_scale)))
     }
 
     /// Where a point (pixels) of the last frame is expected after `interval` seconds.
@@ -78,11 +77,16 @@ impl Engine {
         }
     }
 
+    /// Whether finer correspondences than the grid's are of use.
+    pub fn wants_detail(&self) -> bool {
+        matches!(self, Self::Continuous(continuous) if continuous.wants_detail())
+    }
+
     /// Adds the next frame.
     pub fn push(&mut self, step: &Step<'_>) {
         match self {
             Self::Sequential(sequential) => sequential.push(step),
-            Self::Continuous(continuous) => continuous.push(step.correspondences, step.time, step.period),
+            Self::Continuous(continuous) => continuous.push(step.found, step.time, step.period),
         }
     }
 
@@ -94,7 +98,10 @@ impl Engine {
                 let path = SampledPath::new(&motion.homographies, motion.readout.time).ok()?;
                 Some(Settled {
                     readout: motion.readout,
-                    path: MotionPath::from(path),
+                    path: match motion.field {
+                        Some(field) => MotionPath::from(path).with_residual(field),
+                        None => MotionPath::from(path),
+                    },
                     confidence: motion.confidence,
                     origin: Origin::Continuous,
                     inliers: motion.inliers,
@@ -121,7 +128,7 @@ impl Engine {
 impl Sequential {
     fn push(&mut self, step: &Step<'_>) {
         let link =
-            step.correspondences.map(|found| Link::new(found, &step.readout, step.interval, step.noise));
+            step.found.map(|found| Link::new(found.grid, &step.readout, step.interval, step.noise));
         self.expected = self.window.push(link).map_or(Twist::ZERO, |fit| fit.twist);
         self.readouts.push_back(step.readout);
     }

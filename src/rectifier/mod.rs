@@ -11,7 +11,7 @@ use crate::motion::MotionPath;
 use crate::motion::generators::Model;
 use crate::plane::Luma;
 use crate::readout::{Readout, ReadoutDirection, ReadoutTime};
-use crate::solve::continuous::Camera;
+use crate::solve::continuous::{Camera, Found};
 use clock::Clock;
 use duplicates::Duplicates;
 use engine::{Engine, Settled, Step};
@@ -23,8 +23,6 @@ pub use crate::solve::Origin;
 /// Standard deviation of a tracked coordinate, in pixels of the analysed luma: what the sampler
 /// reaches on compressed footage.
 const TRACKING_NOISE: f64 = 0.1;
-/// The same on clean footage: the continuous estimator learns what there is beyond it.
-const CONTINUOUS_NOISE: f64 = 0.03;
 /// From this confidence on the whole correction is applied.
 const FULL_TRUST: f64 = 0.5;
 /// Confidence grows with the share of grid nodes whose correspondences follow the motion, up to this
@@ -141,6 +139,8 @@ pub struct Rectifier {
     before: Pyramid,
     now: Pyramid,
     correspondences: Vec<Correspondence>,
+    /// Finer ones of the same pair.
+    fine: Vec<Correspondence>,
     /// The time of the frame that the next one is compared with.
     reference: Option<f64>,
     duplicates: Duplicates,
@@ -167,7 +167,7 @@ impl Rectifier {
                     readout_time: settings.readout_time,
                     focal_length: settings.focal_length,
                 };
-                Engine::continuous(camera, (width, height), CONTINUOUS_NOISE * sampler.pixel_scale())
+                Engine::continuous(camera, (width, height), sampler.pixel_scale())
             }
         };
         Self {
@@ -178,6 +178,7 @@ impl Rectifier {
             before: Pyramid::default(),
             now: Pyramid::default(),
             correspondences: Vec::new(),
+            fine: Vec::new(),
             reference: None,
             duplicates: Duplicates::default(),
             engine,
@@ -260,6 +261,10 @@ impl Rectifier {
         if let Some(interval) = interval {
             let predict = self.engine.predictor(readout, interval);
             self.sampler.correspond(&self.before, &self.now, predict, &mut self.correspondences);
+            self.fine.clear();
+            if self.engine.wants_detail() {
+                self.sampler.refine(&self.before, &self.now, &mut self.fine);
+            }
             if let Some(waiting) = self.waiting.back_mut() {
                 waiting.correspondences = self.correspondences.len();
             }
@@ -267,7 +272,7 @@ impl Rectifier {
         let tracked = Instant::now();
         self.timings.correspond += tracked - started;
         self.engine.push(&Step {
-            correspondences: interval.map(|_| self.correspondences.as_slice()),
+            found: interval.map(|_| Found { grid: &self.correspondences, fine: &self.fine }),
             time,
             interval: interval.unwrap_or(0.0),
             period: self.clock.period(),

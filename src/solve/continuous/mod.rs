@@ -11,4 +11,4 @@ mod solver;
 mod spline;
 mod stream;
 
-pub use stream::{Camera, Continuous, Motion};
+pub use stream::{Camera, Continuous, Found, Motion};

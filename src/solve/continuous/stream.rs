@@ -6,8 +6,9 @@ use super::smoothness::Smoothness;
 use super::solver::{Solver, Tempo};
 use crate::correspond::Correspondence;
 use crate::motion::generators::Model;
-use crate::motion::image_centre;
+use crate::motion::{ResidualField, ResidualMesh, image_centre};
 use crate::readout::{Readout, ReadoutDirection, ReadoutTime};
+use crate::solve::layer::{Layer, Neighbour};
 use crate::solve::shutter::ShutterEstimator;
 use nalgebra::{Matrix3, Vector2};
 use std::collections::VecDeque;
@@ -24,8 +25,14 @@ const SETTLED_READOUT: f64 = 0.01;
 const UNEXPLAINED: f64 = 0.05;
 /// The faster tempo must leave less than this share of what the calm one does (standard deviations).
 const WORTH_VIBRATING: f64 = 0.5;
-/// Less than so many times the least noise is not worth a trial.
-const NOTICEABLE: f64 = 5.0;
+/// Standard deviation of a coordinate in analysed pixels that the tracker reaches on clean footage.
+const NOISE: f64 = 0.03;
+/// Residuals of less than so many times the least noise are nothing but noise.
+const NOTICEABLE: f64 = 4.0;
+/// Readout ratios from which a vibration is looked for where the readout is unknown.
+const READOUTS: [f64; 4] = [0.9, 0.5, -0.5, -0.9];
+/// A readout ratio that is known worse than this may be anything.
+const VAGUE: f64 = 0.2;
 /// Frames from one trial of another tempo to the next.
 const TRIAL: usize = 15;
 /// Shares of the readout at which the homographies of a frame are given out, less one.
@@ -42,6 +49,8 @@ const KNOWN: f64 = 1e-6;
 const LEAST_DEVIATION: f64 = 0.01;
 /// Independent measurements in a pair, two coordinates each: the weight of its residuals' logarithm.
 const WEIGHT: f64 = 50.0;
+/// An axis whose likelihood is greater than another's by a factor of e to this power is held to be right.
+const CERTAIN: f64 = 5.0;
 /// Pairs from one rough estimate of the readout to the next.
 const HINT_EVERY: usize = 4;
 /// A reading axis whose likelihood is less than another's by a factor of e to this power is given up.
@@ -70,6 +79,8 @@ pub struct Motion {
     pub homographies: Vec<Matrix3<f64>>,
     /// Trust in it, 0 to 1.
     pub confidence: f64,
+    /// What parts of the picture do beside that, where it was asked for and there is anything.
+    pub field: Option<ResidualField>,
     /// Correspondences that follow it.
     pub inliers: usize,
     /// Standard deviation in pixels of a coordinate that it leaves in the pairs that the frame is in.
@@ -83,6 +94,17 @@ struct Entry {
     /// Timestamp in frame periods.
     stamp: f64,
     to_next: Option<Pair>,
+    /// The same pair's correspondences in pixels, the finer ones too, for what moves on its own.
+    detail: Vec<Correspondence>,
+}
+
+/// The correspondences of a pair of frames.
+#[derive(Clone, Copy, Debug)]
+pub struct Found<'a> {
+    /// Those of the grid, by which the motion of the whole is found.
+    pub grid: &'a [Correspondence],
+    /// Finer ones, where parts of the picture move differently.
+    pub fine: &'a [Correspondence],
 }
 
 /// A way in which the sensor may be read.
@@ -100,12 +122,14 @@ struct Hypothesis {
 }
 
 /// The continuous estimator of one stream.
-#[derive(Clone, Debug)]
+#[derive(Debug)]
 pub struct Continuous {
     camera: Camera,
     size: [usize; 2],
     centre: Vector2<f64>,
     radius: f64,
+    /// Least standard deviation of a measured coordinate in pixels.
+    noise: f64,
     /// The one that is believed first.
     hypotheses: Vec<Hypothesis>,
     frames: VecDeque<Entry>,
@@ -121,12 +145,17 @@ pub struct Continuous {
     shutter: Option<ShutterEstimator>,
     /// Pairs that it has taken in.
     taken: usize,
+    layer: Layer,
+    /// Standard deviation of a coordinate in the last frame that was settled.
+    sigma: f64,
+    /// Memory for correspondences.
+    spare: Vec<Vec<Correspondence>>,
 }
 
 impl Continuous {
-    /// For frames of `width` × `height` pixels; `noise` is the standard deviation of a measured coordinate
-    /// in pixels.
-    pub fn new(camera: Camera, width: usize, height: usize, noise: f64) -> Self {
+    /// For frames of `width` × `height` pixels, of which `pixel_scale` make an analysed pixel.
+    pub fn new(camera: Camera, width: usize, height: usize, pixel_scale: f64) -> Self {
+        let noise = NOISE * pixel_scale;
         let radius = width.max(1) as f64 / 2.0;
         let hypothesis = |direction: ReadoutDirection| {
             let lines = if direction.is_by_rows() { height } else { width } as f64;
@@ -146,6 +175,7 @@ impl Continuous {
             size: [width, height],
             centre: image_centre(width, height),
             radius,
+            noise,
             hypotheses: camera.directions().iter().copied().map(hypothesis).collect(),
             frames: VecDeque::new(),
             settled: 0,
@@ -154,19 +184,29 @@ impl Continuous {
             continues: false,
             shutter: (camera.readout_time == ReadoutTime::Unknown).then(|| ShutterEstimator::new(width, height)),
             taken: 0,
+            layer: Layer::new(width, height, pixel_scale),
+            sigma: f64::INFINITY,
+            spare: Vec::new(),
         }
+    }
+
+    /// Whether the path leaves so much that finer correspondences are of use.
+    pub fn wants_detail(&self) -> bool {
+        self.sigma > NOTICEABLE * self.noise
     }
 
     /// Adds the next frame at `time` seconds, `period` the nominal frame period, with its
     /// correspondences to the frame pushed before it: `None` at a start, a gap or a cut.
-    pub fn push(&mut self, correspondences: Option<&[Correspondence]>, time: f64, period: f64) {
+    pub fn push(&mut self, found: Option<Found<'_>>, time: f64, period: f64) {
         let (unit, origin) = self.clock.unwrap_or_else(|| self.start(period, time));
         let stamp = (time - origin) / unit;
         let (centre, radius) = (self.centre, self.radius);
-        if let (Some(last), Some(found)) = (self.frames.back_mut(), correspondences) {
-            last.to_next = Pair::new(found, centre, radius, [last.stamp, stamp]);
+        if let (Some(last), Some(found)) = (self.frames.back_mut(), found) {
+            last.to_next = Pair::new(found.grid, centre, radius, [last.stamp, stamp]);
+            last.detail.extend_from_slice(found.grid);
+            last.detail.extend_from_slice(found.fine);
             if let Some(shutter) = &mut self.shutter {
-                shutter.push(found, (stamp - last.stamp) * unit);
+                shutter.push(found.grid, (stamp - last.stamp) * unit);
                 self.taken += 1;
                 if self.taken % HINT_EVERY == 0 {
                     self.take_hint(unit);
@@ -175,7 +215,8 @@ impl Continuous {
         } else if let Some(shutter) = &mut self.shutter {
             shutter.reset_pair();
         }
-        self.frames.push_back(Entry { stamp, to_next: None });
+        let detail = self.spare.pop().unwrap_or_default();
+        self.frames.push_back(Entry { stamp, to_next: None, detail });
     }
 
     /// Takes what the rough estimate says into each hypothesis: γ if only its axis is read along, and how
@@ -242,11 +283,18 @@ impl Continuous {
             hypothesis.settle(&pairs, starts, past, self.camera.is_known());
         }
         self.continues = !pairs.is_empty();
-        let motion = (!pairs.is_empty()).then(|| self.motion(&pairs, past, stamp));
+        let mut motion = (!pairs.is_empty()).then(|| self.motion(&pairs, past, stamp));
+        self.sigma = motion.as_ref().map_or(f64::INFINITY, |motion| motion.sigma);
+        if let Some(motion) = motion.as_mut().filter(|_| self.wants_detail()) {
+            motion.field = self.field(own, past > 0, &motion.readout);
+        }
         self.choose();
         self.settled += 1;
         if self.settled > PAST {
-            self.frames.pop_front();
+            if let Some(mut old) = self.frames.pop_front() {
+                old.detail.clear();
+                self.spare.push(old.detail);
+            }
             self.settled -= 1;
         }
         motion
@@ -262,7 +310,7 @@ impl Continuous {
 
     /// Puts the likelier axis first and gives up one that is far less likely.
     fn choose(&mut self) {
-        let likelihood = |hypothesis: &Hypothesis| hypothesis.score + hypothesis.rough;
+        let likelihood = Hypothesis::likelihood;
         let Some(best) = self.hypotheses.iter().map(likelihood).max_by(f64::total_cmp) else { return };
         self.hypotheses.retain(|hypothesis| likelihood(hypothesis) > best - DECISIVE);
         self.hypotheses.sort_by(|a, b| likelihood(b).total_cmp(&likelihood(a)));
@@ -290,10 +338,42 @@ impl Continuous {
             readout,
             homographies: (0..=SHARES).map(homography).collect(),
             confidence: self.confidence(solver, sigma, moved),
+            field: None,
             inliers,
             sigma,
             readout_deviation: solver.readout_deviation(),
         }
+    }
+
+    /// What parts of frame `own` do beside the motion of the whole.
+    fn field(&mut self, own: usize, follows: bool, readout: &Readout) -> Option<ResidualField> {
+        let (unit, _) = self.clock?;
+        let solver = &self.hypotheses.first()?.solver;
+        let frame = self.frames.get(own)?;
+        let mut neighbours = Vec::with_capacity(2);
+        if let Some(before) = own.checked_sub(1).and_then(|index| self.frames.get(index)).filter(|_| follows) {
+            let interval = (before.stamp - frame.stamp) * unit;
+            neighbours.push(Neighbour { correspondences: &before.detail, interval });
+        }
+        if let Some(after) = self.frames.get(own + 1).filter(|_| frame.to_next.is_some()) {
+            let interval = (after.stamp - frame.stamp) * unit;
+            neighbours.push(Neighbour { correspondences: &frame.detail, interval });
+        }
+        // Where the far edge is read first, γ is negative and the first exposure that much before the stamp.
+        let start = frame.stamp + solver.shared[0].min(0.0);
+        let (centre, radius) = (self.centre, self.radius);
+        let carry = |pixel: Vector2<f64>, from: f64, to: f64| {
+            let [from, to] = [from, to].map(|time| solver.time(start + time / unit, 0.0));
+            solver.flow.carry((pixel - centre) / radius, from, to) * radius + centre
+        };
+        let mesh = self.layer.solve(readout, &neighbours, carry);
+        let place = ResidualMesh {
+            columns: mesh.columns,
+            rows: mesh.rows,
+            origin: [-centre.x, -centre.y],
+            spacing: [mesh.spacing; 2],
+        };
+        ResidualField::new(place, mesh.velocities.iter().map(|velocity| [velocity.x, velocity.y]).collect()).ok()
     }
 
     fn confidence(&self, solver: &Solver, sigma: f64, moved: f64) -> f64 {
@@ -304,7 +384,11 @@ impl Continuous {
         }
         // Nothing under one deviation from no rolling shutter at all, everything from three on.
         let deviation = solver.readout_deviation().max(LEAST_DEVIATION);
-        explained * ((solver.shared[0].abs() / deviation - 1.0) / 2.0).clamp(0.0, 1.0)
+        let doubt = match self.hypotheses.as_slice() {
+            [first, second, ..] => ((first.likelihood() - second.likelihood()) / CERTAIN).clamp(0.0, 1.0),
+            _ => 1.0,
+        };
+        explained * doubt * ((solver.shared[0].abs() / deviation - 1.0) / 2.0).clamp(0.0, 1.0)
     }
 
     /// The shutter that a solver found.
@@ -340,6 +424,11 @@ impl Camera {
 }
 
 impl Hypothesis {
+    /// Logarithm of the likelihood, up to a constant.
+    fn likelihood(&self) -> f64 {
+        self.score + self.rough
+    }
+
     /// Fits the path to the pairs; the frame that is settled comes after the first `past` ones.
     fn settle(&mut self, pairs: &[&Pair], starts: bool, past: usize, known: bool) {
         if starts {
@@ -367,9 +456,16 @@ impl Hypothesis {
             return;
         }
         self.since_trial = 0;
-        let mut other = self.solver.at_tempo(tempo.other());
-        iterate(&mut other, pairs, STEPS[0], known);
-        let Some(others) = other.sigma(past) else { return };
+        let vague = !known && tempo == Tempo::Calm && self.solver.readout_deviation() > VAGUE;
+        let starts = if vague { &READOUTS[..] } else { &[] };
+        let trials = starts.iter().map(Some).chain([None]).map(|readout| {
+            let mut other = self.solver.at_tempo(tempo.other());
+            let [low, high] = other.limits[0];
+            other.shared[0] = readout.map_or(other.shared[0], |readout| readout.clamp(low, high));
+            iterate(&mut other, pairs, STEPS[0], known);
+            (other.sigma(past).unwrap_or(f64::INFINITY), other)
+        });
+        let Some((others, other)) = trials.min_by(|a, b| a.0.total_cmp(&b.0)) else { return };
         let (fast, calm) = if tempo == Tempo::Calm { (others, sigma) } else { (sigma, others) };
         if (fast < WORTH_VIBRATING * calm) == (tempo == Tempo::Calm) {
             self.solver = other;

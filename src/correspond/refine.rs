@@ -1,0 +1,372 @@
+//! Small patches where the points of the grid are missing or disagree: depth edges, and things that
+//! move unlike what is around them.
+//!
+//! 1. For each cell in which nothing was found a patch of its middle is searched for exhaustively
+//!    (`search`), measured forth and back, and kept where neighbours share its motion.
+//! 2. The picture is cut into tiles of the size of such a patch. Where the points of the grid around a tile
+//!    disagree, it is followed from each of their motions, and keeps the one that shows the same picture.
+//!
+//! A search takes 66 k multiply-adds; a tile a template and about three samplings for each of at most four
+//! motions, 10 k.
+
+use super::Correspondence;
+use super::field::{Motion, Neighbourhood};
+use super::grid::{Grid, centre};
+use super::sampler::{LEAST_TEXTURE, Pair, level_scale, to_full, to_level};
+use super::search::best_shift;
+use super::tracker::{COARSE, CoarseTemplate, Effort, FINE, Match};
+use nalgebra::{Matrix2, Vector2};
+use rayon::prelude::*;
+
+/// The level that is searched: shifts of 16 of its pixels are 64 analysed ones.
+const SEARCHED: usize = 2;
+
+/// Searches that end with a lower correlation found nothing.
+const LEAST_SEARCH_CORRELATION: f32 = 0.7;
+
+/// Small patches that correlate less are not kept.
+const LEAST_CORRELATION: f32 = 0.9;
+
+/// What was searched for is kept where as many neighbours move as it does.
+const FEWEST_SUPPORTERS: usize = 2;
+
+/// What was searched for lies this close, in pixels, to where the search saw it, and comes back as close.
+const SEARCH_ERROR: f32 = 3.0;
+const MOST_RETURN_ERROR: f32 = 0.7;
+
+/// Motions at a tile further apart than this, in pixels, disagree.
+const DISAGREEMENT: f32 = 1.0;
+
+/// Motions closer than this, in pixels, are one to try.
+const SAME_START: f32 = 0.7;
+
+/// Motions that are tried for a tile, at most.
+const STARTS: usize = 4;
+
+/// A tile lies this close, in pixels, to where one of the points around has it.
+const MOST_STRAY: f32 = 1.5;
+
+/// A later start wins over an earlier, nearer one where it leaves this share of what that leaves
+/// unexplained of a patch; a hundredth may be unexplained for any reason.
+const CLEARLY_BETTER: f32 = 0.7;
+const TOLERANCE: f32 = 0.01;
+
+/// Squared grey levels added to the eigenvalues: along an edge the start is kept.
+const SEARCH_DAMPING: f32 = 0.3;
+const TILE_DAMPING: f32 = 1.0;
+
+const MIDDLE_EFFORT: Effort = Effort { iterations: 4, tolerance: 0.1 };
+const SEARCH_EFFORT: Effort = Effort { iterations: 8, tolerance: 0.05 };
+const TILE_EFFORT: Effort = Effort { iterations: 4, tolerance: 0.05 };
+
+/// A measured motion and how it changes from pixel to pixel around it.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Local {
+    pub(super) motion: Motion,
+    pub(super) slope: Matrix2<f32>,
+}
+
+/// A small patch that was found, analysed pixels.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Small {
+    from: Vector2<f32>,
+    found: Match,
+    texture: f32,
+}
+
+impl Small {
+    fn motion(&self) -> Motion {
+        Motion { at: centre::<COARSE>(self.from), shift: self.found.corner - self.from }
+    }
+
+    pub(super) fn to_full(self, scale: f64) -> Correspondence {
+        Correspondence {
+            from: to_full(centre::<COARSE>(self.from), scale),
+            to: to_full(centre::<COARSE>(self.found.corner), scale),
+            texture: self.texture,
+            residual: self.found.residual,
+        }
+    }
+}
+
+/// What small patches found in a pair of frames.
+#[derive(Debug, Default)]
+pub(super) struct Refinement {
+    /// By cell of the grid: what is known of the motion.
+    known: Vec<Option<Local>>,
+    motions: Vec<Option<Motion>>,
+    /// By cell of the grid.
+    searched: Vec<Option<Small>>,
+    /// By tile.
+    tiles: Vec<Option<Small>>,
+}
+
+impl Refinement {
+    /// Refines what is known of the motion at the cells of the grid.
+    pub(super) fn run(&mut self, pair: &Pair<'_>, grid: &Grid, known: impl Iterator<Item = Option<Local>>) {
+        self.known.clear();
+        self.known.extend(known);
+        self.search(pair, grid);
+        self.follow_tiles(pair, grid.columns);
+    }
+
+    /// What was found last.
+    pub(super) fn found(&self) -> impl Iterator<Item = &Small> {
+        self.searched.iter().chain(&self.tiles).flatten()
+    }
+
+    /// Searches the cells of which nothing is known, and adds what was found to what is known.
+    fn search(&mut self, pair: &Pair<'_>, grid: &Grid) {
+        self.motions.clear();
+        self.motions.extend(self.known.iter().map(|local| local.map(|local| local.motion)));
+        self.searched.resize(grid.len(), None);
+        let (known, motions) = (&self.known, &self.motions);
+        self.searched.par_iter_mut().enumerate().with_min_len(8).for_each(|(index, searched)| {
+            let corner = grid.corner(index).filter(|_| known.get(index).is_some_and(Option::is_none));
+            *searched = corner.and_then(|(x, y)| {
+                let at = centre::<FINE>(Vector2::new(x as f32, y as f32));
+                let around = Neighbourhood::new(motions, grid.columns, index).agreement(at);
+                search_patch(pair, at, around.shift.unwrap_or_default())
+            });
+        });
+        for (motion, searched) in self.motions.iter_mut().zip(&self.searched) {
+            *motion = motion.or(searched.map(|small| small.motion()));
+        }
+        let cells = self.searched.iter_mut().zip(&mut self.known).enumerate();
+        for (index, (searched, known)) in cells.filter(|(_, (searched, _))| searched.is_some()) {
+            let around = Neighbourhood::new(&self.motions, grid.columns, index);
+            *searched = searched
+                .filter(|small| around.support(small.motion(), &Matrix2::identity()) >= FEWEST_SUPPORTERS);
+            *known = searched.map(|small| Local { motion: small.motion(), slope: Matrix2::zeros() });
+        }
+    }
+
+    fn follow_tiles(&mut self, pair: &Pair<'_>, columns: usize) {
+        let Some(level) = pair.first.first() else { return };
+        let across = level.width / COARSE;
+        let around = Around::new(&self.known, columns, (level.width, level.height));
+        self.tiles.resize(across * (level.height / COARSE), None);
+        self.tiles.par_iter_mut().enumerate().with_min_len(64).for_each(|(index, tile)| {
+            *tile = follow_tile(pair, (index % across * COARSE, index / across * COARSE), &around);
+        });
+    }
+}
+
+/// Searches the patch around `at` near the shift `expected`, and measures it forth and back.
+fn search_patch(pair: &Pair<'_>, at: Vector2<f32>, expected: Vector2<f32>) -> Option<Small> {
+    let level = SEARCHED.min(pair.first.len().checked_sub(1)?);
+    let levels = [pair.first.get(level)?, pair.second.get(level)?];
+    let (shift, score) = best_shift(pair.cpu, levels, to_level(at, level), expected / level_scale(level))?;
+    if score < LEAST_SEARCH_CORRELATION {
+        return None;
+    }
+    let shift = (1..level).rev().fold(shift * level_scale(level), |shift, level| {
+        follow_down(pair, level, at, shift / level_scale(level))
+            .map_or(shift, |shift| shift * level_scale(level))
+    });
+    let from = at.add_scalar(-0.5 * (COARSE as f32 - 1.0)).map(f32::round);
+    let there = small_match(pair, from, shift)?;
+    let nearest = there.found.corner.map(f32::round);
+    let home = from - there.found.corner;
+    let back = small_match(&pair.reversed(), nearest, home)?;
+    let error = back.found.corner - nearest - home;
+    (error.norm() <= MOST_RETURN_ERROR).then_some(there)
+}
+
+/// The shift of the patch around a point on a level between, from one near it (pixels of the level).
+fn follow_down(pair: &Pair<'_>, level: usize, at: Vector2<f32>, shift: Vector2<f32>) -> Option<Vector2<f32>> {
+    let from = to_level(at, level).add_scalar(-0.5 * (COARSE as f32 - 1.0)).map(f32::round);
+    let corner = (from.x as usize, from.y as usize);
+    let template = CoarseTemplate::new(pair.cpu, pair.first.get(level)?, corner, TILE_DAMPING)?;
+    let found = template.find(pair.second.get(level)?, from + shift, MIDDLE_EFFORT)?;
+    (found.correlation >= LEAST_SEARCH_CORRELATION).then_some(found.corner - from)
+}
+
+/// Measures the small patch at `from` on the finest level, near a shift that was seen.
+fn small_match(pair: &Pair<'_>, from: Vector2<f32>, shift: Vector2<f32>) -> Option<Small> {
+    let corner = (from.x as usize, from.y as usize);
+    let template = CoarseTemplate::new(pair.cpu, pair.first.first()?, corner, SEARCH_DAMPING)?;
+    let found = template.find(pair.second.first()?, from + shift, SEARCH_EFFORT)?;
+    let stray = (found.corner - from - shift).norm();
+    let is_found = template.texture >= LEAST_TEXTURE
+        && found.correlation >= LEAST_CORRELATION
+        && found.step <= MIDDLE_EFFORT.tolerance
+        && stray <= SEARCH_ERROR;
+    is_found.then_some(Small { from, found, texture: template.texture })
+}
+
+/// Follows a tile from the motions of the points around it, where they disagree.
+fn follow_tile(pair: &Pair<'_>, corner: (usize, usize), around: &Around<'_>) -> Option<Small> {
+    let from = Vector2::new(corner.0 as f32, corner.1 as f32);
+    let (starts, count) = around.starts(centre::<COARSE>(from))?;
+    let template = CoarseTemplate::new(pair.cpu, pair.first.first()?, corner, TILE_DAMPING)?;
+    if template.texture.is_nan() || template.texture < LEAST_TEXTURE {
+        return None;
+    }
+    let second = pair.second.first()?;
+    let unexplained = |found: &Match| 1.0 - found.correlation * found.correlation + TOLERANCE;
+    let mut best: Option<Match> = None;
+    for start in &starts[..count] {
+        let Some(found) = template.find(second, from + start, TILE_EFFORT) else { continue };
+        let is_near = (found.corner - from - start).norm() <= MOST_STRAY;
+        let is_better = best.is_none_or(|best| unexplained(&found) < CLEARLY_BETTER * unexplained(&best));
+        if is_near && is_better {
+            best = Some(found);
+        }
+    }
+    let found = best.filter(|best| best.correlation >= LEAST_CORRELATION)?;
+    Some(Small { from, found, texture: template.texture })
+}
+
+/// The points of the grid as seen from between them.
+struct Around<'a> {
+    known: &'a [Option<Local>],
+    columns: usize,
+    rows: usize,
+    /// Pixels from point to point.
+    cell: Vector2<f32>,
+}
+
+/// Points of the grid around a tile along one axis.
+const SIDE: usize = 4;
+
+impl<'a> Around<'a> {
+    fn new(known: &'a [Option<Local>], columns: usize, size: (usize, usize)) -> Self {
+        let rows = known.len() / columns.max(1);
+        let cell = Vector2::new(size.0 as f32 / columns.max(1) as f32, size.1 as f32 / rows.max(1) as f32);
+        Self { known, columns, rows, cell }
+    }
+
+    /// Distinct motions of the 4 × 4 points around a point, carried to it, the nearest first, and how many;
+    /// `None` where the nearest four agree.
+    fn starts(&self, at: Vector2<f32>) -> Option<([Vector2<f32>; STARTS], usize)> {
+        let (motions, count) = self.motions(at);
+        let motions = &motions[..count];
+        let (_, first) = motions.first()?;
+        if motions.iter().take(4).all(|(_, motion)| (motion - first).norm() < DISAGREEMENT) {
+            return None;
+        }
+        let mut starts = [Vector2::zeros(); STARTS];
+        let mut count = 0;
+        for (_, motion) in motions {
+            let is_new = starts[..count].iter().all(|start| (start - motion).norm() > SAME_START);
+            if is_new && count < STARTS {
+                starts[count] = *motion;
+                count += 1;
+            }
+        }
+        Some((starts, count))
+    }
+
+    /// Motions of the 4 × 4 points around a point, carried to it, by distance, and how many there are.
+    fn motions(&self, at: Vector2<f32>) -> ([(f32, Vector2<f32>); SIDE * SIDE], usize) {
+        let mut motions = [(0.0, Vector2::zeros()); SIDE * SIDE];
+        let mut count = 0;
+        let place = at.add_scalar(0.5).component_div(&self.cell).map(|place| (place - 0.5).floor() as isize);
+        for index in 0..SIDE * SIDE {
+            let (i, j) = (place.x - 1 + (index % SIDE) as isize, place.y - 1 + (index / SIDE) as isize);
+            let inside = (0..self.columns as isize).contains(&i) && (0..self.rows as isize).contains(&j);
+            let cell = inside.then(|| j as usize * self.columns + i as usize);
+            if let Some(local) = cell.and_then(|cell| self.known.get(cell).copied().flatten()) {
+                let distance = (local.motion.at - at).component_div(&self.cell).norm();
+                motions[count] = (distance, local.motion.carried(at, &local.slope));
+                count += 1;
+            }
+        }
+        motions[..count].sort_unstable_by(|a, b| a.0.total_cmp(&b.0));
+        (motions, count)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::correspond::{Correspondence, Pyramid, Sampler};
+    use crate::plane::{Luma, Plane, PlaneLayout, SampleFormat};
+    use nalgebra::Vector2;
+
+    const WIDTH: usize = 640;
+    const HEIGHT: usize = 480;
+
+    /// Waves of many lengths and directions.
+    fn texture(x: f64, y: f64, kind: f64) -> f64 {
+        let wave = |i: f64| {
+            let (sin, cos) = (2.4 * i + kind).sin_cos();
+            (4.0 + i)
+                * (std::f64::consts::TAU * (cos * x + sin * y) / (9.0 * 1.35f64.powf(i)) + i * kind).sin()
+        };
+        128.0 + (0..9).map(|i| wave(f64::from(i))).sum::<f64>()
+    }
+
+    /// A block of 120 × 100 pixels before a background that stands still; true inside the block.
+    fn inside(at: Vector2<f64>, block: Vector2<f64>) -> bool {
+        let place = at - block;
+        place.x >= 0.0 && place.y >= 0.0 && place.x < 120.0 && place.y < 100.0
+    }
+
+    fn frame(block: Vector2<f64>) -> Vec<u8> {
+        let grey = |index: usize| {
+            let at = Vector2::new((index % WIDTH) as f64, (index / WIDTH) as f64);
+            let place = at - block;
+            let grey =
+                if inside(at, block) { texture(place.x, place.y, 1.7) } else { texture(at.x, at.y, 0.3) };
+            grey.clamp(0.0, 255.0) as u8
+        };
+        (0..WIDTH * HEIGHT).map(grey).collect()
+    }
+
+    /// What the grid found, and what the refinement added.
+    fn found(first: &[u8], second: &[u8]) -> (Vec<Correspondence>, Vec<Correspondence>) {
+        let mut sampler = Sampler::new(WIDTH, HEIGHT, 32, 24);
+        let pyramid = |data: &[u8]| {
+            let layout = PlaneLayout::packed(WIDTH, HEIGHT, SampleFormat::U8);
+            let mut pyramid = Pyramid::new();
+            sampler.build(&Luma::from(Plane::new(data, layout).unwrap()), &mut pyramid);
+            pyramid
+        };
+        let (first, second) = (pyramid(first), pyramid(second));
+        let mut out = Vec::new();
+        sampler.correspond(&first, &second, |at| at, &mut out);
+        let grid = out.clone();
+        sampler.refine(&first, &second, &mut out);
+        let added = out.split_off(grid.len());
+        (grid, added)
+    }
+
+    #[test]
+    fn a_block_that_flies_by_is_found_with_its_edges() {
+        let (block, shift) = (Vector2::new(230.0, 170.0), Vector2::new(52.0, -21.0));
+        let (_, added) = found(&frame(block), &frame(block + shift));
+        // Patches that lie on one side of the edge in both frames.
+        let corners = [(-4.0, -4.0), (4.0, -4.0), (-4.0, 4.0), (4.0, 4.0)].map(|(x, y)| Vector2::new(x, y));
+        let touches = |at, block| corners.iter().filter(|corner| inside(at + *corner, block)).count();
+        let truth = |at| match (touches(at, block), touches(at, block + shift)) {
+            (4, _) => Some(shift),
+            (0, 0) => Some(Vector2::zeros()),
+            _ => None,
+        };
+        let judged: Vec<_> =
+            added.iter().filter_map(|p| Some((p.to - p.from - truth(p.from)?).norm())).collect();
+        let wrong = judged.iter().filter(|error| **error > 1.0).count();
+        let of_block = added.iter().filter(|point| inside(point.from, block)).count();
+        // The block covers 187 tiles; its inner ones follow from the grid's points.
+        assert!(of_block > 40, "{of_block} on the block");
+        assert!(wrong * 10 < judged.len(), "{wrong} of {} wrong", judged.len());
+    }
+
+    #[test]
+    fn one_motion_needs_no_refinement() {
+        let whole = |shift: f64| -> Vec<u8> {
+            let grey = |i: usize| texture((i % WIDTH) as f64 - shift, (i / WIDTH) as f64, 0.3);
+            (0..WIDTH * HEIGHT).map(|i| grey(i).clamp(0.0, 255.0) as u8).collect()
+        };
+        let (grid, added) = found(&whole(0.0), &whole(3.5));
+        assert!(grid.len() > 700 && added.len() < 60, "{} {}", grid.len(), added.len());
+    }
+
+    #[test]
+    fn empty_pyramids_add_nothing() {
+        let mut out = Vec::new();
+        Sampler::new(WIDTH, HEIGHT, 32, 24).refine(&Pyramid::new(), &Pyramid::new(), &mut out);
+        assert!(out.is_empty());
+    }
+}

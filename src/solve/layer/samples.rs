@@ -1,0 +1,147 @@
+//! Residual velocities of one frame, sorted by place.
+
+use super::Neighbour;
+use super::node::Surroundings;
+use crate::readout::Readout;
+use nalgebra::Vector2;
+
+/// Samples that a node asks for.
+const WANTED: usize = 10;
+
+/// Cells (a mesh spacing wide) around a node within which it looks for them.
+const FARTHEST: usize = 5;
+
+/// Displacements over the interval to a neighbour that differ by less, in mesh spacings, may be the same:
+/// one analysed pixel.
+const SAME_MOTION: f64 = 0.125;
+
+/// Texture (squared grey levels) of a patch whose place counts half.
+const WEAK_TEXTURE: f32 = 4.0;
+
+/// A residual velocity.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Sample {
+    /// Frame pixels.
+    pub(super) at: Vector2<f32>,
+    /// Pixels per readout.
+    pub(super) velocity: Vector2<f32>,
+    /// How far it is to be believed, 0 to 1.
+    pub(super) trust: f32,
+    /// Readouts from the frame to the neighbour; negative for the frame before.
+    pub(super) ahead: f32,
+}
+
+impl Sample {
+    /// Whether it comes from a neighbour as this one does: both earlier or both later.
+    pub(super) fn is_on_side_of(&self, ahead: f32) -> bool {
+        (self.ahead > 0.0) == (ahead > 0.0)
+    }
+}
+
+/// The samples of a frame in cells around the nodes of the mesh.
+#[derive(Debug)]
+pub(super) struct Samples {
+    columns: usize,
+    rows: usize,
+    spacing: f64,
+    /// Velocities (pixels per readout) that differ by less may be the same.
+    tolerance: f32,
+    unsorted: Vec<(usize, Sample)>,
+    /// Where the samples of each cell start, and one end.
+    starts: Vec<usize>,
+    /// By cell, row by row, so that the cells between two of a row are one slice.
+    sorted: Vec<Sample>,
+}
+
+impl Samples {
+    pub(super) fn new(columns: usize, rows: usize, spacing: f64) -> Self {
+        let (unsorted, starts, sorted) = (Vec::new(), Vec::new(), Vec::new());
+        Self { columns, rows, spacing, tolerance: 0.0, unsorted, starts, sorted }
+    }
+
+    /// Takes the residual velocities of all neighbours.
+    pub(super) fn fill(
+        &mut self,
+        readout: &Readout,
+        neighbours: &[Neighbour<'_>],
+        carry: impl Fn(Vector2<f64>, f64, f64) -> Vector2<f64>,
+    ) {
+        self.unsorted.clear();
+        self.tolerance = 0.0;
+        for neighbour in neighbours {
+            let ahead = (neighbour.interval / readout.time) as f32;
+            if !ahead.is_finite() || ahead == 0.0 {
+                continue;
+            }
+            self.tolerance = self.tolerance.max((SAME_MOTION * self.spacing) as f32 / ahead.abs());
+            for correspondence in neighbour.correspondences {
+                let (here, there) = match neighbour.interval > 0.0 {
+                    true => (correspondence.from, correspondence.to),
+                    false => (correspondence.to, correspondence.from),
+                };
+                let from = readout.offset(here.x, here.y);
+                let to = neighbour.interval + readout.offset(there.x, there.y);
+                let apart = to - from;
+                let velocity = (there - carry(here, from, to)) * (readout.time / apart);
+                let (Some(cell), true) = (self.cell(here), velocity.iter().all(|v| v.is_finite())) else {
+                    continue;
+                };
+                let trust = correspondence.texture / (correspondence.texture + WEAK_TEXTURE);
+                let sample = Sample { at: here.cast(), velocity: velocity.cast(), trust, ahead };
+                self.unsorted.push((cell, sample));
+            }
+        }
+        self.sort();
+    }
+
+    /// The cell of a frame pixel; `None` outside the frame.
+    fn cell(&self, at: Vector2<f64>) -> Option<usize> {
+        let place = (at / self.spacing).map(f64::round);
+        let inside = |place: f64, count: usize| place >= 0.0 && place < count as f64;
+        let within = inside(place.x, self.columns) && inside(place.y, self.rows);
+        within.then(|| place.y as usize * self.columns + place.x as usize)
+    }
+
+    /// Counting sort by cell.
+    fn sort(&mut self) {
+        let cells = self.columns * self.rows;
+        self.starts.clear();
+        self.starts.resize(cells + 2, 0);
+        for (cell, _) in &self.unsorted {
+            self.starts[cell + 2] += 1;
+        }
+        for cell in 2..self.starts.len() {
+            self.starts[cell] += self.starts[cell - 1];
+        }
+        self.sorted.clear();
+        self.sorted.extend(self.unsorted.iter().map(|(_, sample)| *sample));
+        for (cell, sample) in &self.unsorted {
+            let place = &mut self.starts[cell + 1];
+            self.sorted[*place] = *sample;
+            *place += 1;
+        }
+        self.starts.pop();
+    }
+
+    /// Collects the samples in the smallest square of cells around a node that holds enough.
+    pub(super) fn around(&self, column: usize, row: usize, out: &mut Surroundings) {
+        out.samples.clear();
+        for reach in 1..=FARTHEST {
+            let (left, right) = (column.saturating_sub(reach), (column + reach).min(self.columns - 1));
+            let (top, bottom) = (row.saturating_sub(reach), (row + reach).min(self.rows - 1));
+            let slice = |row: usize| {
+                let first = row * self.columns;
+                self.starts[first + left]..self.starts[first + right + 1]
+            };
+            let count: usize = (top..=bottom).map(|row| slice(row).len()).sum();
+            if count < WANTED && reach < FARTHEST {
+                continue;
+            }
+            (top..=bottom).for_each(|row| out.samples.extend_from_slice(&self.sorted[slice(row)]));
+            let cells = (right - left + 1) * (bottom - top + 1);
+            (out.spacing, out.tolerance) = (self.spacing as f32, self.tolerance);
+            out.apart = (self.spacing * (cells as f64 / count.max(1) as f64).sqrt()) as f32;
+            return;
+        }
+    }
+}
