@@ -130,9 +130,10 @@ impl Solver {
         self.seen = [None; SHARED];
     }
 
-    /// Replaces what is believed of γ.
+    /// Takes γ as known.
     pub fn know_readout(&mut self, belief: Running) {
         self.shared[0] = belief.mean;
+        self.limits[0] = [belief.mean; 2];
         self.beliefs[0] = belief;
     }
 

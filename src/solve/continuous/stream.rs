@@ -112,6 +112,8 @@ pub struct Found<'a> {
 struct Hypothesis {
     /// Which edge is first, where γ is known to be positive or negative.
     direction: ReadoutDirection,
+    /// The least and the greatest γ, in intervals between frames.
+    signs: [f64; 2],
     solver: Solver,
     /// Logarithm of its likelihood, up to a constant.
     score: f64,
@@ -168,7 +170,7 @@ impl Continuous {
             };
             let beliefs = [READOUT_BELIEF, kappa_belief(&camera)].map(|(mean, deviation)| Running::new(mean, deviation));
             let solver = Solver::new(reading, Tempo::Calm, radius, noise, smoothness, beliefs, [signs, KAPPA_LIMITS]);
-            Hypothesis { direction, solver, score: 0.0, rough: 0.0, since_trial: TRIAL }
+            Hypothesis { direction, signs, solver, score: 0.0, rough: 0.0, since_trial: TRIAL }
         };
         Self {
             camera,
@@ -279,7 +281,11 @@ impl Continuous {
             self.frames.iter().skip(own - past).take(past + ahead).filter_map(|entry| entry.to_next.as_ref()).collect();
         let stamp = self.frames.get(own)?.stamp;
         let starts = past == 0 || !self.continues;
+        let longest = usual_interval(&pairs);
         for hypothesis in &mut self.hypotheses {
+            if !self.camera.is_known() {
+                hypothesis.solver.limits[0] = hypothesis.signs.map(|sign| sign * longest);
+            }
             hypothesis.settle(&pairs, starts, past, self.camera.is_known());
         }
         self.continues = !pairs.is_empty();
@@ -471,6 +477,13 @@ impl Hypothesis {
             self.solver = other;
         }
     }
+}
+
+/// The middle one of the intervals between the pairs' frames, in frame periods; a readout takes no longer.
+fn usual_interval(pairs: &[&Pair]) -> f64 {
+    let mut intervals: Vec<f64> = pairs.iter().map(|pair| (pair.stamps[1] - pair.stamps[0]).abs()).collect();
+    intervals.sort_by(f64::total_cmp);
+    intervals.get(intervals.len() / 2).copied().unwrap_or(1.0)
 }
 
 /// Steps until nothing changes any more, at most so many.
