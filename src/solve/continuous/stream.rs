@@ -444,18 +444,20 @@ impl Hypothesis {
             return;
         }
         iterate(&mut self.solver, pairs, STEPS[usize::from(!starts)], known);
-        self.try_tempo(pairs, past, known);
+        // The pair that the frame begins; without lookahead, the one that it ends.
+        let own = past.min(pairs.len() - 1);
+        self.try_tempo(pairs, own, known);
         self.solver.remember(1.0 / pairs.len() as f64);
-        if let Some(sigma) = self.solver.sigma(past) {
+        if let Some(sigma) = self.solver.sigma(own) {
             self.score -= WEIGHT * self.solver.trust() * sigma.max(self.solver.noise).ln();
         }
     }
 
     /// Goes over to another tempo where that is worth it.
-    fn try_tempo(&mut self, pairs: &[&Pair], past: usize, known: bool) {
+    fn try_tempo(&mut self, pairs: &[&Pair], own: usize, known: bool) {
         self.since_trial += 1;
         let tempo = self.solver.tempo;
-        let (Some(sigma), Some(pair)) = (self.solver.sigma(past), pairs.get(past)) else { return };
+        let (Some(sigma), Some(pair)) = (self.solver.sigma(own), pairs.get(own)) else { return };
         let moved = pair.moved() * self.solver.radius * self.solver.radius;
         let wanted = tempo == Tempo::Vibrating || 2.0 * sigma * sigma > UNEXPLAINED * moved;
         if self.since_trial < TRIAL || !wanted || sigma < NOTICEABLE * self.solver.noise {
@@ -469,7 +471,7 @@ impl Hypothesis {
             let [low, high] = other.limits[0];
             other.shared[0] = readout.map_or(other.shared[0], |readout| readout.clamp(low, high));
             iterate(&mut other, pairs, STEPS[0], known);
-            (other.sigma(past).unwrap_or(f64::INFINITY), other)
+            (other.sigma(own).unwrap_or(f64::INFINITY), other)
         });
         let Some((others, other)) = trials.min_by(|a, b| a.0.total_cmp(&b.0)) else { return };
         let (fast, calm) = if tempo == Tempo::Calm { (others, sigma) } else { (sigma, others) };
