@@ -62,16 +62,25 @@ impl Entry {
         matches!(self.system, System::Runs(_))
     }
 
-    /// The correction of each frame, given the correspondences of each run of the footage.
+    /// The correction of each frame, given the correspondences of each run of the footage; the readout that was
+    /// found by the last frame, where it was not told.
     ///
     /// # Errors
     /// Those of the method.
-    pub fn corrections(&self, footage: &Footage, pairs: &[Vec<Vec<Correspondence>>]) -> Result<Corrections> {
+    pub fn solve(
+        &self,
+        footage: &Footage,
+        pairs: &[Vec<Vec<Correspondence>>],
+    ) -> Result<(Corrections, Option<Readout>)> {
         match &self.system {
-            System::Runs(method) => solve(method.as_ref(), footage, readout(footage, self.told), pairs),
+            System::Runs(method) => {
+                Ok((solve(method.as_ref(), footage, readout(footage, self.told), pairs)?, None))
+            }
             System::Product { estimator, lookahead } => {
                 let settings = product::settings(footage.settings(), self.told, *estimator, *lookahead);
-                Ok(product::corrections(product::solve(footage, settings)?))
+                let solutions = product::solve(footage, settings)?;
+                let found = solutions.last().map(|last| last.readout);
+                Ok((product::corrections(solutions), found.filter(|_| self.told == Delay::Unknown)))
             }
         }
     }
@@ -172,7 +181,7 @@ mod tests {
         let pairs: Vec<_> =
             footage.runs().iter().map(|run| of_run(&footage, run, Source::Exact).unwrap()).collect();
         for entry in all() {
-            let corrections = entry.corrections(&footage, &pairs).unwrap();
+            let (corrections, _) = entry.solve(&footage, &pairs).unwrap();
             assert_eq!(corrections.len(), 5, "{}", entry.id);
             for correction in corrections {
                 let moved = correction.correct(Vector2::new(40.0, 10.0)) - Vector2::new(40.0, 10.0);

@@ -28,7 +28,7 @@ const LEFT: [&str; 7] = [
     "3d-rotation-3",
     "paper-delay-0",
     "paper",
-    "rsrectify-4-delay-0",
+    "rsrectify-4-unknown",
     "rsrectify-4",
 ];
 

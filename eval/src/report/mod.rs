@@ -139,6 +139,7 @@ fn table(name: &str, results: &Results, entries: &[Entry]) -> Option<String> {
         "left: paper" => by_sequence(results, &PAPER, &every, &Trial::share, &percent),
         "left: others" => by_sequence(results, &others, &every, &Trial::share, &percent),
         "p95: paper" => by_sequence(results, &PAPER, &every, &|trial| Some(trial.left.p95), &number(1)),
+        "readout" => tables::readouts(results),
         "controls" => by_sequence(results, &controls, &every, &|trial| Some(trial.left.rms), &number(2)),
         "accuracy" => likeness(|found| found.accuracy, 3),
         "psnr" => likeness(|found| found.psnr, 1),

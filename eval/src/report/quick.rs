@@ -20,6 +20,7 @@ use std::fs;
 use std::path::Path;
 
 const SEQUENCES: [&str; 4] = ["rot1_B40", "trans_rot1_B40", "shake_g042", "control_global"];
+const RECORDED_SYSTEMS: [&str; 3] = ["rsrectify-sequential-4", "rsrectify-4", "rsrectify-4-unknown"];
 const SEEDS: [u64; 3] = [1, 2, 3];
 const FRAMES: usize = 12;
 /// Pixels by which figures may differ between processors whose kernels round differently.
@@ -56,7 +57,7 @@ pub fn run(record: bool) -> Result<()> {
 
 fn measure() -> Result<Figures> {
     let entries: Vec<Entry> =
-        registry::all().into_iter().filter(|entry| entry.id.starts_with("rsrectify-4")).collect();
+        registry::all().into_iter().filter(|entry| RECORDED_SYSTEMS.contains(&entry.id.as_str())).collect();
     let mut tasks = Vec::new();
     for name in SEQUENCES {
         let settings = sequence::named(name).with_context(|| format!("no sequence is named {name}"))?;

@@ -45,6 +45,9 @@ pub struct Trial {
     pub uncorrected: Stats,
     /// The frames, one by one.
     pub frames: Vec<FrameResult>,
+    /// The distance of the readout that it found from the true one, in frame periods
+    /// ([`readout::error`](crate::metrics::readout::error)), where it was not told.
+    pub readout_error: Option<f64>,
 }
 
 /// What a system made of one frame.
@@ -142,6 +145,7 @@ mod tests {
             left: stats(left),
             uncorrected: stats(uncorrected),
             frames: vec![FrameResult { left, likeness: None }],
+            readout_error: None,
         }
     }
 

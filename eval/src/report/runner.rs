@@ -7,11 +7,12 @@ use crate::correspondences::{Source, of_run};
 use crate::footage::Footage;
 use crate::methods::Corrections;
 use crate::methods::registry::Entry;
-use crate::metrics::{Stats, distances};
+use crate::metrics::{readout, Stats, distances};
 use crate::sequence::Settings;
 use anyhow::{Context, Result};
 use rayon::prelude::*;
 use rsrectify::correspond::Correspondence;
+use rsrectify::readout::Readout;
 
 /// A sequence to be run.
 pub struct Task {
@@ -86,11 +87,13 @@ fn trials(
 struct Solved<'a> {
     entry: &'a Entry,
     corrections: Corrections,
+    /// The readout that was found, where it was not told.
+    readout: Option<Readout>,
 }
 
 fn solved<'a>(footage: &Footage, pairs: &[Vec<Vec<Correspondence>>], entry: &'a Entry) -> Result<Solved<'a>> {
-    let corrections = entry.corrections(footage, pairs).with_context(|| entry.id.clone())?;
-    Ok(Solved { entry, corrections })
+    let (corrections, readout) = entry.solve(footage, pairs).with_context(|| entry.id.clone())?;
+    Ok(Solved { entry, corrections, readout })
 }
 
 fn displacement(footage: &Footage, source: Source, uncorrected: &Stats, solved: &Solved) -> Trial {
@@ -99,7 +102,9 @@ fn displacement(footage: &Footage, source: Source, uncorrected: &Stats, solved: 
         .map(|(truth, correction)| distances(&truth.samples, |x| correction.correct(x)).collect())
         .collect();
     let frame = |left: &Vec<f64>| FrameResult { left: Stats::of(left.clone()).rms, likeness: None };
+    let period = 1.0 / footage.settings().delivered_fps();
     Trial {
+        readout_error: solved.readout.map(|found| readout::error(&found, &footage.readout(), period)),
         sequence: footage.settings().name.clone(),
         seed: footage.settings().seed,
         source,

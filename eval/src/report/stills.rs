@@ -62,7 +62,7 @@ fn sheet(footage: &Footage, entries: &[Entry]) -> Result<RgbImage> {
     let before = &footage.frames[frame];
     let after = |id: &str| -> Result<Frame> {
         let entry = entries.iter().find(|entry| entry.id == id).context("a system of the stills is gone")?;
-        Ok(rectified(before, entry.corrections(footage, &pairs)?[frame].as_ref()).frame)
+        Ok(rectified(before, entry.solve(footage, &pairs)?.0[frame].as_ref()).frame)
     };
     let [after, compared] = [after(SHOWN[0])?, after(SHOWN[1])?];
     let (truth, mask) = (&footage.truth[frame].global, &footage.truth[frame].visible);

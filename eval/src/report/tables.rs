@@ -90,6 +90,21 @@ fn titles(sequences: &[&str]) -> impl Iterator<Item = String> {
     std::iter::once("system".into()).chain(sequences.iter().map(|name| name.to_string()))
 }
 
+/// How far from the truth the readout comes out, sequence by sequence, after all frames.
+pub fn readouts(results: &Results) -> String {
+    let titles = ["sequence", "readout ratio", "frames", "error, frame periods"];
+    let mut table = Table::new(titles.map(String::from));
+    for info in &results.sequences {
+        let trials = results.trials.iter().filter(|trial| trial.sequence == info.name);
+        let error = Spread::of(trials.filter_map(|trial| trial.readout_error)).map(number(3));
+        if let Some(error) = error {
+            let ratio = format!("{:.2}", info.readout_ratio);
+            table.row(&info.name, vec![Some(ratio), Some(info.frames.to_string()), Some(error)]);
+        }
+    }
+    table.markdown()
+}
+
 /// The share left from each source of correspondences, on the scenes that all of them saw.
 pub fn by_source(results: &Results, sequences: &[&str], entries: &[&Entry], sources: &[Source]) -> String {
     let mut table = Table::new(titles(sequences));

@@ -44,6 +44,7 @@ mod tests {
             left: stats(left),
             uncorrected: stats(4.0),
             frames: Vec::new(),
+            readout_error: None,
         };
         let info = SequenceInfo { name: "a".into(), readout_ratio: 1.0, frames: 1 };
         Results { sequences: vec![info], trials: SYSTEMS.iter().map(trial).collect() }

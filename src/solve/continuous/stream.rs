@@ -45,6 +45,8 @@ const KAPPA_BELIEF: (f64, f64) = (0.3, 0.3);
 const KAPPA_LIMITS: [f64; 2] = [0.0, 2.0];
 /// Deviation of what is known.
 const KNOWN: f64 = 1e-6;
+/// A γ of up to so many deviations is not acted upon; one of three times as many is beyond doubt.
+const DOUBTFUL: f64 = 1.5;
 /// The least deviation that is believed of an estimated γ.
 const LEAST_DEVIATION: f64 = 0.01;
 /// Independent measurements in a pair, two coordinates each: the weight of its residuals' logarithm.
@@ -388,13 +390,14 @@ impl Continuous {
         if self.camera.is_known() {
             return explained;
         }
-        // Nothing under one deviation from no rolling shutter at all, everything from three on.
+        // Nothing up to so many deviations from no rolling shutter at all.
         let deviation = solver.readout_deviation().max(LEAST_DEVIATION);
         let doubt = match self.hypotheses.as_slice() {
             [first, second, ..] => ((first.likelihood() - second.likelihood()) / CERTAIN).clamp(0.0, 1.0),
             _ => 1.0,
         };
-        explained * doubt * ((solver.shared[0].abs() / deviation - 1.0) / 2.0).clamp(0.0, 1.0)
+        let certain = (solver.shared[0].abs() / deviation / DOUBTFUL - 1.0).clamp(0.0, 2.0) / 2.0;
+        explained * doubt * certain
     }
 
     /// The shutter that a solver found.
