@@ -34,6 +34,15 @@ impl Tempo {
         }
     }
 
+    /// Frames before the one that is settled whose pairs are looked at again. What repeats with every frame,
+    /// as a vibration nearly may, shows over many.
+    pub const fn past(self) -> usize {
+        match self {
+            Self::Calm => 4,
+            Self::Vibrating => 8,
+        }
+    }
+
     /// Variance in px² of the turns' second differences from which learning starts.
     pub const fn start_variance(self) -> f64 {
         match self {

@@ -13,8 +13,8 @@ use crate::solve::shutter::ShutterEstimator;
 use nalgebra::{Matrix3, Vector2};
 use std::collections::VecDeque;
 
-/// Frames before the one that is settled whose pairs are looked at again.
-const PAST: usize = 4;
+/// Frames before the one that is settled that are remembered.
+const PAST: usize = 8;
 /// Steps to the first path, and to each one after it, at most.
 const STEPS: [usize; 2] = [12, 4];
 /// A step that changes the path by less than this many pixels (root mean square) is the last.
@@ -107,6 +107,27 @@ pub struct Found<'a> {
     pub grid: &'a [Correspondence],
     /// Finer ones, where parts of the picture move differently.
     pub fine: &'a [Correspondence],
+}
+
+/// Pairs that follow one another, around a frame.
+#[derive(Clone, Copy)]
+struct Stretch<'a> {
+    pairs: &'a [&'a Pair],
+    /// Number of those before the frame.
+    past: usize,
+}
+
+impl<'a> Stretch<'a> {
+    /// The part of it that a path of this tempo is fitted to.
+    fn of_tempo(self, tempo: Tempo) -> Self {
+        let skipped = self.past.saturating_sub(tempo.past());
+        Self { pairs: self.pairs.get(skipped..).unwrap_or_default(), past: self.past - skipped }
+    }
+
+    /// Index of the pair that the frame begins; without lookahead, of the one that it ends.
+    fn own(self) -> usize {
+        self.past.min(self.pairs.len().saturating_sub(1))
+    }
 }
 
 /// A way in which the sensor may be read.
@@ -282,16 +303,17 @@ impl Continuous {
         let pairs: Vec<&Pair> =
             self.frames.iter().skip(own - past).take(past + ahead).filter_map(|entry| entry.to_next.as_ref()).collect();
         let stamp = self.frames.get(own)?.stamp;
+        let stretch = Stretch { pairs: &pairs, past };
         let starts = past == 0 || !self.continues;
         let longest = usual_interval(&pairs);
         for hypothesis in &mut self.hypotheses {
             if !self.camera.is_known() {
                 hypothesis.solver.limits[0] = hypothesis.signs.map(|sign| sign * longest);
             }
-            hypothesis.settle(&pairs, starts, past, self.camera.is_known());
+            hypothesis.settle(stretch, starts, self.camera.is_known());
         }
         self.continues = !pairs.is_empty();
-        let mut motion = (!pairs.is_empty()).then(|| self.motion(&pairs, past, stamp));
+        let mut motion = (!pairs.is_empty()).then(|| self.motion(stretch, stamp));
         self.sigma = motion.as_ref().map_or(f64::INFINITY, |motion| motion.sigma);
         if let Some(motion) = motion.as_mut().filter(|_| self.wants_detail()) {
             motion.field = self.field(own, past > 0, &motion.readout);
@@ -324,9 +346,10 @@ impl Continuous {
         self.hypotheses.sort_by(|a, b| likelihood(b).total_cmp(&likelihood(a)));
     }
 
-    /// The motion of the frame after the first `past` pairs.
-    fn motion(&self, pairs: &[&Pair], past: usize, stamp: f64) -> Motion {
+    /// The motion of the frame in a stretch.
+    fn motion(&self, stretch: Stretch<'_>, stamp: f64) -> Motion {
         let solver = &self.hypotheses[0].solver;
+        let Stretch { pairs, past } = stretch.of_tempo(solver.tempo);
         let readout = self.readout(solver);
         let reversed = readout.direction.is_reversed();
         let scale = Matrix3::new_nonuniform_scaling(&Vector2::new(self.radius, self.radius));
@@ -438,29 +461,29 @@ impl Hypothesis {
         self.score + self.rough
     }
 
-    /// Fits the path to the pairs; the frame that is settled comes after the first `past` ones.
-    fn settle(&mut self, pairs: &[&Pair], starts: bool, past: usize, known: bool) {
+    /// Fits the path to a stretch.
+    fn settle(&mut self, stretch: Stretch<'_>, starts: bool, known: bool) {
         if starts {
             self.solver.restart();
         }
-        if pairs.is_empty() {
+        if stretch.pairs.is_empty() {
             return;
         }
-        iterate(&mut self.solver, pairs, STEPS[usize::from(!starts)], known);
-        // The pair that the frame begins; without lookahead, the one that it ends.
-        let own = past.min(pairs.len() - 1);
-        self.try_tempo(pairs, own, known);
-        self.solver.remember(1.0 / pairs.len() as f64);
-        if let Some(sigma) = self.solver.sigma(own) {
+        iterate(&mut self.solver, stretch, STEPS[usize::from(!starts)], known);
+        self.try_tempo(stretch, known);
+        let seen = stretch.of_tempo(self.solver.tempo);
+        self.solver.remember(1.0 / seen.pairs.len() as f64);
+        if let Some(sigma) = self.solver.sigma(seen.own()) {
             self.score -= WEIGHT * self.solver.trust() * sigma.max(self.solver.noise).ln();
         }
     }
 
     /// Goes over to another tempo where that is worth it.
-    fn try_tempo(&mut self, pairs: &[&Pair], own: usize, known: bool) {
+    fn try_tempo(&mut self, stretch: Stretch<'_>, known: bool) {
         self.since_trial += 1;
         let tempo = self.solver.tempo;
-        let (Some(sigma), Some(pair)) = (self.solver.sigma(own), pairs.get(own)) else { return };
+        let sigma_of = |solver: &Solver| solver.sigma(stretch.of_tempo(solver.tempo).own());
+        let (Some(sigma), Some(pair)) = (sigma_of(&self.solver), stretch.pairs.get(stretch.own())) else { return };
         let moved = pair.moved() * self.solver.radius * self.solver.radius;
         let wanted = tempo == Tempo::Vibrating || 2.0 * sigma * sigma > UNEXPLAINED * moved;
         if self.since_trial < TRIAL || !wanted || sigma < NOTICEABLE * self.solver.noise {
@@ -473,8 +496,8 @@ impl Hypothesis {
             let mut other = self.solver.at_tempo(tempo.other());
             let [low, high] = other.limits[0];
             other.shared[0] = readout.map_or(other.shared[0], |readout| readout.clamp(low, high));
-            iterate(&mut other, pairs, STEPS[0], known);
-            (other.sigma(own).unwrap_or(f64::INFINITY), other)
+            iterate(&mut other, stretch, STEPS[0], known);
+            (sigma_of(&other).unwrap_or(f64::INFINITY), other)
         });
         let Some((others, other)) = trials.min_by(|a, b| a.0.total_cmp(&b.0)) else { return };
         let (fast, calm) = if tempo == Tempo::Calm { (others, sigma) } else { (sigma, others) };
@@ -492,7 +515,8 @@ fn usual_interval(pairs: &[&Pair]) -> f64 {
 }
 
 /// Steps until nothing changes any more, at most so many.
-fn iterate(solver: &mut Solver, pairs: &[&Pair], steps: usize, known: bool) {
+fn iterate(solver: &mut Solver, stretch: Stretch<'_>, steps: usize, known: bool) {
+    let Stretch { pairs, .. } = stretch.of_tempo(solver.tempo);
     for _ in 0..steps {
         let before = solver.shared[0];
         let Some(change) = solver.step(pairs) else {
