@@ -14,6 +14,8 @@ use rayon::prelude::*;
 const MARGIN: f64 = 0.25;
 /// Residuals of up to so many times the least noise are those of the tracker on blurred or compressed footage.
 const TRACKED: f64 = 10.0;
+/// Estimates of γ so many deviations apart contradict each other.
+const CONTRADICTION: f64 = 4.0;
 /// The most that γ and κ may change at once.
 const MOST_CHANGE: f64 = 0.1;
 /// How fast the motion may change.
@@ -144,6 +146,18 @@ impl Solver {
         self.shared[0] = belief.mean;
         self.limits[0] = [belief.mean; 2];
         self.beliefs[0] = belief;
+    }
+
+    /// Takes what is known of γ from elsewhere. A belief that contradicts it has settled in a wrong place, as it may
+    /// where the first windows told little: it begins anew from there.
+    pub fn take_hint(&mut self, mean: f64, variance: f64) {
+        let belief = self.beliefs[0];
+        let distance = (mean - belief.mean).powi(2);
+        if distance > CONTRADICTION.powi(2) * (variance + 1.0 / belief.information()) {
+            self.beliefs[0] = Running::new(mean, 2.0 * variance.sqrt());
+            self.shared[0] = mean.clamp(self.limits[0][0], self.limits[0][1]);
+        }
+        self.hint = Some((mean, 1.0 / variance));
     }
 
     /// Goes on with blocks that are shorter by `factor`.

@@ -256,7 +256,7 @@ impl Continuous {
             let mean = times[own] - coupling * times[other];
             let variance = covariance[(own, own)] - coupling * covariance[(own, other)];
             if mean.is_finite() && variance.is_finite() && variance > 0.0 {
-                hypothesis.solver.hint = Some((mean, 1.0 / variance));
+                hypothesis.solver.take_hint(mean, variance);
                 hypothesis.rough = -0.5 * times[other] * times[other] / covariance[(other, other)];
             }
         }
