@@ -46,7 +46,7 @@ const KAPPA_LIMITS: [f64; 2] = [0.0, 2.0];
 /// Deviation of what is known.
 const KNOWN: f64 = 1e-6;
 /// A γ of up to so many deviations is not acted upon; one of three times as many is beyond doubt.
-const DOUBTFUL: f64 = 1.5;
+const DOUBTFUL: f64 = 2.0;
 /// The least deviation that is believed of an estimated γ.
 const LEAST_DEVIATION: f64 = 0.01;
 /// Independent measurements in a pair, two coordinates each: the weight of its residuals' logarithm.
