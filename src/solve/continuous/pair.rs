@@ -32,6 +32,11 @@ const WORTH: f64 = 25.0;
 const MOST_MATCHES: usize = 400;
 /// Fewer say nothing.
 const FEWEST_MATCHES: usize = 16;
+/// Frame periods from one frame of a pair to the other, at most: what the path does in a longer gap is
+/// anyone's guess, and costs unknowns.
+const LONGEST: f64 = 8.0;
+/// Frame periods after which a timestamp no longer tells one line from the next.
+const LATEST: f64 = 1e12;
 
 /// Points of a correspondence, in units of the radius from the image centre.
 #[derive(Clone, Copy, Debug)]
@@ -66,9 +71,12 @@ pub(super) struct Pair {
 }
 
 impl Pair {
-    /// Takes the correspondences (pixels) of a pair; `None` where there are too few to say anything.
+    /// Takes the correspondences (pixels) of a pair; `None` where there are too few to say anything or
+    /// the frames are too far apart.
     pub fn new(found: &[Correspondence], centre: Vector2<f64>, radius: f64, stamps: [f64; 2]) -> Option<Self> {
-        if found.len() < FEWEST_MATCHES {
+        let [first, second] = stamps;
+        let is_near = (second - first).abs() <= LONGEST && first.abs() < LATEST;
+        if found.len() < FEWEST_MATCHES || !is_near {
             return None;
         }
         let chosen = found.iter().step_by(found.len().div_ceil(MOST_MATCHES));
@@ -262,3 +270,7 @@ fn median(values: &mut [f64]) -> f64 {
     let middle = values.len() / 2;
     if values.is_empty() { 0.0 } else { *values.select_nth_unstable_by(middle, f64::total_cmp).1 }
 }
+
+#[cfg(test)]
+#[path = "pair_tests.rs"]
+mod tests;

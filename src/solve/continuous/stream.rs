@@ -497,3 +497,7 @@ fn kappa_belief(camera: &Camera) -> (f64, f64) {
         None => KAPPA_BELIEF,
     }
 }
+
+#[cfg(test)]
+#[path = "stream_tests.rs"]
+mod tests;
