@@ -1,4 +1,7 @@
 //! Symmetric positive definite matrices with a band, and their Cholesky factors.
+//!
+//! A pair of frames depends on the coefficients of a few blocks, so that the matrix of n unknowns has a
+//! band of width b ≪ n: n·b²/2 multiply-adds to factorise, n·b² for the inverse inside the band.
 
 /// The lower band of a symmetric matrix, row by row: entry (i, j), i − band ≤ j ≤ i, at
 /// i·(band + 1) + j + band − i.

@@ -32,9 +32,11 @@ const WORTH: f64 = 25.0;
 const MOST_MATCHES: usize = 400;
 /// Fewer say nothing.
 const FEWEST_MATCHES: usize = 16;
+/// No point that is further from the centre, in units of the radius, was measured.
+const FARTHEST: f64 = 1e3;
 /// Frame periods from one frame of a pair to the other, at most: what the path does in a longer gap is
 /// anyone's guess, and costs unknowns.
-const LONGEST: f64 = 8.0;
+const LONGEST: f64 = 16.0;
 /// Frame periods after which a timestamp no longer tells one line from the next.
 const LATEST: f64 = 1e12;
 
@@ -76,13 +78,16 @@ impl Pair {
     pub fn new(found: &[Correspondence], centre: Vector2<f64>, radius: f64, stamps: [f64; 2]) -> Option<Self> {
         let [first, second] = stamps;
         let is_near = (second - first).abs() <= LONGEST && first.abs() < LATEST;
-        if found.len() < FEWEST_MATCHES || !is_near {
+        let point = |pixel: Vector2<f64>| (pixel - centre) / radius;
+        let matches = found.iter().map(|found| Match { from: point(found.from), to: point(found.to) });
+        let is_sound = |m: &Match| m.from.iter().chain(&m.to).all(|coordinate| coordinate.abs() < FARTHEST);
+        let matches: Vec<Match> = matches.filter(is_sound).collect();
+        let found = matches.len();
+        if found < FEWEST_MATCHES || !is_near {
             return None;
         }
-        let chosen = found.iter().step_by(found.len().div_ceil(MOST_MATCHES));
-        let point = |pixel: Vector2<f64>| (pixel - centre) / radius;
-        let matches = chosen.map(|found| Match { from: point(found.from), to: point(found.to) });
-        Some(Self { matches: matches.collect(), stamps, found: found.len() })
+        let matches = matches.into_iter().step_by(found.div_ceil(MOST_MATCHES)).collect();
+        Some(Self { matches, stamps, found })
     }
 
     /// First and last instant, in frame periods, at which a line of either frame is exposed.

@@ -91,11 +91,17 @@ impl Setting {
         moved
     }
 
-    /// A change of all coefficients.
+    /// A change of all coefficients, up to about a cycle in two blocks.
     fn wobble(&self, seed: usize) -> Vec<f64> {
-        (0..self.path.coefficients.len())
-            .map(|place| ((place * (2 * seed + 3)) as f64 * 0.37).sin())
-            .collect()
+        let mut wobble = vec![0.0; self.path.coefficients.len()];
+        for j in 0..GENERATORS {
+            for knot in self.path.knots(j) {
+                let time = knot as f64 / ratio(j) as f64;
+                wobble[self.path.place(j, knot) as usize] =
+                    ((2.0 + seed as f64) * time + (j * j) as f64).sin();
+            }
+        }
+        wobble
     }
 
     /// What a direction changes of the residuals, negative: the slope of what the path predicts.

@@ -1,4 +1,8 @@
 //! A running estimate of a number that belongs to the camera and does not change.
+//!
+//! Estimates are weighed by their inverse variances. Those are too large where neighbouring windows err
+//! alike; how much too large shows in the *scatter*, the mean square of (estimate − mean) over its
+//! variance, by which information is divided where it is above 1.
 
 /// How fast the scatter follows, per estimate.
 const SCATTER_RATE: f64 = 0.05;

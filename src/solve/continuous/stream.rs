@@ -1,4 +1,8 @@
 //! Frames as they come → the motion of each, a few frames later.
+//!
+//! A frame is settled over the pairs of the four frames before it and of all that have come after it.
+//! How the sensor is read, by rows or by columns, is a hypothesis: each has a solver of its own, and the
+//! likelier one speaks. Vibrations, too fast for the usual knots, are a hypothesis within each.
 
 use super::pair::{Pair, Reading};
 use super::running::Running;
@@ -440,7 +444,7 @@ impl Hypothesis {
         iterate(&mut self.solver, pairs, STEPS[usize::from(!starts)], known);
         self.try_tempo(pairs, past, known);
         self.solver.remember(1.0 / pairs.len() as f64);
-        if let Some(sigma) = self.solver.sigma(past) {
+        if let Some(sigma) = self.solver.sigma(past).filter(|sigma| sigma.is_finite()) {
             self.score -= WEIGHT * self.solver.trust() * sigma.max(self.solver.noise).ln();
         }
     }
