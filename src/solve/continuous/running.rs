@@ -70,7 +70,7 @@ mod tests {
     fn estimates_that_scatter_more_than_they_say_count_less() {
         // Ten times the deviation that they claim: a hundredth of the information, once that is known.
         let mut running = Running::new(0.0, 1.0);
-        let swing = |k: usize| if k % 2 == 0 { 1.0 } else { -1.0 };
+        let swing = |k: usize| if k.is_multiple_of(2) { 1.0 } else { -1.0 };
         (0..400).for_each(|k| running.add(swing(k), 100.0, 1.0));
         let before = running.information();
         (400..500).for_each(|k| running.add(swing(k), 100.0, 1.0));

@@ -212,7 +212,7 @@ impl Continuous {
             if let Some(shutter) = &mut self.shutter {
                 shutter.push(found.grid, (stamp - last.stamp) * unit);
                 self.taken += 1;
-                if self.taken % HINT_EVERY == 0 {
+                if self.taken.is_multiple_of(HINT_EVERY) {
                     self.take_hint(unit);
                 }
             }
