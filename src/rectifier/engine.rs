@@ -42,7 +42,7 @@ pub(super) struct Step<'a> {
 /// What estimates the motion of a stream.
 #[derive(Debug)]
 pub(super) enum Engine {
-    Sequential(Sequential),
+    Sequential(Box<Sequential>),
     Continuous(Box<Continuous>),
 }
 
@@ -57,7 +57,7 @@ pub(super) struct Sequential {
 
 impl Engine {
     pub fn sequential() -> Self {
-        Self::Sequential(Sequential::default())
+        Self::Sequential(Box::default())
     }
 
     pub fn continuous(camera: Camera, (width, height): (usize, usize), pixel_scale: f64) -> Self {

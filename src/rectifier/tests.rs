@@ -1,8 +1,8 @@
 //! The queue on pictures whose motion is known in closed form.
 
 use super::*;
-use nalgebra::Vector2;
 use crate::plane::{Plane, PlaneLayout, SampleFormat};
+use nalgebra::Vector2;
 
 const WIDTH: usize = 320;
 const HEIGHT: usize = 240;
@@ -43,8 +43,18 @@ fn frame(time: f64, velocity: Vector2<f64>) -> Vec<u8> {
         .collect()
 }
 
-fn rectifier(lookahead: usize) -> Rectifier {
-    Rectifier::new(Settings { lookahead, ..Settings::default() }, WIDTH, HEIGHT, Some(PERIOD))
+const ESTIMATORS: [Estimator; 2] = [Estimator::Continuous, Estimator::Sequential];
+
+/// A rectifier that knows the shutter of [`frame`].
+fn rectifier(estimator: Estimator, lookahead: usize) -> Rectifier {
+    let settings = Settings {
+        lookahead,
+        estimator,
+        direction: Some(ReadoutDirection::TopToBottom),
+        readout_time: ReadoutTime::WholePeriod,
+        ..Settings::default()
+    };
+    Rectifier::new(settings, WIDTH, HEIGHT, Some(PERIOD))
 }
 
 fn push(rectifier: &mut Rectifier, pixels: &[u8], time: f64, duplicate: bool) {
@@ -67,118 +77,134 @@ fn assert_velocity(solution: &FrameSolution, velocity: Vector2<f64>) {
 
 #[test]
 fn every_frame_comes_out_once_after_the_lookahead() {
-    for lookahead in [0, 1, 4, 64] {
-        let mut rectifier = rectifier(lookahead);
-        let mut count = 0;
-        for k in 0..10 {
-            push(&mut rectifier, &frame(k as f64 * PERIOD, VELOCITY), k as f64 * PERIOD, false);
-            let ready = pops(&mut rectifier);
-            assert_eq!(ready.len(), usize::from(k >= lookahead), "lookahead {lookahead}, frame {k}");
-            count += ready.len();
-            ready.iter().filter(|_| k > 0).for_each(|solution| assert_velocity(solution, VELOCITY));
+    for estimator in ESTIMATORS {
+        for lookahead in [0, 1, 4, 64] {
+            let mut rectifier = rectifier(estimator, lookahead);
+            let mut count = 0;
+            for k in 0..10 {
+                push(&mut rectifier, &frame(k as f64 * PERIOD, VELOCITY), k as f64 * PERIOD, false);
+                let ready = pops(&mut rectifier);
+                assert_eq!(ready.len(), usize::from(k >= lookahead), "lookahead {lookahead}, frame {k}");
+                count += ready.len();
+                ready.iter().filter(|_| k > 0).for_each(|solution| assert_velocity(solution, VELOCITY));
+            }
+            rectifier.drain();
+            assert_eq!(count + pops(&mut rectifier).len(), 10);
         }
-        rectifier.drain();
-        assert_eq!(count + pops(&mut rectifier).len(), 10);
     }
 }
 
 #[test]
 fn without_lookahead_the_first_frame_stays_as_it_is() {
-    let mut rectifier = rectifier(0);
-    push(&mut rectifier, &frame(0.0, VELOCITY), 0.0, false);
-    let first = rectifier.pop().unwrap();
-    assert_eq!((first.origin, first.confidence), (Origin::Untouched, 0.0));
-    assert!(first.path.is_still());
+    for estimator in ESTIMATORS {
+        let mut rectifier = rectifier(estimator, 0);
+        push(&mut rectifier, &frame(0.0, VELOCITY), 0.0, false);
+        let first = rectifier.pop().unwrap();
+        assert_eq!((first.origin, first.confidence), (Origin::Untouched, 0.0));
+        assert!(first.path.is_still());
+    }
 }
 
 #[test]
 fn reverse_playback_finds_the_same_motion() {
-    let mut rectifier = rectifier(3);
-    for k in (0..8).rev() {
-        push(&mut rectifier, &frame(k as f64 * PERIOD, VELOCITY), k as f64 * PERIOD, false);
+    for estimator in ESTIMATORS {
+        let mut rectifier = rectifier(estimator, 3);
+        for k in (0..8).rev() {
+            push(&mut rectifier, &frame(k as f64 * PERIOD, VELOCITY), k as f64 * PERIOD, false);
+        }
+        rectifier.drain();
+        pops(&mut rectifier).iter().for_each(|solution| assert_velocity(solution, VELOCITY));
     }
-    rectifier.drain();
-    pops(&mut rectifier).iter().for_each(|solution| assert_velocity(solution, VELOCITY));
 }
 
 #[test]
 fn a_dropped_frame_changes_nothing() {
-    let mut rectifier = rectifier(3);
-    for k in [0, 1, 3, 4, 5, 8, 9] {
-        push(&mut rectifier, &frame(k as f64 * PERIOD, VELOCITY), k as f64 * PERIOD, false);
+    for estimator in ESTIMATORS {
+        let mut rectifier = rectifier(estimator, 3);
+        for k in [0, 1, 3, 4, 5, 8, 9] {
+            push(&mut rectifier, &frame(k as f64 * PERIOD, VELOCITY), k as f64 * PERIOD, false);
+        }
+        rectifier.drain();
+        pops(&mut rectifier).iter().for_each(|solution| assert_velocity(solution, VELOCITY));
     }
-    rectifier.drain();
-    pops(&mut rectifier).iter().for_each(|solution| assert_velocity(solution, VELOCITY));
 }
 
 #[test]
 fn a_duplicate_repeats_its_frame_s_motion() {
-    for marked in [false, true] {
-        let mut rectifier = rectifier(4);
-        for k in 0..12 {
-            // Every second frame repeats the one before, as 25 frames a second do in a project of 50.
-            let shown = (k / 2 * 2) as f64 * PERIOD / 2.0;
-            push(&mut rectifier, &frame(shown, VELOCITY), k as f64 * PERIOD / 2.0, marked && k % 2 == 1);
-        }
-        rectifier.drain();
-        let solutions = pops(&mut rectifier);
-        assert_eq!(solutions.len(), 12);
-        for pair in solutions.chunks(2) {
-            assert_velocity(&pair[0], VELOCITY);
-            assert_eq!((pair[1].origin, &pair[1].path), (Origin::Repeated, &pair[0].path));
+    for estimator in ESTIMATORS {
+        for marked in [false, true] {
+            let mut rectifier = rectifier(estimator, 4);
+            for k in 0..12 {
+                // Every second frame repeats the one before, as 25 frames a second do in a project of 50.
+                let shown = (k / 2 * 2) as f64 * PERIOD / 2.0;
+                push(&mut rectifier, &frame(shown, VELOCITY), k as f64 * PERIOD / 2.0, marked && k % 2 == 1);
+            }
+            rectifier.drain();
+            let solutions = pops(&mut rectifier);
+            assert_eq!(solutions.len(), 12);
+            for pair in solutions.chunks(2) {
+                assert_velocity(&pair[0], VELOCITY);
+                assert_eq!((pair[1].origin, &pair[1].path), (Origin::Repeated, &pair[0].path));
+            }
         }
     }
 }
 
 #[test]
 fn a_camera_that_stops_is_still_after_a_few_frames() {
-    let mut rectifier = rectifier(2);
-    for k in 0..16 {
-        let shown = frame((k as f64).min(6.0) * PERIOD, VELOCITY);
-        push(&mut rectifier, &shown, k as f64 * PERIOD, false);
+    for estimator in ESTIMATORS {
+        let mut rectifier = rectifier(estimator, 2);
+        for k in 0..16 {
+            let shown = frame((k as f64).min(6.0) * PERIOD, VELOCITY);
+            push(&mut rectifier, &shown, k as f64 * PERIOD, false);
+        }
+        rectifier.drain();
+        let last = pops(&mut rectifier).pop().unwrap();
+        assert!(last.path.mean_twist().velocity.norm() * PERIOD < 0.05, "{last:?}");
     }
-    rectifier.drain();
-    let last = pops(&mut rectifier).pop().unwrap();
-    assert!(last.path.mean_twist().velocity.norm() * PERIOD < 0.05, "{last:?}");
 }
 
 #[test]
 fn black_frames_and_cuts_have_no_motion_of_the_other_side() {
-    let mut rectifier = rectifier(3);
-    let other = Vector2::new(-150.0, 100.0);
-    for k in 0..12 {
-        let time = k as f64 * PERIOD;
-        let shown = if k < 6 { frame(time, VELOCITY) } else { frame(time + 900.0, other) };
-        push(&mut rectifier, &shown, time, false);
+    for estimator in ESTIMATORS {
+        let mut rectifier = rectifier(estimator, 3);
+        let other = Vector2::new(-150.0, 100.0);
+        for k in 0..12 {
+            let time = k as f64 * PERIOD;
+            let shown = if k < 6 { frame(time, VELOCITY) } else { frame(time + 900.0, other) };
+            push(&mut rectifier, &shown, time, false);
+        }
+        for k in 12..15 {
+            push(&mut rectifier, &vec![16; WIDTH * HEIGHT], k as f64 * PERIOD, false);
+        }
+        rectifier.drain();
+        let solutions = pops(&mut rectifier);
+        solutions[..6].iter().for_each(|solution| assert_velocity(solution, VELOCITY));
+        solutions[6..12].iter().for_each(|solution| assert_velocity(solution, other));
+        assert!(solutions[12].path.is_still() && solutions[12].confidence == 0.0);
     }
-    for k in 12..15 {
-        push(&mut rectifier, &vec![16; WIDTH * HEIGHT], k as f64 * PERIOD, false);
-    }
-    rectifier.drain();
-    let solutions = pops(&mut rectifier);
-    solutions[..6].iter().for_each(|solution| assert_velocity(solution, VELOCITY));
-    solutions[6..12].iter().for_each(|solution| assert_velocity(solution, other));
-    assert!(solutions[12].path.is_still() && solutions[12].confidence == 0.0);
 }
 
 #[test]
 fn a_drain_starts_anew_and_a_reset_forgets() {
-    let mut rectifier = rectifier(5);
-    for k in 0..3 {
-        push(&mut rectifier, &frame(k as f64 * PERIOD, VELOCITY), k as f64 * PERIOD, false);
+    for estimator in ESTIMATORS {
+        let mut rectifier = rectifier(estimator, 5);
+        for k in 0..3 {
+            push(&mut rectifier, &frame(k as f64 * PERIOD, VELOCITY), k as f64 * PERIOD, false);
+        }
+        rectifier.drain();
+        push(&mut rectifier, &frame(0.0, -VELOCITY), 3.0 * PERIOD, false);
+        push(&mut rectifier, &frame(PERIOD, -VELOCITY), 4.0 * PERIOD, false);
+        rectifier.drain();
+        let solutions = pops(&mut rectifier);
+        assert_eq!(solutions.len(), 5);
+        solutions[..3].iter().for_each(|solution| assert_velocity(solution, VELOCITY));
+        solutions[3..].iter().for_each(|solution| assert_velocity(solution, -VELOCITY));
+        push(&mut rectifier, &frame(0.0, VELOCITY), 0.0, false);
+        rectifier.reset();
+        rectifier.drain();
+        assert_eq!(pops(&mut rectifier).len(), 0);
     }
-    rectifier.drain();
-    push(&mut rectifier, &frame(0.0, -VELOCITY), 3.0 * PERIOD, false);
-    push(&mut rectifier, &frame(PERIOD, -VELOCITY), 4.0 * PERIOD, false);
-    rectifier.drain();
-    let solutions = pops(&mut rectifier);
-    assert_eq!(solutions.len(), 5);
-    solutions[..3].iter().for_each(|solution| assert_velocity(solution, VELOCITY));
-    solutions[3..].iter().for_each(|solution| assert_velocity(solution, -VELOCITY));
-    push(&mut rectifier, &frame(0.0, VELOCITY), 0.0, false);
-    rectifier.reset();
-    rectifier.drain();
-    assert_eq!(pops(&mut rectifier).len(), 0);
 }
 
 #[test]

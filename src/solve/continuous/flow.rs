@@ -37,7 +37,8 @@ impl Flow {
         self.first = (from / STEP).floor();
         let count = ((to / STEP).ceil() - self.first).max(1.0) as usize;
         let rates = |steps: f64| path.rates(STEP * (self.first + steps));
-        let matrix = |rates: [f64; GENERATORS]| flow_matrix(&rates.map(|rate| rate / radius * STEP), path.kappa);
+        let matrix =
+            |rates: [f64; GENERATORS]| flow_matrix(&rates.map(|rate| rate / radius * STEP), path.kappa);
         let mut h = Matrix3::identity();
         let mut inverse = h;
         self.nodes.clear();
@@ -109,11 +110,105 @@ const GAUSS: f64 = 0.288_675_134_594_812_9;
 /// The cubic with these values and slopes at 0 and 1.
 fn hermite(a: &[Matrix3<f64>; 2], b: &[Matrix3<f64>; 2], s: f64) -> Matrix3<f64> {
     let (s2, s3) = (s * s, s * s * s);
-    a[0] * (1.0 - 3.0 * s2 + 2.0 * s3) + a[1] * (s - 2.0 * s2 + s3) + b[0] * (3.0 * s2 - 2.0 * s3) + b[1] * (s3 - s2)
+    a[0] * (1.0 - 3.0 * s2 + 2.0 * s3)
+        + a[1] * (s - 2.0 * s2 + s3)
+        + b[0] * (3.0 * s2 - 2.0 * s3)
+        + b[1] * (s3 - s2)
 }
 
 /// The exponential of a small matrix, to the fourth order.
 fn exponential(a: Matrix3<f64>) -> Matrix3<f64> {
     let a2 = a * a;
     Matrix3::identity() + a + a2 / 2.0 + a2 * a / 6.0 + a2 * a2 / 24.0
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::path::BLOCK;
+    use super::*;
+    use crate::motion::generators::fields;
+    use nalgebra::{Rotation3, SVector, Vector3};
+
+    const RADIUS: f64 = 320.0;
+    const POINTS: [[f64; 2]; 4] = [[0.0, 0.0], [0.9, -0.6], [-0.8, 0.7], [0.3, 0.5]];
+
+    /// A path over blocks −1 to 5 whose coefficient of generator j at time t is `coefficient(j, t)`.
+    fn path(kappa: f64, coefficient: impl Fn(usize, f64) -> f64) -> SplinePath {
+        let mut path = SplinePath { base: -1, coefficients: vec![0.0; 9 * BLOCK], kappa };
+        for j in 0..GENERATORS {
+            for knot in path.knots(j) {
+                let spacing = if path.knots(j).end > 8 { 0.25 } else { 1.0 };
+                let place = path.place(j, knot) as usize;
+                // Coefficient i is centred one knot before it: see the splines.
+                path.coefficients[place] = coefficient(j, (knot - 1) as f64 * spacing);
+            }
+        }
+        path
+    }
+
+    /// Runge and Kutta's method on ẋ = Σⱼ φⱼ(x)·rateⱼ.
+    fn integrate(path: &SplinePath, mut x: Vector2<f64>, from: f64, to: f64) -> Vector2<f64> {
+        let steps = 400;
+        let h = (to - from) / steps as f64;
+        let velocity =
+            |x: Vector2<f64>, t: f64| fields(x, path.kappa) * SVector::from(path.rates(t)) / RADIUS;
+        for step in 0..steps {
+            let t = from + h * step as f64;
+            let a = velocity(x, t);
+            let b = velocity(x + a * (h / 2.0), t + h / 2.0);
+            let c = velocity(x + b * (h / 2.0), t + h / 2.0);
+            let d = velocity(x + c * h, t + h);
+            x += (a + (b + c) * 2.0 + d) * (h / 6.0);
+        }
+        x
+    }
+
+    fn worst(
+        path: &SplinePath,
+        times: &[[f64; 2]],
+        expected: impl Fn(Vector2<f64>, f64, f64) -> Vector2<f64>,
+    ) -> f64 {
+        let mut flow = Flow::default();
+        flow.follow(path, [0.0, 4.0], RADIUS);
+        let off = |[from, to]: [f64; 2], x: Vector2<f64>| flow.carry(x, from, to) - expected(x, from, to);
+        let all = times.iter().flat_map(|times| POINTS.map(|x| off(*times, x.into()).norm() * RADIUS));
+        all.fold(0.0, f64::max)
+    }
+
+    #[test]
+    fn points_go_where_the_velocity_fields_take_them() {
+        // 30 px to and fro, about once in a block for the turns, in two for the rest: up to 180 px a block.
+        let shaken =
+            path(0.3, |j, t| (30.0 - 3.0 * j as f64) * (t * if j < 3 { 6.0 } else { 3.0 } + j as f64).sin());
+        let times = [[0.0, 1.0], [0.13, 2.71], [3.9, 0.2], [1.5, 1.8], [2.0, 2.0]];
+        let off = worst(&shaken, &times, |x, from, to| integrate(&shaken, x, from, to));
+        assert!(off < 0.03, "{off} px");
+    }
+
+    #[test]
+    fn turns_take_points_where_a_turning_camera_sees_them() {
+        // About one axis all the time: f = 1.25 radii, 80 px a block of yaw, −50 of pitch, 30 of roll.
+        let (focal, rates) = (1.25, [80.0, -50.0, 30.0]);
+        let even = path(1.0 / (focal * focal), |j, t| rates.get(j).map_or(0.0, |rate| rate * t));
+        let axis = Vector3::new(-rates[1] / focal, rates[0] / focal, rates[2]) / RADIUS;
+        let seen = |x: Vector2<f64>, from: f64, to: f64| {
+            let ray = Rotation3::new(axis * (to - from)) * x.push(focal);
+            ray.xy() * (focal / ray.z)
+        };
+        let off = worst(&even, &[[0.1, 1.2], [0.5, 3.7], [3.0, 0.4]], seen);
+        assert!(off < 1e-3, "{off} px");
+    }
+
+    #[test]
+    fn beyond_what_was_followed_nothing_breaks() {
+        let mut flow = Flow::default();
+        let point = Vector2::new(0.4, -0.2);
+        assert_eq!(flow.carry(point, 0.0, 1.0), point);
+        assert!(
+            !flow.covers(0.0) && flow.rates(0.0) == [0.0; GENERATORS] && flow.turned(0.0) == Vector2::zeros()
+        );
+        flow.follow(&path(0.3, |j, t| t * (j + 1) as f64), [0.0, 4.0], RADIUS);
+        assert!(flow.covers(0.0) && flow.covers(4.0) && !flow.covers(-0.01) && !flow.covers(4.01));
+        assert!(flow.carry(point, -0.3, 4.3).iter().all(|coordinate| coordinate.is_finite()));
+    }
 }

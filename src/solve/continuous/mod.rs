@@ -1,5 +1,26 @@
 //! The continuous estimator: the motion path as splines over exposure time.
-#![allow(missing_docs)]
+//!
+//! | file | what it does |
+//! |---|---|
+//! | `spline` | uniform cubic B-splines |
+//! | `path` | one spline for each generator of the homographies, 17 coefficients a block |
+//! | `flow` | path → where points go: the homographies that its velocities add up to |
+//! | `pair` | correspondences of two frames → normal equations over the path, γ and κ |
+//! | `smoothness` | the prior on second differences, its strength by MacKay's evidence |
+//! | `banded` | banded Cholesky factors, and the inverse inside the band |
+//! | `running` | what was seen so far of a number that belongs to the camera |
+//! | `solver` | Gauss–Newton over a window for one reading axis and one tempo |
+//! | `stream` | frames in, motions out: window, hypotheses, confidence, residual layer |
+//!
+//! # Units
+//!
+//! Points are in units of the *radius*, half the frame's width, from the image centre; paths and
+//! residuals in pixels (of the full frame, at the radius); timestamps and γ, the signed readout time, in
+//! frame periods. The path's own clock counts *blocks*: one to a frame period, three where the picture
+//! vibrates. A line is exposed at t = t_k + γ·p, p its place along the reading axis from the top (left)
+//! edge; γ < 0 where the opposite edge is read first. κ = (radius/f)² stands for the focal length f.
+//!
+//! The equations, one by one, are in `docs/method.md`.
 
 mod banded;
 mod flow;

@@ -32,6 +32,13 @@ const WORTH: f64 = 25.0;
 const MOST_MATCHES: usize = 400;
 /// Fewer say nothing.
 const FEWEST_MATCHES: usize = 16;
+/// No point that is further from the centre, in units of the radius, was measured.
+const FARTHEST: f64 = 1e3;
+/// Frame periods from one frame of a pair to the other, at most: what the path does in a longer gap is
+/// anyone's guess, and costs unknowns.
+const LONGEST: f64 = 16.0;
+/// Frame periods after which a timestamp no longer tells one line from the next.
+const LATEST: f64 = 1e12;
 
 /// Points of a correspondence, in units of the radius from the image centre.
 #[derive(Clone, Copy, Debug)]
@@ -66,15 +73,21 @@ pub(super) struct Pair {
 }
 
 impl Pair {
-    /// Takes the correspondences (pixels) of a pair; `None` where there are too few to say anything.
+    /// Takes the correspondences (pixels) of a pair; `None` where there are too few to say anything or
+    /// the frames are too far apart.
     pub fn new(found: &[Correspondence], centre: Vector2<f64>, radius: f64, stamps: [f64; 2]) -> Option<Self> {
-        if found.len() < FEWEST_MATCHES {
+        let [first, second] = stamps;
+        let is_near = (second - first).abs() <= LONGEST && first.abs() < LATEST;
+        let point = |pixel: Vector2<f64>| (pixel - centre) / radius;
+        let matches = found.iter().map(|found| Match { from: point(found.from), to: point(found.to) });
+        let is_sound = |m: &Match| m.from.iter().chain(&m.to).all(|coordinate| coordinate.abs() < FARTHEST);
+        let matches: Vec<Match> = matches.filter(is_sound).collect();
+        let found = matches.len();
+        if found < FEWEST_MATCHES || !is_near {
             return None;
         }
-        let chosen = found.iter().step_by(found.len().div_ceil(MOST_MATCHES));
-        let point = |pixel: Vector2<f64>| (pixel - centre) / radius;
-        let matches = chosen.map(|found| Match { from: point(found.from), to: point(found.to) });
-        Some(Self { matches: matches.collect(), stamps, found: found.len() })
+        let matches = matches.into_iter().step_by(found.div_ceil(MOST_MATCHES)).collect();
+        Some(Self { matches, stamps, found })
     }
 
     /// First and last instant, in frame periods, at which a line of either frame is exposed.
@@ -262,3 +275,7 @@ fn median(values: &mut [f64]) -> f64 {
     let middle = values.len() / 2;
     if values.is_empty() { 0.0 } else { *values.select_nth_unstable_by(middle, f64::total_cmp).1 }
 }
+
+#[cfg(test)]
+#[path = "pair_tests.rs"]
+mod tests;

@@ -1,4 +1,8 @@
 //! A running estimate of a number that belongs to the camera and does not change.
+//!
+//! Estimates are weighed by their inverse variances. Those are too large where neighbouring windows err
+//! alike; how much too large shows in the *scatter*, the mean square of (estimate − mean) over its
+//! variance, by which information is divided where it is above 1.
 
 /// How fast the scatter follows, per estimate.
 const SCATTER_RATE: f64 = 0.05;
@@ -43,5 +47,61 @@ impl Running {
     /// Inverse variance.
     pub fn information(&self) -> f64 {
         self.information
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn estimates_that_agree_add_their_information() {
+        // 0 ± 1 and 3 ± 1/2 (information 1 and 4), both new: (0 + 4·3)/5.
+        let mut running = Running::new(0.0, 1.0);
+        running.add(3.0, 4.0, 1.0);
+        // The surprise 9 / (1/4 + 1) counts from the next estimate on.
+        assert!((running.mean - 2.4).abs() < 1e-12 && (running.information() - 5.0).abs() < 1e-12);
+        let mut shared = Running::new(0.0, 1.0);
+        (0..4).for_each(|_| shared.add(0.0, 4.0, 0.25));
+        assert!((shared.information() - 5.0).abs() < 1e-12, "a quarter new, four times");
+    }
+
+    #[test]
+    fn estimates_that_scatter_more_than_they_say_count_less() {
+        // Ten times the deviation that they claim: a hundredth of the information, once that is known.
+        let mut running = Running::new(0.0, 1.0);
+        let swing = |k: usize| if k.is_multiple_of(2) { 1.0 } else { -1.0 };
+        (0..400).for_each(|k| running.add(swing(k), 100.0, 1.0));
+        let before = running.information();
+        (400..500).for_each(|k| running.add(swing(k), 100.0, 1.0));
+        let each = (running.information() - before) / 100.0;
+        // Somewhat more, for the belief that they are held against is uncertain itself.
+        assert!((0.9..1.4).contains(&each), "{each}");
+        assert!(running.mean.abs() < 0.1);
+    }
+
+    #[test]
+    fn nonsense_is_not_taken_in() {
+        let mut running = Running::new(0.3, 0.1);
+        let before = running;
+        for (value, information) in [
+            (f64::NAN, 1.0),
+            (f64::INFINITY, 1.0),
+            (1.0, f64::NAN),
+            (1.0, 0.0),
+            (1.0, -2.0),
+            (1.0, f64::INFINITY),
+        ] {
+            running.add(value, information, 1.0);
+            assert_eq!(running, before);
+        }
+    }
+
+    #[test]
+    fn other_units_change_mean_and_deviation_alike() {
+        let mut running = Running::new(0.4, 0.1);
+        running.scale(2.0);
+        assert!((running.mean - 0.8).abs() < 1e-12);
+        assert!((running.information().sqrt().recip() - 0.2).abs() < 1e-12);
     }
 }

@@ -107,3 +107,101 @@ impl Smoothness {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::path::BLOCK;
+    use super::*;
+    use crate::motion::generators::Model;
+
+    /// Knuth's MMIX generator; the sum of twelve of its numbers is nearly normal.
+    fn normal(state: &mut u64) -> f64 {
+        let mut uniform = || {
+            *state = state.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
+            (*state >> 11) as f64 / (1u64 << 53) as f64
+        };
+        (0..12).map(|_| uniform()).sum::<f64>() - 6.0
+    }
+
+    /// What is learnt of coefficients of which each was measured with deviation `noise`.
+    fn learnt(truth: &SplinePath, noise: f64, seed: &mut u64) -> Smoothness {
+        let measured: Vec<f64> =
+            truth.coefficients.iter().map(|value| value + noise * normal(seed)).collect();
+        let mut smoothness = Smoothness::new(Model::Auto.generators(), 1.0);
+        let mut path = SplinePath { coefficients: measured.clone(), ..truth.clone() };
+        let (mut matrix, mut covariance) = (Banded::default(), Banded::default());
+        for _ in 0..60 {
+            matrix.reset(measured.len(), 3 * BLOCK);
+            let off = |(value, measured): (&f64, &f64)| (measured - value) / (noise * noise);
+            let mut right: Vec<f64> = path.coefficients.iter().zip(&measured).map(off).collect();
+            (0..measured.len()).for_each(|place| matrix.add(place, place, 1.0 / (noise * noise)));
+            smoothness.add(&path, &mut matrix, &mut right);
+            assert!(matrix.factorise());
+            matrix.solve(&mut right);
+            path.coefficients.iter_mut().zip(&right).for_each(|(value, step)| *value += step);
+            matrix.inverse_band(&mut covariance);
+            smoothness.learn(&path, &covariance);
+        }
+        smoothness
+    }
+
+    #[test]
+    fn the_variance_of_a_random_path_is_found_again() {
+        let blocks = 50;
+        let mut seed = 11;
+        for variance in [0.01, 0.2] {
+            let mut truth = SplinePath { base: 0, coefficients: vec![0.0; blocks * BLOCK], kappa: 0.3 };
+            // Yaw has second differences of this variance, everything else is still.
+            let (mut value, mut rate) = (0.0, 0.0);
+            for knot in truth.knots(0) {
+                rate += f64::sqrt(variance) * normal(&mut seed);
+                value += rate;
+                let place = truth.place(0, knot) as usize;
+                truth.coefficients[place] = value;
+            }
+            let found = learnt(&truth, 0.05, &mut seed);
+            // 198 differences: their mean square alone is uncertain by √(2/198) = 10 %.
+            let ratio = found.variance[0] / variance;
+            assert!((0.7..1.4).contains(&ratio), "{ratio} of {variance}");
+            // What does not move is held still: next to nothing beside the noise of 0.0025.
+            assert!(found.variance[1..].iter().all(|variance| *variance < 5e-4), "{:?}", found.variance);
+        }
+    }
+
+    #[test]
+    fn what_the_model_lacks_stays_still() {
+        let smoothness = Smoothness::new(Model::Translation.generators(), 1.0);
+        let path = SplinePath { base: 0, coefficients: vec![0.0; 4 * BLOCK], kappa: 0.0 };
+        let mut matrix = Banded::default();
+        matrix.reset(path.coefficients.len(), 3 * BLOCK);
+        smoothness.add(&path, &mut matrix, &mut vec![0.0; path.coefficients.len()]);
+        let stiffness = |j: usize| matrix.at(path.place(j, 1) as usize, path.place(j, 1) as usize);
+        // Yaw is part of the model, roll and scale are not.
+        assert!(stiffness(0) < 10.0 && stiffness(2) > 1e11 && stiffness(5) > 1e11);
+    }
+
+    #[test]
+    fn an_even_motion_costs_next_to_nothing() {
+        // xᵀ·P·x for a line: only the all but free first differences and levels count.
+        let mut path = SplinePath { base: 0, coefficients: vec![0.0; 4 * BLOCK], kappa: 0.0 };
+        let smoothness = Smoothness::new(Model::Auto.generators(), 1.0);
+        let energy = |path: &SplinePath| {
+            let mut matrix = Banded::default();
+            let mut right = vec![0.0; path.coefficients.len()];
+            matrix.reset(right.len(), 3 * BLOCK);
+            smoothness.add(path, &mut matrix, &mut right);
+            -path.coefficients.iter().zip(&right).map(|(x, r)| x * r).sum::<f64>()
+        };
+        for knot in path.knots(0) {
+            let place = path.place(0, knot) as usize;
+            path.coefficients[place] = 2.0 * knot as f64;
+        }
+        // 14 first differences of 2 px at a variance of 100 px².
+        assert!((energy(&path) - 14.0 * 4.0 / 100.0).abs() < 1e-9, "{}", energy(&path));
+        let place = path.place(0, 7) as usize;
+        path.coefficients[place] += 1.0;
+        // A step of 1 px at one knot: second differences 1, −2, 1 at a variance of 1, first ones 1, −1.
+        let expected = 6.0 + (12.0 * 4.0 + 9.0 + 1.0) / 100.0;
+        assert!((energy(&path) - expected).abs() < 1e-9, "{}", energy(&path));
+    }
+}

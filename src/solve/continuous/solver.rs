@@ -1,4 +1,9 @@
 //! The pairs of a window → the path, γ and κ: Gauss–Newton on banded normal equations.
+//!
+//! γ and κ belong to all pairs and border the band: N·δc + b·δ = g with N the path's matrix and b the
+//! border. They are solved first, from S′ = S − bᵀN⁻¹b, and the path follows. Several windows see the
+//! same pair, so that what a window says of them, without the beliefs that it started from, goes into
+//! the running beliefs by the share that is new.
 
 use super::banded::Banded;
 use super::flow::Flow;
@@ -18,6 +23,7 @@ const TRACKED: f64 = 10.0;
 const CONTRADICTION: f64 = 4.0;
 /// The most that γ and κ may change at once.
 const MOST_CHANGE: f64 = 0.1;
+
 /// How fast the motion may change.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Tempo {

@@ -1,4 +1,8 @@
 //! Frames as they come → the motion of each, a few frames later.
+//!
+//! A frame is settled over the pairs of the four frames before it and of all that have come after it.
+//! How the sensor is read, by rows or by columns, is a hypothesis: each has a solver of its own, and the
+//! likelier one speaks. Vibrations, too fast for the usual knots, are a hypothesis within each.
 
 use super::pair::{Pair, Reading};
 use super::running::Running;
@@ -233,7 +237,7 @@ impl Continuous {
             if let Some(shutter) = &mut self.shutter {
                 shutter.push(found.grid, (stamp - last.stamp) * unit);
                 self.taken += 1;
-                if self.taken % HINT_EVERY == 0 {
+                if self.taken.is_multiple_of(HINT_EVERY) {
                     self.take_hint(unit);
                 }
             }
@@ -473,7 +477,7 @@ impl Hypothesis {
         self.try_tempo(stretch, known);
         let seen = stretch.of_tempo(self.solver.tempo);
         self.solver.remember(1.0 / seen.pairs.len() as f64);
-        if let Some(sigma) = self.solver.sigma(seen.own()) {
+        if let Some(sigma) = self.solver.sigma(seen.own()).filter(|sigma| sigma.is_finite()) {
             self.score -= WEIGHT * self.solver.trust() * sigma.max(self.solver.noise).ln();
         }
     }
@@ -539,3 +543,7 @@ fn kappa_belief(camera: &Camera) -> (f64, f64) {
         None => KAPPA_BELIEF,
     }
 }
+
+#[cfg(test)]
+#[path = "stream_tests.rs"]
+mod tests;

@@ -1,0 +1,223 @@
+//! The normal equations of a pair against differences of its residuals.
+
+use super::*;
+
+const RADIUS: f64 = 320.0;
+const NOISE: f64 = 0.5;
+const STEP: f64 = 1e-4;
+
+/// A camera's path, shutter and κ, as numbers that can be varied.
+#[derive(Clone)]
+struct Setting {
+    path: SplinePath,
+    by_rows: bool,
+    readout: f64,
+    tempo: f64,
+}
+
+impl Setting {
+    /// Up to a pixel a frame of everything: the slopes are those of small motions.
+    fn new(by_rows: bool, readout: f64, tempo: f64) -> Self {
+        let blocks = 10;
+        let mut path = SplinePath { base: -2, coefficients: vec![0.0; blocks * BLOCK], kappa: 0.35 };
+        for j in 0..GENERATORS {
+            for knot in path.knots(j) {
+                let place = path.place(j, knot) as usize;
+                let time = knot as f64 / ratio(j) as f64;
+                path.coefficients[place] = 0.4 * (1.3 * time + 0.7 * j as f64).sin() + 0.2 * time;
+            }
+        }
+        Self { path, by_rows, readout, tempo }
+    }
+
+    /// Hands out what a pair is held against.
+    fn view<T>(&self, with: impl FnOnce(&View<'_>) -> T) -> T {
+        let mut flow = Flow::default();
+        flow.follow(&self.path, [-1.0, 5.0], RADIUS);
+        let length = if self.by_rows { 1.5 } else { 2.0 };
+        with(&View {
+            path: &self.path,
+            flow: &flow,
+            reading: Reading { by_rows: self.by_rows, length },
+            tempo: self.tempo,
+            readout: self.readout,
+            radius: RADIUS,
+            noise: NOISE,
+        })
+    }
+
+    /// Residuals in pixels.
+    fn residuals(&self, pair: &Pair) -> Vec<Vector2<f64>> {
+        self.view(|view| {
+            let left = |m: &Match| {
+                let [from, to] = view.times(pair, m);
+                (m.to - view.flow.carry(m.from, from, to)) * RADIUS
+            };
+            pair.matches.iter().map(left).collect()
+        })
+    }
+
+    /// A pair that the path explains but for what is known in closed form: up to a pixel.
+    fn pair(&self) -> Pair {
+        let nodes = (0..300).map(|node| (node % 20, node / 20));
+        let from = nodes.map(|(i, j)| Vector2::new(-0.95 + 0.1 * i as f64, -0.7 + 0.1 * j as f64));
+        let mut pair = Pair { matches: Vec::new(), stamps: [0.2, 1.2], found: 300 };
+        pair.matches.extend(from.map(|from| Match { from, to: from }));
+        self.view(|view| {
+            for (k, m) in pair.matches.clone().iter().enumerate() {
+                let off = Vector2::new((k as f64 * 1.7).sin(), (k as f64 * 2.9).cos()) / RADIUS;
+                let mut to = m.from;
+                for _ in 0..20 {
+                    let [before, after] = view.times(&pair, &Match { from: m.from, to });
+                    to = view.flow.carry(m.from, before, after) + off;
+                }
+                pair.matches[k].to = to;
+            }
+        });
+        pair
+    }
+
+    /// The setting with `by` added to a direction in the space of unknowns.
+    fn moved(&self, direction: Direction, by: f64) -> Self {
+        let mut moved = self.clone();
+        match direction {
+            Direction::Path(seed) => {
+                let steps = self.wobble(seed);
+                moved.path.coefficients.iter_mut().zip(steps).for_each(|(value, step)| *value += by * step);
+            }
+            Direction::Readout => moved.readout += by,
+            Direction::Kappa => moved.path.kappa += by,
+        }
+        moved
+    }
+
+    /// A change of all coefficients, up to about a cycle in two blocks.
+    fn wobble(&self, seed: usize) -> Vec<f64> {
+        let mut wobble = vec![0.0; self.path.coefficients.len()];
+        for j in 0..GENERATORS {
+            for knot in self.path.knots(j) {
+                let time = knot as f64 / ratio(j) as f64;
+                wobble[self.path.place(j, knot) as usize] =
+                    ((2.0 + seed as f64) * time + (j * j) as f64).sin();
+            }
+        }
+        wobble
+    }
+
+    /// What a direction changes of the residuals, negative: the slope of what the path predicts.
+    fn slopes(&self, pair: &Pair, direction: Direction) -> Vec<Vector2<f64>> {
+        let [less, more] = [-STEP, STEP].map(|by| self.moved(direction, by).residuals(pair));
+        less.iter().zip(&more).map(|(less, more)| (less - more) / (2.0 * STEP)).collect()
+    }
+}
+
+#[derive(Clone, Copy, Debug)]
+enum Direction {
+    Path(usize),
+    Readout,
+    Kappa,
+}
+
+const DIRECTIONS: [Direction; 4] =
+    [Direction::Path(0), Direction::Path(1), Direction::Readout, Direction::Kappa];
+
+/// Product of the normal equations' matrix with two directions, and of their right side with one.
+fn forms(setting: &Setting, normal: &Normal, a: Direction, b: Direction) -> (f64, f64) {
+    let own = |seed: usize| setting.wobble(seed)[normal.first..normal.first + normal.size].to_vec();
+    let dot = |a: &[f64], b: &[f64]| -> f64 { a.iter().zip(b).map(|(a, b)| a * b).sum() };
+    let index = |direction: Direction| usize::from(matches!(direction, Direction::Kappa));
+    let matrix = match (a, b) {
+        (Direction::Path(a), Direction::Path(b)) => {
+            let (a, b) = (own(a), own(b));
+            normal.matrix.chunks(normal.size).zip(&a).map(|(row, a)| a * dot(row, &b)).sum()
+        }
+        (Direction::Path(seed), other) | (other, Direction::Path(seed)) => {
+            dot(&normal.border[index(other)], &own(seed))
+        }
+        (a, b) => normal.shared[(index(a), index(b))],
+    };
+    let right = match a {
+        Direction::Path(seed) => dot(&normal.right, &own(seed)),
+        other => normal.shared_right[index(other)],
+    };
+    (matrix, right)
+}
+
+#[test]
+fn the_normal_equations_are_those_of_the_residuals() {
+    for (by_rows, readout, tempo) in [(true, 0.8, 1.0), (false, -0.6, 1.0), (true, 0.9, 2.0)] {
+        let setting = Setting::new(by_rows, readout, tempo);
+        let pair = setting.pair();
+        let mut normal = Normal::default();
+        setting.view(|view| view.normal(&pair, &mut normal));
+        let residuals = setting.residuals(&pair);
+        // Student's t with four degrees of freedom: weight (4 + 2)/(4 + r²/σ²)/σ², a pair being worth 25.
+        let variance = normal.sigma * normal.sigma;
+        let weight = |r: &Vector2<f64>| 25.0 / 300.0 / variance * 6.0 / (4.0 + r.norm_squared() / variance);
+        let sum = |a: &[Vector2<f64>], b: &[Vector2<f64>]| -> f64 {
+            residuals.iter().zip(a.iter().zip(b)).map(|(r, (a, b))| weight(r) * a.dot(b)).sum()
+        };
+        for a in DIRECTIONS {
+            let along = setting.slopes(&pair, a);
+            let size = sum(&along, &along).sqrt();
+            let left = sum(&residuals, &residuals).sqrt();
+            for b in DIRECTIONS {
+                let other = setting.slopes(&pair, b);
+                let scale = size * sum(&other, &other).sqrt();
+                let (matrix, _) = forms(&setting, &normal, a, b);
+                let off = (matrix - sum(&along, &other)) / scale;
+                // Slopes are rounded to the middle of a band and to half a step of the flow.
+                assert!(off.abs() < 0.04, "{by_rows} {readout} {tempo}: {a:?} {b:?} {off}");
+            }
+            let (_, right) = forms(&setting, &normal, a, a);
+            let off = (right - sum(&along, &residuals)) / (size * left);
+            assert!(off.abs() < 0.02, "{by_rows} {readout} {tempo}: {a:?} {off}");
+        }
+    }
+}
+
+#[test]
+fn sigma_is_that_of_a_coordinate_and_the_wild_are_told_apart() {
+    let setting = Setting::new(true, 0.7, 1.0);
+    let mut pair = setting.pair();
+    let mut normal = Normal::default();
+    // Squares of residuals are sin² + cos² with a median of 1: variance 1/(2 ln 2).
+    setting.view(|view| view.normal(&pair, &mut normal));
+    assert!((normal.sigma - 0.849).abs() < 0.03 && normal.inliers == 300, "{}", normal.sigma);
+    for m in pair.matches.iter_mut().step_by(3) {
+        m.to.x += 0.2;
+    }
+    setting.view(|view| view.normal(&pair, &mut normal));
+    assert!(normal.sigma < 1.3 && normal.inliers == 200, "{} {}", normal.sigma, normal.inliers);
+}
+
+#[test]
+fn thinned_out_matches_are_counted_all_the_same() {
+    let at = |k: usize| Vector2::new((k % 40) as f64 * 16.0, (k / 40) as f64 * 12.0);
+    let found = |count: usize| -> Vec<Correspondence> {
+        let found = |k| Correspondence { from: at(k), to: at(k), texture: 1.0, residual: 0.0 };
+        (0..count).map(found).collect()
+    };
+    let pair = |count| Pair::new(&found(count), Vector2::new(319.5, 239.5), RADIUS, [0.0, 1.0]);
+    assert!(pair(15).is_none() && pair(16).is_some());
+    let many = pair(1600).unwrap();
+    assert_eq!((many.matches.len(), many.found), (400, 1600));
+    assert_eq!(many.moved(), 0.0);
+    let mut still = Setting::new(true, 0.7, 1.0);
+    still.path.coefficients.fill(0.0);
+    let mut normal = Normal::default();
+    still.view(|view| view.normal(&many, &mut normal));
+    assert_eq!((normal.inliers, normal.sigma), (1600, NOISE));
+}
+
+#[test]
+fn a_place_along_the_axis_is_its_line_s_share_of_the_readout() {
+    // Pixel row 0 of 480 lies at −239.5 pixels from the centre.
+    let rows = Reading { by_rows: true, length: 480.0 / RADIUS };
+    let columns = Reading { by_rows: false, length: 640.0 / RADIUS };
+    let first = Vector2::new(-319.5, -239.5) / RADIUS;
+    assert!(
+        (rows.place(first) - 0.5 / 480.0).abs() < 1e-12 && (columns.place(first) - 0.5 / 640.0).abs() < 1e-12
+    );
+    assert_eq!(rows.place(Vector2::zeros()), 0.5);
+}

@@ -1,0 +1,400 @@
+//! Whole windows of exact correspondences from cameras that are known in closed form.
+
+use super::*;
+use nalgebra::{Rotation3, Vector3};
+use std::f64::consts::TAU;
+
+const SIZE: [usize; 2] = [640, 480];
+const PERIOD: f64 = 1.0 / 30.0;
+const LOOKAHEAD: usize = 4;
+
+/// A camera that turns about its centre, pitch, yaw and roll each a sum of swings.
+struct Film {
+    /// Signed readout ratio; negative: from the bottom or the right.
+    gamma: f64,
+    by_rows: bool,
+    /// In frame widths.
+    focal: f64,
+    /// Cycles a second and peak in radians, per axis.
+    swings: [[(f64, f64); 2]; 3],
+    /// Standard deviation of the correspondences in pixels.
+    noise: f64,
+    /// Every so manyth correspondence is wild.
+    wild: Option<usize>,
+}
+
+impl Film {
+    /// Shaken in hand: some 6 px RMS of rolling-shutter distortion at γ = 1.
+    fn new(gamma: f64, by_rows: bool) -> Self {
+        let swings = [[(1.4, 0.05), (3.1, 0.014)], [(1.1, 0.07), (2.7, 0.016)], [(0.9, 0.05), (2.3, 0.02)]];
+        Self { gamma, by_rows, focal: 0.9, swings, noise: 0.1, wild: None }
+    }
+
+    fn direction(&self) -> ReadoutDirection {
+        match (self.by_rows, self.gamma < 0.0) {
+            (true, false) => ReadoutDirection::TopToBottom,
+            (true, true) => ReadoutDirection::BottomToTop,
+            (false, false) => ReadoutDirection::LeftToRight,
+            (false, true) => ReadoutDirection::RightToLeft,
+        }
+    }
+
+    fn readout(&self) -> Readout {
+        Readout {
+            width: SIZE[0],
+            height: SIZE[1],
+            direction: self.direction(),
+            time: self.gamma.abs() * PERIOD,
+        }
+    }
+
+    fn camera(&self) -> Camera {
+        Camera {
+            model: Model::Auto,
+            direction: Some(self.direction()),
+            readout_time: ReadoutTime::Seconds(self.readout().time),
+            focal_length: Some(self.focal),
+        }
+    }
+
+    fn turn(&self, t: f64) -> Rotation3<f64> {
+        let swing = |(axis, swings): (usize, &[(f64, f64); 2])| -> f64 {
+            let swing = |(phase, (cycles, peak)): (usize, &(f64, f64))| {
+                peak * (TAU * cycles * t + 1.3 * phase as f64 + axis as f64).sin()
+            };
+            swings.iter().enumerate().map(swing).sum()
+        };
+        let mut angles = self.swings.iter().enumerate().map(swing);
+        let mut next = || angles.next().unwrap_or(0.0);
+        Rotation3::new(Vector3::new(next(), next(), next()))
+    }
+
+    /// Where the point (pixels) seen at one instant is seen at another.
+    fn carry(&self, pixel: Vector2<f64>, from: f64, to: f64) -> Vector2<f64> {
+        let (centre, focal) = (image_centre(SIZE[0], SIZE[1]), self.focal * SIZE[0] as f64);
+        let ray = self.turn(to) * self.turn(from).inverse() * (pixel - centre).push(focal);
+        centre + ray.xy() * (focal / ray.z)
+    }
+
+    /// The correspondences between the frames that start at two instants, in pixels.
+    fn pair(&self, first: f64, second: f64, random: &mut Random) -> Vec<Correspondence> {
+        let readout = self.readout();
+        let cells =
+            (0..768).map(|cell| Vector2::new((cell % 32 * 20) as f64 + 9.5, (cell / 32 * 20) as f64 + 9.5));
+        let pair = |(index, from): (usize, Vector2<f64>)| {
+            let exposed = first + readout.offset(from.x, from.y);
+            // The line in which the point arrives decides when, and the other way round.
+            let mut to = from;
+            for _ in 0..12 {
+                to = self.carry(from, exposed, second + readout.offset(to.x, to.y));
+            }
+            to += Vector2::new(random.normal(), random.normal()) * self.noise;
+            if self.wild.is_some_and(|every| index % every == 0) {
+                to = from + Vector2::new(random.uniform() - 0.5, random.uniform() - 0.5) * 80.0;
+            }
+            Correspondence { from, to, texture: 1.0, residual: 0.0 }
+        };
+        cells.enumerate().map(pair).collect()
+    }
+
+    /// Frames at these instants, solved with a camera of which so much is known.
+    fn solved(&self, camera: Camera, stamps: &[f64], seed: u64) -> (Vec<Option<Motion>>, Continuous) {
+        let mut random = Random(seed);
+        let mut continuous = Continuous::new(camera, SIZE[0], SIZE[1], 1.0);
+        let mut motions = Vec::new();
+        for (k, &stamp) in stamps.iter().enumerate() {
+            let found = k.checked_sub(1).map(|before| self.pair(stamps[before], stamp, &mut random));
+            continuous.push(found.as_deref().map(|grid| Found { grid, fine: &[] }), stamp, PERIOD);
+            if k >= LOOKAHEAD {
+                motions.push(continuous.settle());
+            }
+        }
+        motions.extend((0..LOOKAHEAD.min(stamps.len())).map(|_| continuous.settle()));
+        (motions, continuous)
+    }
+
+    /// Root mean square distance in pixels of where the homographies of a motion show the points of a frame at half the
+    /// readout from where they were seen then.
+    fn error(&self, homographies: &[Matrix3<f64>], stamp: f64) -> f64 {
+        let (centre, time) = (image_centre(SIZE[0], SIZE[1]), self.readout().time);
+        let mut squares = Vec::new();
+        for index in [0, 5, 11, 16, 20, 27, 32] {
+            let share = index as f64 / 32.0;
+            let line = if self.gamma < 0.0 { 1.0 - share } else { share };
+            for across in [0.05, 0.5, 0.95] {
+                let at = if self.by_rows { [across, line] } else { [line, across] };
+                let pixel = Vector2::new(at[0] * SIZE[0] as f64 - 0.5, at[1] * SIZE[1] as f64 - 0.5);
+                let shown = homographies[index] * (pixel - centre).push(1.0);
+                let truth = self.carry(pixel, stamp + time * share, stamp + time / 2.0);
+                squares.push((shown.xy() / shown.z + centre - truth).norm_squared());
+            }
+        }
+        (squares.iter().sum::<f64>() / squares.len() as f64).sqrt()
+    }
+
+    /// The worst error from frame `first` on.
+    fn worst(&self, motions: &[Option<Motion>], stamps: &[f64], first: usize) -> f64 {
+        let frames = motions.iter().zip(stamps).skip(first);
+        let errors = frames.map(|(motion, stamp)| {
+            motion.as_ref().map_or(f64::INFINITY, |m| self.error(&m.homographies, *stamp))
+        });
+        errors.fold(0.0, f64::max)
+    }
+}
+
+const UNKNOWN: Camera =
+    Camera { model: Model::Auto, direction: None, readout_time: ReadoutTime::Unknown, focal_length: None };
+
+/// SplitMix64.
+struct Random(u64);
+
+impl Random {
+    fn uniform(&mut self) -> f64 {
+        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
+        let mut z = self.0;
+        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+        ((z ^ (z >> 31)) >> 11) as f64 / (1u64 << 53) as f64
+    }
+
+    /// Sum of twelve uniform numbers: nearly normal.
+    fn normal(&mut self) -> f64 {
+        (0..12).map(|_| self.uniform()).sum::<f64>() - 6.0
+    }
+}
+
+fn regular(count: usize) -> Vec<f64> {
+    (0..count).map(|k| k as f64 * PERIOD).collect()
+}
+
+#[test]
+fn a_known_camera_s_path_is_found() {
+    for (gamma, by_rows) in [(0.9, true), (-0.5, true), (0.7, false), (-1.0, false)] {
+        let film = Film::new(gamma, by_rows);
+        let stamps = regular(12);
+        let (motions, _) = film.solved(film.camera(), &stamps, 1);
+        assert_eq!(motions.len(), 12);
+        let worst = film.worst(&motions, &stamps, 0);
+        assert!(worst < 0.1, "γ = {gamma}: {worst} px");
+        let motion = motions[6].as_ref().unwrap();
+        assert_eq!(motion.readout.direction, film.direction());
+        assert!(motion.confidence > 0.9 && motion.inliers > 700 && (0.05..0.15).contains(&motion.sigma));
+    }
+}
+
+#[test]
+fn reverse_playback_finds_the_same_path() {
+    let film = Film::new(0.8, true);
+    let mut stamps = regular(12);
+    stamps.reverse();
+    let (motions, _) = film.solved(film.camera(), &stamps, 2);
+    let worst = film.worst(&motions, &stamps, 0);
+    assert!(worst < 0.1, "{worst} px");
+}
+
+#[test]
+fn lost_frames_and_uneven_intervals_change_little() {
+    let film = Film::new(0.8, true);
+    let mut random = Random(3);
+    let jittered = regular(18).into_iter().map(|stamp| stamp + 0.2 * PERIOD * random.uniform());
+    let stamps: Vec<f64> =
+        jittered.enumerate().filter(|(k, _)| ![5, 11, 12].contains(k)).map(|(_, t)| t).collect();
+    let (motions, _) = film.solved(film.camera(), &stamps, 4);
+    let worst = film.worst(&motions, &stamps, 0);
+    assert!(worst < 0.12, "{worst} px");
+}
+
+#[test]
+fn a_third_of_wild_correspondences_is_survived() {
+    let film = Film { wild: Some(3), ..Film::new(0.9, true) };
+    let stamps = regular(12);
+    let (motions, _) = film.solved(film.camera(), &stamps, 5);
+    let worst = film.worst(&motions, &stamps, 0);
+    assert!(worst < 0.15, "{worst} px");
+    let inliers = motions[6].as_ref().unwrap().inliers;
+    assert!((450..=540).contains(&inliers), "{inliers} of 512");
+}
+
+/// Finds out how this camera is read and how long its focal length is, from nothing.
+fn find_camera(gamma: f64, by_rows: bool, seed: u64) {
+    let film = Film::new(gamma, by_rows);
+    let stamps = regular(30);
+    let (motions, continuous) = film.solved(UNKNOWN, &stamps, seed);
+    let last = motions[29].as_ref().unwrap();
+    assert_eq!(last.readout.direction, film.direction());
+    let found = last.readout.time / PERIOD;
+    assert!((found - gamma.abs()).abs() < 0.015, "γ = {gamma}: {found}");
+    let focal = 0.5 / continuous.hypotheses[0].solver.shared[1].sqrt();
+    assert!((focal / film.focal - 1.0).abs() < 0.05, "γ = {gamma}: f = {focal}");
+    let worst = film.worst(&motions, &stamps, 25);
+    assert!(worst < 0.1 && last.confidence > 0.9, "γ = {gamma}: {worst} px, {}", last.confidence);
+}
+
+#[test]
+fn readout_and_focal_length_of_an_upright_camera_are_found() {
+    find_camera(0.9, true, 10);
+    find_camera(-0.6, true, 11);
+}
+
+#[test]
+fn readout_and_focal_length_of_a_camera_on_its_side_are_found() {
+    find_camera(0.7, false, 12);
+    find_camera(-0.4, false, 13);
+}
+
+#[test]
+fn a_global_shutter_is_left_alone() {
+    let film = Film::new(0.0, true);
+    let stamps = regular(30);
+    let (motions, _) = film.solved(UNKNOWN, &stamps, 20);
+    // Nothing is distorted: what moves points is an error.
+    let worst = film.worst(&motions, &stamps, 20);
+    assert!(worst < 0.1, "{worst} px");
+    for motion in motions.iter().skip(20).flatten() {
+        assert!(motion.readout.time / PERIOD < 0.015, "{:?}", motion.readout);
+        assert!(motion.confidence < 0.5, "{}", motion.confidence);
+    }
+}
+
+#[test]
+fn a_vibration_above_the_frame_rate_is_followed() {
+    // Hand-held, with an engine of 1.7 cycles a frame that shakes it by 3 px.
+    let hand = Film::new(0.9, true).swings;
+    let swings = [[hand[0][0], (51.0, 0.005)], [hand[1][0], (51.0, 0.005)], [hand[2][0], (0.0, 0.0)]];
+    let film = Film { swings, ..Film::new(0.9, true) };
+    let stamps = regular(16);
+    let (motions, _) = film.solved(film.camera(), &stamps, 25);
+    let still = vec![Matrix3::identity(); SHARES + 1];
+    let [mut left, mut whole] = [0.0, 0.0];
+    for (motion, stamp) in motions.iter().zip(&stamps).skip(4) {
+        left += film.error(&motion.as_ref().unwrap().homographies, *stamp).powi(2);
+        whole += film.error(&still, *stamp).powi(2);
+    }
+    let share = (left / whole).sqrt();
+    assert!(share < 0.25, "{share} of the distortion is left");
+}
+
+#[test]
+fn points_are_expected_where_the_motion_goes_on_to() {
+    let film = Film::new(0.8, true);
+    let stamps = regular(9);
+    let (mut random, mut misses) = (Random(26), Vec::new());
+    let mut continuous = Continuous::new(film.camera(), SIZE[0], SIZE[1], 1.0);
+    for k in 0..9 {
+        let pair = (k > 0).then(|| film.pair(stamps[k - 1], stamps[k], &mut random));
+        if let Some(found) = pair.as_ref().filter(|_| k > 5).and_then(|pair| pair.get(400)) {
+            let miss = (continuous.expected(found.from) - found.to).norm();
+            misses.push([miss, (found.to - found.from).norm()]);
+        }
+        continuous.push(pair.as_deref().map(|grid| Found { grid, fine: &[] }), stamps[k], PERIOD);
+        continuous.settle();
+    }
+    assert!(misses.iter().all(|[miss, moved]| miss < moved), "{misses:?}");
+}
+
+#[test]
+fn a_restart_forgets_the_path_and_keeps_the_camera() {
+    let film = Film::new(0.8, true);
+    let stamps = regular(30);
+    let (_, mut continuous) = film.solved(UNKNOWN, &stamps, 30);
+    continuous.restart();
+    assert!(continuous.settle().is_none());
+    let mut random = Random(31);
+    let later: Vec<f64> = (0..3).map(|k| 77.0 + k as f64 * PERIOD).collect();
+    for k in 0..3 {
+        let found = (k > 0).then(|| film.pair(later[k - 1], later[k], &mut random));
+        continuous.push(found.as_deref().map(|grid| Found { grid, fine: &[] }), later[k], PERIOD);
+    }
+    let motions: Vec<_> = (0..3).map(|_| continuous.settle()).collect();
+    let first = motions[0].as_ref().unwrap();
+    assert!(
+        (first.readout.time / PERIOD - 0.8).abs() < 0.02 && first.confidence > 0.9,
+        "{:?}",
+        first.readout
+    );
+    let worst = film.worst(&motions, &later, 0);
+    assert!(worst < 0.12, "{worst} px");
+}
+
+#[test]
+fn each_side_of_a_gap_is_solved_by_itself() {
+    let film = Film::new(0.9, true);
+    let stamps = regular(10);
+    let mut random = Random(40);
+    let mut continuous = Continuous::new(film.camera(), SIZE[0], SIZE[1], 1.0);
+    for k in 0..10 {
+        // Nothing joins frame 4 to 5, and frame 9 to 8.
+        let found = (k % 5 != 0 && k < 9).then(|| film.pair(stamps[k - 1], stamps[k], &mut random));
+        continuous.push(found.as_deref().map(|grid| Found { grid, fine: &[] }), stamps[k], PERIOD);
+    }
+    let motions: Vec<_> = (0..10).map(|_| continuous.settle()).collect();
+    let worst = film.worst(&motions[..9], &stamps, 0);
+    assert!(worst < 0.12, "{worst} px");
+    assert!(motions[9].is_none() && continuous.settle().is_none());
+}
+
+/// What comes of pairs that are all `found`, at these instants.
+fn fed(camera: Camera, found: &[Correspondence], stamps: &[f64]) -> Vec<Option<Motion>> {
+    let mut continuous = Continuous::new(camera, SIZE[0], SIZE[1], 1.0);
+    for (k, &stamp) in stamps.iter().enumerate() {
+        continuous.push((k > 0).then_some(Found { grid: found, fine: &[] }), stamp, PERIOD);
+        let expected = continuous.expected(Vector2::new(10.0, 400.0));
+        assert!(expected.iter().all(|coordinate| coordinate.is_finite()));
+    }
+    stamps.iter().map(|_| continuous.settle()).collect()
+}
+
+fn assert_finite(motion: &Motion) {
+    assert!(
+        motion.homographies.iter().flat_map(Matrix3::iter).all(|element| element.is_finite()),
+        "{motion:?}"
+    );
+    assert!((0.0..=1.0).contains(&motion.confidence) && motion.readout.time.is_finite(), "{motion:?}");
+    assert!(motion.readout_deviation.is_finite(), "{motion:?}");
+}
+
+#[test]
+fn too_few_correspondences_say_nothing() {
+    let film = Film::new(0.9, true);
+    let found = film.pair(0.0, PERIOD, &mut Random(50));
+    assert!(fed(UNKNOWN, &found[..15], &regular(6)).iter().all(Option::is_none));
+    assert!(fed(UNKNOWN, &[], &regular(6)).iter().all(Option::is_none));
+    fed(film.camera(), &found[..16], &regular(6)).iter().flatten().for_each(assert_finite);
+}
+
+#[test]
+fn whatever_comes_what_goes_out_is_finite() {
+    let film = Film::new(0.9, true);
+    let good = film.pair(0.0, PERIOD, &mut Random(60));
+    let replaced = |every: usize, with: Vector2<f64>| {
+        let mut found = good.clone();
+        found.iter_mut().step_by(every).for_each(|found| found.to = with);
+        found
+    };
+    let mapped = |map: &dyn Fn(Vector2<f64>) -> Vector2<f64>| -> Vec<Correspondence> {
+        good.iter().map(|found| Correspondence { to: map(found.from), ..*found }).collect()
+    };
+    let point = Vector2::new(320.0, 100.0);
+    let one = good.iter().map(|found| Correspondence { from: point, to: point, ..*found }).collect();
+    let feeds: Vec<Vec<Correspondence>> = vec![
+        replaced(3, Vector2::new(f64::NAN, 1.0)),
+        replaced(3, Vector2::new(f64::INFINITY, f64::NEG_INFINITY)),
+        replaced(1, Vector2::new(f64::NAN, f64::NAN)),
+        replaced(1, Vector2::new(1e300, -1e300)),
+        one,
+        mapped(&|_| point),
+        mapped(&|from| from + Vector2::new(5000.0, -4000.0)),
+        mapped(&|from| from * 50.0),
+        mapped(&|from| from * -1.0),
+        mapped(&|from| from),
+    ];
+    // The last ones are as far from each other as f64 goes, and not a number.
+    let far = [0.0, 1e12, f64::MAX, f64::NAN];
+    for found in &feeds {
+        for (camera, stamps) in
+            [(UNKNOWN, &regular(3)[..]), (film.camera(), &regular(3)), (UNKNOWN, &[1.0; 2]), (UNKNOWN, &far)]
+        {
+            fed(camera, found, stamps).iter().flatten().for_each(assert_finite);
+        }
+    }
+}
