@@ -17,7 +17,7 @@ use std::collections::VecDeque;
 const PAST: usize = 4;
 /// Steps to the first path, and to each one after it, at most.
 const STEPS: [usize; 2] = [12, 4];
-/// A step that changes the path by less than this many pixels (root mean square) is the last.
+/// A step that changes the displacements at the frame by less than this many pixels (root mean square) is the last.
 const SETTLED: f64 = 0.05;
 /// Or γ by less than this.
 const SETTLED_READOUT: f64 = 0.01;
@@ -329,7 +329,7 @@ impl Continuous {
             let place = if reversed { 1.0 - share } else { share };
             middle * solver.flow.back(solver.time(stamp, place)) * unscale
         };
-        let beside = [past.checked_sub(1), Some(past)].into_iter().flatten().filter(|index| *index < pairs.len());
+        let beside = beside(past).filter(|index| *index < pairs.len());
         let inliers = beside.clone().map(|index| solver.inliers(index)).max().unwrap_or(0);
         let sigmas: Vec<f64> = beside.clone().filter_map(|index| solver.sigma(index)).collect();
         let moved = beside.filter_map(|index| pairs.get(index)).map(|pair| pair.moved()).fold(0.0, f64::max);
@@ -437,7 +437,7 @@ impl Hypothesis {
         if pairs.is_empty() {
             return;
         }
-        iterate(&mut self.solver, pairs, STEPS[usize::from(!starts)], known);
+        iterate(&mut self.solver, pairs, STEPS[usize::from(!starts)], past, known);
         self.try_tempo(pairs, past, known);
         self.solver.remember(1.0 / pairs.len() as f64);
         if let Some(sigma) = self.solver.sigma(past) {
@@ -462,7 +462,7 @@ impl Hypothesis {
             let mut other = self.solver.at_tempo(tempo.other());
             let [low, high] = other.limits[0];
             other.shared[0] = readout.map_or(other.shared[0], |readout| readout.clamp(low, high));
-            iterate(&mut other, pairs, STEPS[0], known);
+            iterate(&mut other, pairs, STEPS[0], past, known);
             (other.sigma(past).unwrap_or(f64::INFINITY), other)
         });
         let Some((others, other)) = trials.min_by(|a, b| a.0.total_cmp(&b.0)) else { return };
@@ -473,14 +473,20 @@ impl Hypothesis {
     }
 }
 
-/// Steps until nothing changes any more, at most so many.
-fn iterate(solver: &mut Solver, pairs: &[&Pair], steps: usize, known: bool) {
+/// The pairs that the frame after the first `past` ones is in.
+fn beside(past: usize) -> impl Iterator<Item = usize> + Clone {
+    [past.checked_sub(1), Some(past)].into_iter().flatten()
+}
+
+/// Steps until nothing changes any more at the frame after the first `past` pairs, at most so many.
+fn iterate(solver: &mut Solver, pairs: &[&Pair], steps: usize, past: usize, known: bool) {
     for _ in 0..steps {
         let before = solver.shared[0];
-        let Some(change) = solver.step(pairs) else {
+        if solver.step(pairs).is_none() {
             solver.restart();
             continue;
-        };
+        }
+        let change = beside(past).map(|index| solver.moved(index)).fold(0.0, f64::max);
         let moved = (solver.shared[0] - before).abs();
         if change < SETTLED && (known || moved < SETTLED_READOUT) {
             break;
