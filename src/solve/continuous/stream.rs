@@ -17,8 +17,9 @@ use std::collections::VecDeque;
 const PAST: usize = 4;
 /// Steps to the first path, and to each one after it, at most.
 const STEPS: [usize; 2] = [12, 4];
-/// A step that changes the displacements at the frame by less than this many pixels (root mean square) is the last.
-const SETTLED: f64 = 0.05;
+/// A step that changes the displacements at the frame by less than this share of the least noise (root mean
+/// square) is the last.
+const SETTLED: f64 = 0.3;
 /// Or γ by less than this.
 const SETTLED_READOUT: f64 = 0.01;
 /// A path that leaves more than this share of the mean squared displacement is tried at another tempo.
@@ -488,7 +489,7 @@ fn iterate(solver: &mut Solver, pairs: &[&Pair], steps: usize, past: usize, know
         }
         let change = beside(past).map(|index| solver.moved(index)).fold(0.0, f64::max);
         let moved = (solver.shared[0] - before).abs();
-        if change < SETTLED && (known || moved < SETTLED_READOUT) {
+        if change < SETTLED * solver.noise && (known || moved < SETTLED_READOUT) {
             break;
         }
     }

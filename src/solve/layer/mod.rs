@@ -99,10 +99,10 @@ impl Layer {
         let mut velocities = std::mem::take(&mut self.mesh.velocities);
         let (mesh, samples) = (&self.mesh, &self.samples);
         velocities.par_chunks_mut(mesh.columns.max(1)).enumerate().for_each(|(row, velocities)| {
-            let mut surroundings = Surroundings::default();
+            let (mut chosen, mut surroundings) = (Vec::new(), Surroundings::default());
             for (column, velocity) in velocities.iter_mut().enumerate() {
                 let at = mesh.node(row * mesh.columns + column);
-                samples.around(column, row, &mut surroundings);
+                samples.around(column, row, &mut chosen, &mut surroundings);
                 *velocity = surroundings.velocity(readout, at);
             }
         });

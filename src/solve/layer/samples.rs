@@ -31,13 +31,6 @@ pub(super) struct Sample {
     pub(super) ahead: f32,
 }
 
-impl Sample {
-    /// Whether it comes from a neighbour as this one does: both earlier or both later.
-    pub(super) fn is_on_side_of(&self, ahead: f32) -> bool {
-        (self.ahead > 0.0) == (ahead > 0.0)
-    }
-}
-
 /// The samples of a frame in cells around the nodes of the mesh.
 #[derive(Debug)]
 pub(super) struct Samples {
@@ -124,8 +117,10 @@ impl Samples {
     }
 
     /// Collects the samples in the smallest square of cells around a node that holds enough.
-    pub(super) fn around(&self, column: usize, row: usize, out: &mut Surroundings) {
-        out.samples.clear();
+    ///
+    /// `chosen` is room for them.
+    pub(super) fn around(&self, column: usize, row: usize, chosen: &mut Vec<Sample>, out: &mut Surroundings) {
+        chosen.clear();
         for reach in 1..=FARTHEST {
             let (left, right) = (column.saturating_sub(reach), (column + reach).min(self.columns - 1));
             let (top, bottom) = (row.saturating_sub(reach), (row + reach).min(self.rows - 1));
@@ -137,7 +132,8 @@ impl Samples {
             if count < WANTED && reach < FARTHEST {
                 continue;
             }
-            (top..=bottom).for_each(|row| out.samples.extend_from_slice(&self.sorted[slice(row)]));
+            (top..=bottom).for_each(|row| chosen.extend_from_slice(&self.sorted[slice(row)]));
+            out.fill(chosen);
             let cells = (right - left + 1) * (bottom - top + 1);
             (out.spacing, out.tolerance) = (self.spacing as f32, self.tolerance);
             out.apart = (self.spacing * (cells as f64 / count.max(1) as f64).sqrt()) as f32;
