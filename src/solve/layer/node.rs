@@ -20,99 +20,31 @@ const FORGOTTEN: f32 = 2.5;
 /// Samples at hand at which a node believes what they say; fewer are followed in proportion.
 const ENOUGH: f32 = 1.0;
 
-/// Samples that are looked at together, so that loops over them run on vectors.
-pub(super) const LANES: usize = 8;
-
-/// Eight samples, lane by lane.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Lanes {
-    /// Frame pixels.
-    x: [f32; LANES],
-    y: [f32; LANES],
-    /// Pixels per readout, along x and y.
-    u: [f32; LANES],
-    v: [f32; LANES],
-    trust: [f32; LANES],
-    /// 1 where the neighbour is later, else 0.
-    later: [f32; LANES],
-    /// By the distance to the node.
-    weight: [f32; LANES],
-}
-
-impl Lanes {
-    /// Up to eight samples; lanes that are left over repeat the last one and are not trusted.
-    fn new(samples: &[Sample]) -> Option<Self> {
-        let last = samples.last()?;
-        let each = |value: fn(&Sample) -> f32| -> [f32; LANES] {
-            std::array::from_fn(|k| value(samples.get(k).unwrap_or(last)))
-        };
-        let mut trust = each(|sample| sample.trust);
-        trust.iter_mut().skip(samples.len()).for_each(|trust| *trust = 0.0);
-        Some(Self {
-            x: each(|sample| sample.at.x),
-            y: each(|sample| sample.at.y),
-            u: each(|sample| sample.velocity.x),
-            v: each(|sample| sample.velocity.y),
-            trust,
-            later: each(|sample| f32::from(u8::from(sample.ahead > 0.0))),
-            weight: [0.0; LANES],
-        })
-    }
-
-    fn velocity(&self, lane: usize) -> Vector2<f32> {
-        Vector2::new(self.u[lane], self.v[lane])
-    }
-
-    /// Squared distances of the velocities from one.
-    fn apart(&self, from: Vector2<f32>) -> [f32; LANES] {
-        std::array::from_fn(|k| (self.u[k] - from.x).powi(2) + (self.v[k] - from.y).powi(2))
-    }
-}
-
-/// Where a sample is among the lanes.
-type Place = (usize, usize);
-
-/// A velocity that the node may have, and whether it was seen in the later neighbour.
-#[derive(Clone, Copy, Debug)]
-struct Seed {
-    velocity: Vector2<f32>,
-    is_later: bool,
-}
-
-/// The samples around a node.
+/// The samples around a node, and room for their weights.
 #[derive(Debug, Default)]
 pub(super) struct Surroundings {
-    lanes: Vec<Lanes>,
-    /// The earlier and the later neighbour in readouts from the frame, where there is a sample from it.
-    ahead: [f32; 2],
+    pub(super) samples: Vec<Sample>,
     /// Pixels from one sample to the next, about.
     pub(super) apart: f32,
     /// Pixels from node to node.
     pub(super) spacing: f32,
     /// Velocities (pixels per readout) that differ by less may be the same.
     pub(super) tolerance: f32,
+    weights: Vec<f32>,
 }
 
 impl Surroundings {
-    /// Takes other samples.
-    pub(super) fn fill(&mut self, samples: &[Sample]) {
-        self.lanes.clear();
-        self.lanes.extend(samples.chunks(LANES).filter_map(Lanes::new));
-        for sample in samples {
-            self.ahead[usize::from(sample.ahead > 0.0)] = sample.ahead;
-        }
-    }
-
     /// The velocity at a node (frame pixels), in pixels per readout; zero where there is nothing to go by.
     pub(super) fn velocity(&mut self, readout: &Readout, at: Vector2<f64>) -> Vector2<f32> {
         let share = readout.share(at.x, at.y) as f32;
-        let trust = self.weigh(at.cast());
+        let at = at.cast();
+        self.weigh(at);
         let Some(seed) = self.seed() else { return Vector2::zeros() };
         let wide = self.tolerance + ACCELERATION * seed.velocity.norm();
-        let own = self.mean(seed.is_later, seed.velocity, self.tolerance);
-        let own = self.mean(seed.is_later, own.velocity, self.tolerance);
-        let other = self.mean(!seed.is_later, own.velocity, wide);
-        let other = self.mean(!seed.is_later, other.velocity, self.tolerance);
+        let own = self.mean(seed.ahead, seed.velocity, self.tolerance);
+        let own = self.mean(seed.ahead, own.velocity, self.tolerance);
+        let other = self.mean(-seed.ahead, own.velocity, wide);
+        let other = self.mean(-seed.ahead, other.velocity, self.tolerance);
         let weight = own.weight + other.weight;
         if weight <= 0.0 {
             return Vector2::zeros();
@@ -123,109 +55,81 @@ impl Surroundings {
         // Wiener's gain: what is as small as its own error is as likely noise.
         let square = velocity.norm_squared();
         let gain = square / (square + variance + f32::MIN_POSITIVE);
-        velocity * gain * trust
+        velocity * gain * self.trust(at)
     }
 
-    /// Weighs the samples by their distance to the node; how far those at hand are to be followed, 0 to 1:
-    /// less the further they are away.
-    fn weigh(&mut self, at: Vector2<f32>) -> f32 {
+    /// Weighs the samples by their distance to the node.
+    fn weigh(&mut self, at: Vector2<f32>) {
         let reach = REACH * self.apart;
         let scale = 0.5 / (reach * reach);
-        let near = 1.0 / (FORGOTTEN * self.spacing).powi(2);
-        let mut present = [0.0; LANES];
-        for lanes in &mut self.lanes {
-            for k in 0..LANES {
-                let square = (lanes.x[k] - at.x).powi(2) + (lanes.y[k] - at.y).powi(2);
-                lanes.weight[k] = lanes.trust[k] * kernel(scale * square);
-                present[k] += lanes.trust[k] * kernel(near * square);
-            }
-        }
-        (present.iter().sum::<f32>() / ENOUGH).min(1.0)
+        let weight = |sample: &Sample| sample.trust * kernel(scale * (sample.at - at).norm_squared());
+        self.weights.clear();
+        self.weights.extend(self.samples.iter().map(weight));
     }
 
-    /// The sample of the greatest weight under `most`.
-    fn heaviest(&self, most: f32) -> Option<(Place, f32)> {
-        let mut best = None;
-        let mut greatest = 0.0;
-        for (index, lanes) in self.lanes.iter().enumerate() {
-            for (k, weight) in lanes.weight.into_iter().enumerate() {
-                if weight > greatest && weight < most {
-                    greatest = weight;
-                    best = Some(((index, k), weight));
-                }
-            }
-        }
-        best
-    }
-
-    fn seed_at(&self, (index, lane): Place) -> Seed {
-        let lanes = &self.lanes[index];
-        Seed { velocity: lanes.velocity(lane), is_later: lanes.later[lane] > 0.0 }
+    /// How far the samples at hand are to be followed, 0 to 1: less the further they are away.
+    fn trust(&self, at: Vector2<f32>) -> f32 {
+        let scale = 1.0 / (FORGOTTEN * self.spacing).powi(2);
+        let near = |sample: &Sample| sample.trust * kernel(scale * (sample.at - at).norm_squared());
+        let present: f32 = self.samples.iter().map(near).sum();
+        (present / ENOUGH).min(1.0)
     }
 
     /// The sample whose velocity most of the others share: the mode.
-    fn seed(&mut self) -> Option<Seed> {
-        let (nearest, mut least) = self.heaviest(f32::INFINITY)?;
-        let first = self.seed_at(nearest);
-        let farthest = self.lanes.iter().fold([0.0; LANES], |most: [f32; LANES], lanes| {
-            let apart = lanes.apart(first.velocity);
-            std::array::from_fn(|k| most[k].max(apart[k]))
-        });
-        if farthest.into_iter().fold(0.0, f32::max) < self.tolerance * self.tolerance {
-            return Some(first);
+    fn seed(&self) -> Option<Sample> {
+        let weighed = || self.samples.iter().zip(&self.weights);
+        let (nearest, most) = weighed().max_by(|a, b| a.1.total_cmp(b.1))?;
+        let apart = |sample: &Sample| (sample.velocity - nearest.velocity).norm_squared();
+        if *most > 0.0 && self.samples.iter().all(|sample| apart(sample) < self.tolerance * self.tolerance) {
+            return Some(*nearest);
         }
         let mut best = (0.0, None);
-        let mut place = nearest;
+        let mut least = f32::INFINITY;
         for _ in 0..CANDIDATES {
-            let score = self.agreement(place);
+            let next = weighed().filter(|(_, weight)| **weight < least).max_by(|a, b| a.1.total_cmp(b.1));
+            let Some((sample, weight)) = next else { break };
+            least = *weight;
+            let score = self.agreement(sample);
             if score > best.0 {
-                best = (score, Some(self.seed_at(place)));
+                best = (score, Some(*sample));
             }
-            let Some((next, weight)) = self.heaviest(least) else { break };
-            (place, least) = (next, weight);
         }
         best.1
     }
 
     /// Weight of the other samples that move as this one does: what is alone is more likely a mistake.
-    fn agreement(&mut self, (index, lane): Place) -> f32 {
-        let seed = self.seed_at((index, lane));
+    fn agreement(&self, seed: &Sample) -> f32 {
         let wide = self.tolerance + ACCELERATION * seed.velocity.norm();
         let (narrow, wide) = (1.0 / (self.tolerance * self.tolerance), 1.0 / (wide * wide));
-        let (earlier, later) = if seed.is_later { (wide, narrow) } else { (narrow, wide) };
-        let own = std::mem::take(&mut self.lanes[index].weight[lane]);
-        let mut sums = [0.0; LANES];
-        for lanes in &self.lanes {
-            let apart = lanes.apart(seed.velocity);
-            for k in 0..LANES {
-                let scale = earlier + (later - earlier) * lanes.later[k];
-                sums[k] += lanes.weight[k] * kernel(scale * apart[k]);
-            }
-        }
-        self.lanes[index].weight[lane] = own;
-        sums.iter().sum()
+        let agrees = |(sample, weight): (&Sample, &f32)| {
+            let scale = if sample.is_on_side_of(seed.ahead) { narrow } else { wide };
+            weight * kernel(scale * (sample.velocity - seed.velocity).norm_squared())
+        };
+        let others =
+            self.samples.iter().zip(&self.weights).filter(|(sample, _)| !std::ptr::eq(*sample, seed));
+        others.map(agrees).sum()
     }
 
     /// The mean of the samples of one neighbour whose velocities are within `tolerance` or so of `around`.
-    fn mean(&self, is_later: bool, around: Vector2<f32>, tolerance: f32) -> Mean {
+    fn mean(&self, ahead: f32, around: Vector2<f32>, tolerance: f32) -> Mean {
         let scale = 1.0 / (tolerance * tolerance);
-        let (sign, offset) = if is_later { (1.0, 0.0) } else { (-1.0, 1.0) };
-        let [mut weights, mut squares, mut u, mut v, mut spread] = [[0.0; LANES]; 5];
-        for lanes in &self.lanes {
-            let apart = lanes.apart(around);
-            for k in 0..LANES {
-                let weight = (offset + sign * lanes.later[k]) * lanes.weight[k] * kernel(scale * apart[k]);
-                weights[k] += weight;
-                squares[k] += weight * weight;
-                u[k] += weight * lanes.u[k];
-                v[k] += weight * lanes.v[k];
-                spread[k] += weight * apart[k];
+        let mut mean = Mean::default();
+        for (sample, weight) in self.samples.iter().zip(&self.weights) {
+            if !sample.is_on_side_of(ahead) {
+                continue;
             }
+            let distance = (sample.velocity - around).norm_squared();
+            let weight = weight * kernel(scale * distance);
+            mean.weight += weight;
+            mean.squares += weight * weight;
+            mean.velocity += sample.velocity * weight;
+            mean.spread += weight * distance;
+            mean.ahead = sample.ahead;
         }
-        let [weight, squares, u, v, spread] =
-            [weights, squares, u, v, spread].map(|lanes| lanes.iter().sum::<f32>());
-        let velocity = if weight > 0.0 { Vector2::new(u, v) / weight } else { Vector2::zeros() };
-        Mean { velocity, weight, squares, spread, ahead: self.ahead[usize::from(is_later)] }
+        if mean.weight > 0.0 {
+            mean.velocity /= mean.weight;
+        }
+        mean
     }
 }
 

@@ -31,6 +31,13 @@ pub(super) struct Sample {
     pub(super) ahead: f32,
 }
 
+impl Sample {
+    /// Whether it comes from a neighbour as this one does: both earlier or both later.
+    pub(super) fn is_on_side_of(&self, ahead: f32) -> bool {
+        (self.ahead > 0.0) == (ahead > 0.0)
+    }
+}
+
 /// The samples of a frame in cells around the nodes of the mesh.
 #[derive(Debug)]
 pub(super) struct Samples {
@@ -116,11 +123,21 @@ impl Samples {
         self.starts.pop();
     }
 
+    /// Velocities (pixels per readout) that differ by less may be the same.
+    pub(super) fn tolerance(&self) -> f32 {
+        self.tolerance
+    }
+
+    /// Whether the samples next to a node may all have this velocity.
+    pub(super) fn agree(&self, column: usize, row: usize, velocity: Vector2<f32>) -> bool {
+        let cell = row * self.columns + column;
+        let own = &self.sorted[self.starts[cell]..self.starts[cell + 1]];
+        own.iter().all(|sample| (sample.velocity - velocity).norm_squared() < self.tolerance * self.tolerance)
+    }
+
     /// Collects the samples in the smallest square of cells around a node that holds enough.
-    ///
-    /// `chosen` is room for them.
-    pub(super) fn around(&self, column: usize, row: usize, chosen: &mut Vec<Sample>, out: &mut Surroundings) {
-        chosen.clear();
+    pub(super) fn around(&self, column: usize, row: usize, out: &mut Surroundings) {
+        out.samples.clear();
         for reach in 1..=FARTHEST {
             let (left, right) = (column.saturating_sub(reach), (column + reach).min(self.columns - 1));
             let (top, bottom) = (row.saturating_sub(reach), (row + reach).min(self.rows - 1));
@@ -132,8 +149,7 @@ impl Samples {
             if count < WANTED && reach < FARTHEST {
                 continue;
             }
-            (top..=bottom).for_each(|row| chosen.extend_from_slice(&self.sorted[slice(row)]));
-            out.fill(chosen);
+            (top..=bottom).for_each(|row| out.samples.extend_from_slice(&self.sorted[slice(row)]));
             let cells = (right - left + 1) * (bottom - top + 1);
             (out.spacing, out.tolerance) = (self.spacing as f32, self.tolerance);
             out.apart = (self.spacing * (cells as f64 / count.max(1) as f64).sqrt()) as f32;
