@@ -32,7 +32,10 @@ const BEFORE: usize = 60;
 /// What hands do: where a point is seen at `time`, in frame periods.
 fn shaken(point: Vector2<f64>, time: f64) -> Vector2<f64> {
     let wave = |cycles: f64, phase: f64| (TAU * (cycles * time / CYCLE as f64) + phase).sin();
-    let shift = Vector2::new(40.0 * wave(5.0, 0.0) + 12.0 * wave(19.0, 1.0), 25.0 * wave(7.0, 2.0) + 9.0 * wave(23.0, 0.5));
+    let shift = Vector2::new(
+        40.0 * wave(5.0, 0.0) + 12.0 * wave(19.0, 1.0),
+        25.0 * wave(7.0, 2.0) + 9.0 * wave(23.0, 0.5),
+    );
     let (sin, cos) = (0.01 * wave(9.0, 0.7)).sin_cos();
     Vector2::new(cos * point.x - sin * point.y, sin * point.x + cos * point.y) + shift
 }
@@ -60,7 +63,8 @@ fn pair(frame: usize, (columns, rows): (usize, usize), [far, near]: [f64; 2]) ->
             let from = place.component_mul(&cell);
             let is_near = (from - image_centre(WIDTH, HEIGHT)).norm() < 0.25 * WIDTH as f64;
             let phase = (index * 7 + frame * 13) as f64 * 12.9898;
-            let error = Vector2::new(phase.sin(), (phase * 1.7).cos()) * if index % 20 == 0 { 15.0 } else { 0.06 };
+            let error =
+                Vector2::new(phase.sin(), (phase * 1.7).cos()) * if index % 20 == 0 { 15.0 } else { 0.06 };
             let to = seen(from, frame, if is_near { near } else { far }) + error;
             Correspondence { from, to, texture: 100.0, residual: 1.0 }
         })
@@ -90,7 +94,13 @@ fn bench(criterion: &mut Criterion) {
     let pairs: Vec<_> = (0..CYCLE).map(|frame| pair(frame, (32, 24), [1.0, 1.0])).collect();
     // As the layer sees them: the global path stands still.
     let deep: Vec<_> = (0..2).map(|frame| pair(frame, (64, 48), [0.0, 0.3])).collect();
-    let readout = Readout::new(WIDTH, HEIGHT, ReadoutDirection::TopToBottom, ReadoutTime::Seconds(GAMMA * PERIOD), PERIOD);
+    let readout = Readout::new(
+        WIDTH,
+        HEIGHT,
+        ReadoutDirection::TopToBottom,
+        ReadoutTime::Seconds(GAMMA * PERIOD),
+        PERIOD,
+    );
     for threads in [1, 2] {
         let pool = ThreadPoolBuilder::new().num_threads(threads).build().expect("threads can be started");
         let mut group = criterion.benchmark_group(format!("{threads} threads"));
@@ -111,7 +121,9 @@ fn bench(criterion: &mut Criterion) {
             Neighbour { correspondences: &deep[1], interval: PERIOD },
         ];
         group.bench_function("layer", |bencher| {
-            bencher.iter(|| pool.install(|| layer.solve(&readout, &neighbours, |point, _, _| point).velocities[0]))
+            bencher.iter(|| {
+                pool.install(|| layer.solve(&readout, &neighbours, |point, _, _| point).velocities[0])
+            })
         });
     }
     let mut shutter = ShutterEstimator::new(WIDTH, HEIGHT);
