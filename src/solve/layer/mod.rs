@@ -144,6 +144,6 @@ impl Layer {
 
 /// The nodes of the coarse mesh, in which every second of `count` is and the last, on both sides of a node.
 fn beside(node: usize, count: usize) -> [usize; 2] {
-    let is_coarse = node % 2 == 0 || node + 1 == count;
+    let is_coarse = node.is_multiple_of(2) || node + 1 == count;
     [if is_coarse { node.div_ceil(2) } else { node / 2 }, node.div_ceil(2)]
 }
