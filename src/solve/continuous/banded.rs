@@ -10,6 +10,8 @@ pub(super) struct Banded {
     size: usize,
     band: usize,
     values: Vec<f64>,
+    /// Room for two columns.
+    scratch: Vec<f64>,
 }
 
 impl Banded {
@@ -58,7 +60,6 @@ impl Banded {
                 let start = first.max(j.saturating_sub(band));
                 let count = j - start;
                 let own = start + band - i;
-                let dot = |a: &[f64], b: &[f64]| -> f64 { dot(a, b) };
                 if j == i {
                     let sum = row[band] - dot(&row[own..own + count], &row[own..own + count]);
                     if !(sum > 0.0 && sum.is_finite()) {
@@ -97,41 +98,67 @@ impl Banded {
     }
 
     /// The entries of (L·Lᵀ)⁻¹ inside the band, this being L: Takahashi's recursion.
+    ///
+    /// Column j of the inverse Z is Z_ij = (δ_ij / L_jj − Σ_{k > j} Z_ik L_kj) / L_jj for i ≥ j: a product of the
+    /// part of Z that is known already with column j of L. That part is symmetric and only its lower half is
+    /// kept, so that each row of it serves twice, as a row and as a column, and is read in order.
     pub fn inverse_band(&self, out: &mut Banded) {
         out.reset(self.size, self.band);
         let (n, band, width) = (self.size, self.band, self.band + 1);
-        // Z[i][j] for j ≤ i: Z_ij = δ_ij / L_jj² − (1/L_jj) Σ_{k > j} L_kj Z_ik.
-        let mut column = vec![0.0; width];
-        let mut zrow = vec![0.0; width];
+        let mut scratch = std::mem::take(&mut out.scratch);
+        scratch.resize(2 * band, 0.0);
+        let (column, sums) = scratch.split_at_mut(band);
         for j in (0..n).rev() {
-            let last = (j + band).min(n - 1);
-            let count = last - j;
+            let count = band.min(n - 1 - j);
             let diagonal = self.values[j * width + band];
-            for (k, value) in column[..count].iter_mut().enumerate() {
-                let i = j + 1 + k;
-                *value = self.values[i * width + j + band - i];
+            let (column, sums) = (&mut column[..count], &mut sums[..count]);
+            for (k, value) in column.iter_mut().enumerate() {
+                *value = self.values[(j + 1 + k) * width + band - 1 - k];
             }
-            for i in (j..=last).rev() {
-                for (k, value) in zrow[..count].iter_mut().enumerate() {
-                    *value = out.at(i, j + 1 + k);
-                }
-                let sum = dot(&column[..count], &zrow[..count]);
-                let unit = if i == j { 1.0 / diagonal } else { 0.0 };
-                out.values[i * width + j + band - i] = (unit - sum) / diagonal;
+            sums.fill(0.0);
+            for i in 0..count {
+                let row = &out.values[(j + 1 + i) * width + band - i..][..=i];
+                let (below, above) = (&column[..i], &mut sums[..i]);
+                let sum = dot_and_add(&row[..i], below, above, column[i]);
+                sums[i] += sum + row[i] * column[i];
             }
+            let above = dot(column, sums);
+            for (i, sum) in sums.iter().enumerate() {
+                out.values[(j + 1 + i) * width + band - 1 - i] = -sum / diagonal;
+            }
+            out.values[j * width + band] = (1.0 + above) / (diagonal * diagonal);
         }
+        out.scratch = scratch;
     }
 }
 
-/// Σ aᵢ·bᵢ, in four sums so that it runs on vectors.
+/// Σ aᵢ·bᵢ, in eight sums so that it runs on vectors.
 fn dot(a: &[f64], b: &[f64]) -> f64 {
     let mut sums = [0.0; 8];
-    let (a8, b8) = (a.chunks_exact(8), b.chunks_exact(8));
-    let rest: f64 = a8.remainder().iter().zip(b8.remainder()).map(|(x, y)| x * y).sum();
-    for (x, y) in a8.zip(b8) {
+    let (a8, b8) = (a.as_chunks::<8>(), b.as_chunks::<8>());
+    let rest: f64 = a8.1.iter().zip(b8.1).map(|(x, y)| x * y).sum();
+    for (x, y) in a8.0.iter().zip(b8.0) {
         for k in 0..8 {
             sums[k] += x[k] * y[k];
         }
+    }
+    sums.iter().sum::<f64>() + rest
+}
+
+/// Σ aᵢ·bᵢ; adds factor·aᵢ to cᵢ on the way.
+fn dot_and_add(a: &[f64], b: &[f64], c: &mut [f64], factor: f64) -> f64 {
+    let mut sums = [0.0; 4];
+    let (a4, b4, c4) = (a.as_chunks::<4>(), b.as_chunks::<4>(), c.as_chunks_mut::<4>());
+    for ((x, y), z) in a4.0.iter().zip(b4.0).zip(c4.0) {
+        for k in 0..4 {
+            sums[k] += x[k] * y[k];
+            z[k] += factor * x[k];
+        }
+    }
+    let mut rest = 0.0;
+    for ((x, y), z) in a4.1.iter().zip(b4.1).zip(c4.1) {
+        rest += x * y;
+        *z += factor * x;
     }
     sums.iter().sum::<f64>() + rest
 }

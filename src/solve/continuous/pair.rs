@@ -12,13 +12,13 @@ use super::flow::Flow;
 use super::path::{BLOCK, SplinePath, ratio};
 use super::spline;
 use crate::correspond::Correspondence;
-use crate::motion::generators::{GENERATORS, fields};
+use crate::motion::generators::{GENERATORS, TURNS, fields};
 use nalgebra::{SMatrix, SVector, Vector2};
 
 /// Bands to a pair.
 const BANDS: usize = 24;
-/// Coefficients that a band depends on: four at each end for each generator.
-const TOUCHED: usize = 8 * GENERATORS;
+/// Groups of coefficients that a band depends on: four knots of the turns and of the others at each end.
+const GROUPS: usize = 16;
 /// Unknowns of the camera that all frames share: γ and κ.
 pub(super) const SHARED: usize = 2;
 /// Degrees of freedom of Student's t, as which residuals are distributed.
@@ -114,12 +114,22 @@ struct Band {
     shared: SMatrix<f64, GENERATORS, SHARED>,
 }
 
+/// Coefficients side by side: those of the turns at a knot, or of the other generators in a block.
+#[derive(Clone, Copy, Default)]
+struct Group {
+    place: usize,
+    /// The first generator and how many.
+    generator: usize,
+    length: usize,
+    weight: f64,
+}
+
 /// The normal equations of one pair, over the coefficients from `first` on.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Normal {
     pub first: usize,
     pub size: usize,
-    /// `size` rows of `size`.
+    /// `size` rows of `size`, of which the lower triangle is filled.
     pub matrix: Vec<f64>,
     pub right: Vec<f64>,
     /// Columns of the shared unknowns.
@@ -130,8 +140,25 @@ pub(super) struct Normal {
     pub sigma: f64,
     /// Correspondences within three of them.
     pub inliers: usize,
+    /// Sum of the correspondences' weights.
+    weight: f64,
     residuals: Vec<Vector2<f64>>,
     squares: Vec<f64>,
+}
+
+impl Normal {
+    /// Root mean square change in pixels of the displacements, as a step of all coefficients makes it.
+    pub fn moved(&self, step: &[f64]) -> f64 {
+        let step = &step[self.first..self.first + self.size];
+        let rows = self.matrix.chunks_exact(self.size.max(1)).zip(step).enumerate();
+        let square: f64 = rows
+            .map(|(i, (row, own))| {
+                let left: f64 = row[..i].iter().zip(step).map(|(value, other)| value * other).sum();
+                own * (2.0 * left + row[i] * own)
+            })
+            .sum();
+        if self.weight > 0.0 { (square.max(0.0) / self.weight).sqrt() } else { 0.0 }
+    }
 }
 
 /// What a pair is held against.
@@ -188,6 +215,7 @@ impl View<'_> {
             out.shared += shared.transpose() * shared * weight;
             out.shared_right += shared.transpose() * r * weight;
         }
+        out.weight = bands.iter().map(|band| band.weight).sum();
         self.place(pair, out);
         if out.size > 0 {
             bands.iter().filter(|band| band.weight > 0.0).for_each(|band| self.spread(band, out));
@@ -239,32 +267,50 @@ impl View<'_> {
         out.border.iter_mut().for_each(|border| clear(border, out.size));
     }
 
-    /// Spreads a band's sums over the coefficients.
-    fn spread(&self, band: &Band, out: &mut Normal) {
-        let mut touched = [(0usize, 0.0, 0usize); TOUCHED];
-        let mut slots = touched.iter_mut();
+    /// The coefficients on which a band depends, and how many groups of them there are.
+    fn touched(&self, band: &Band, out: &Normal) -> ([Group; GROUPS], usize) {
+        let (mut groups, mut count) = ([Group::default(); GROUPS], 0);
         for (sum, sign) in band.times.into_iter().zip([-1.0, 1.0]) {
             let time = sum / band.weight;
-            for j in 0..GENERATORS {
-                let support = spline::values(time * ratio(j) as f64);
+            for (generator, length) in [(0, TURNS), (TURNS, GENERATORS - TURNS)] {
+                let support = spline::values(time * ratio(generator) as f64);
                 for (k, weight) in support.weights.into_iter().enumerate() {
-                    let place = self.path.place(j, support.first + k as i64) - out.first as i64;
-                    let inside = usize::try_from(place).ok().filter(|place| *place < out.size);
-                    if let Some(slot) = slots.next() {
-                        *slot = inside.map_or((0, 0.0, j), |place| (place, sign * weight, j));
+                    let place = self.path.place(generator, support.first + k as i64) - out.first as i64;
+                    let Some(place) = usize::try_from(place).ok().filter(|place| place + length <= out.size) else {
+                        continue;
+                    };
+                    // Where the two ends are close in time they share coefficients.
+                    if let Some(same) = groups[..count].iter_mut().find(|group| group.place == place) {
+                        same.weight += sign * weight;
+                    } else {
+                        groups[count] = Group { place, generator, length, weight: sign * weight };
+                        count += 1;
                     }
                 }
             }
         }
-        for &(row, value, j) in &touched {
-            out.right[row] += value * band.right[j];
-            for (border, shared) in out.border.iter_mut().zip(band.shared.row(j).iter()) {
-                border[row] += value * shared;
-            }
-            let normal = band.normal.column(j) * value;
-            let cells = &mut out.matrix[row * out.size..(row + 1) * out.size];
-            for &(column, other, l) in &touched {
-                cells[column] += other * normal[l];
+        (groups, count)
+    }
+
+    /// Spreads a band's sums over the coefficients.
+    fn spread(&self, band: &Band, out: &mut Normal) {
+        let (groups, count) = self.touched(band, out);
+        let groups = &groups[..count];
+        for one in groups {
+            for l in 0..one.length {
+                let (row, j) = (one.place + l, one.generator + l);
+                out.right[row] += one.weight * band.right[j];
+                for (border, shared) in out.border.iter_mut().zip(band.shared.row(j).iter()) {
+                    border[row] += one.weight * shared;
+                }
+                let cells = &mut out.matrix[row * out.size..(row + 1) * out.size];
+                let normal = &band.normal.as_slice()[j * GENERATORS..(j + 1) * GENERATORS];
+                for other in groups.iter().filter(|other| other.place <= one.place) {
+                    let weight = one.weight * other.weight;
+                    let cells = &mut cells[other.place..other.place + other.length];
+                    let normal = &normal[other.generator..other.generator + other.length];
+                    cells.iter_mut().zip(normal).for_each(|(cell, normal)| *cell += weight * normal);
+                }
             }
         }
     }

@@ -202,7 +202,8 @@ impl Solver {
         self.flow.follow(&self.path, [from, to], self.radius);
     }
 
-    /// One step: the root mean square change of the path in pixels; `None` where it cannot be solved.
+    /// One step: how much it changes the displacements of the pair that it changes most (root mean square,
+    /// pixels); `None` where it cannot be solved.
     pub fn step(&mut self, pairs: &[&Pair]) -> Option<f64> {
         self.cover(pairs);
         let view = View {
@@ -225,14 +226,18 @@ impl Solver {
         for (by, change) in self.weighted.iter().zip(change) {
             self.right.iter_mut().zip(by).for_each(|(step, by)| *step -= by * change);
         }
-        let squares: f64 = self.right.iter().map(|step| step * step).sum();
-        if !squares.is_finite() {
+        if !self.right.iter().all(|step| step.is_finite()) {
             return None;
         }
         self.path.coefficients.iter_mut().zip(&self.right).for_each(|(value, step)| *value += step);
         self.matrix.inverse_band(&mut self.covariance);
         self.smoothness.learn(&self.path, &self.covariance);
-        Some((squares / self.right.len() as f64).sqrt())
+        Some(self.normals.iter().map(|normal| normal.moved(&self.right)).fold(0.0, f64::max))
+    }
+
+    /// How much the last step changed the displacements of pair `index` (root mean square, pixels).
+    pub fn moved(&self, index: usize) -> f64 {
+        self.normals.get(index).map_or(0.0, |normal| normal.moved(&self.right))
     }
 
     /// Adds up the normal equations; those of γ and κ.

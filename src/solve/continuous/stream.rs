@@ -21,8 +21,9 @@ use std::collections::VecDeque;
 const PAST: usize = 8;
 /// Steps to the first path, and to each one after it, at most.
 const STEPS: [usize; 2] = [12, 4];
-/// A step that changes the path by less than this many pixels (root mean square) is the last.
-const SETTLED: f64 = 0.05;
+/// A step that changes the displacements at the frame by less than this share of the least noise (root mean
+/// square) is the last.
+const SETTLED: f64 = 0.3;
 /// Or γ by less than this.
 const SETTLED_READOUT: f64 = 0.01;
 /// A path that leaves more than this share of the mean squared displacement is tried at another tempo.
@@ -126,6 +127,12 @@ impl<'a> Stretch<'a> {
     fn of_tempo(self, tempo: Tempo) -> Self {
         let skipped = self.past.saturating_sub(tempo.past());
         Self { pairs: self.pairs.get(skipped..).unwrap_or_default(), past: self.past - skipped }
+    }
+
+    /// Indices of the pairs that the frame is in.
+    fn beside(self) -> impl Iterator<Item = usize> + Clone {
+        let count = self.pairs.len();
+        [self.past.checked_sub(1), Some(self.past)].into_iter().flatten().filter(move |index| *index < count)
     }
 
     /// Index of the pair that the frame begins; without lookahead, of the one that it ends.
@@ -353,7 +360,7 @@ impl Continuous {
     /// The motion of the frame in a stretch.
     fn motion(&self, stretch: Stretch<'_>, stamp: f64) -> Motion {
         let solver = &self.hypotheses[0].solver;
-        let Stretch { pairs, past } = stretch.of_tempo(solver.tempo);
+        let stretch = stretch.of_tempo(solver.tempo);
         let readout = self.readout(solver);
         let reversed = readout.direction.is_reversed();
         let scale = Matrix3::new_nonuniform_scaling(&Vector2::new(self.radius, self.radius));
@@ -364,10 +371,10 @@ impl Continuous {
             let place = if reversed { 1.0 - share } else { share };
             middle * solver.flow.back(solver.time(stamp, place)) * unscale
         };
-        let beside = [past.checked_sub(1), Some(past)].into_iter().flatten().filter(|index| *index < pairs.len());
+        let beside = stretch.beside();
         let inliers = beside.clone().map(|index| solver.inliers(index)).max().unwrap_or(0);
         let sigmas: Vec<f64> = beside.clone().filter_map(|index| solver.sigma(index)).collect();
-        let moved = beside.filter_map(|index| pairs.get(index)).map(|pair| pair.moved()).fold(0.0, f64::max);
+        let moved = beside.filter_map(|index| stretch.pairs.get(index)).map(|pair| pair.moved()).fold(0.0, f64::max);
         let sigma = sigmas.iter().copied().fold(0.0, f64::max);
         Motion {
             readout,
@@ -518,21 +525,22 @@ fn usual_interval(pairs: &[&Pair]) -> f64 {
     intervals.get(intervals.len() / 2).copied().unwrap_or(1.0)
 }
 
-/// Steps until nothing changes any more, at most so many.
+/// Steps until nothing changes any more at the frame, at most so many.
 fn iterate(solver: &mut Solver, stretch: Stretch<'_>, steps: usize, known: bool) {
-    let Stretch { pairs, .. } = stretch.of_tempo(solver.tempo);
+    let stretch = stretch.of_tempo(solver.tempo);
     for _ in 0..steps {
         let before = solver.shared[0];
-        let Some(change) = solver.step(pairs) else {
+        if solver.step(stretch.pairs).is_none() {
             solver.restart();
             continue;
-        };
+        }
+        let change = stretch.beside().map(|index| solver.moved(index)).fold(0.0, f64::max);
         let moved = (solver.shared[0] - before).abs();
-        if change < SETTLED && (known || moved < SETTLED_READOUT) {
+        if change < SETTLED * solver.noise && (known || moved < SETTLED_READOUT) {
             break;
         }
     }
-    solver.cover(pairs);
+    solver.cover(stretch.pairs);
 }
 
 /// Mean and deviation of what is believed of κ.

@@ -123,6 +123,18 @@ impl Samples {
         self.starts.pop();
     }
 
+    /// Velocities (pixels per readout) that differ by less may be the same.
+    pub(super) fn tolerance(&self) -> f32 {
+        self.tolerance
+    }
+
+    /// Whether the samples next to a node may all have this velocity.
+    pub(super) fn agree(&self, column: usize, row: usize, velocity: Vector2<f32>) -> bool {
+        let cell = row * self.columns + column;
+        let own = &self.sorted[self.starts[cell]..self.starts[cell + 1]];
+        own.iter().all(|sample| (sample.velocity - velocity).norm_squared() < self.tolerance * self.tolerance)
+    }
+
     /// Collects the samples in the smallest square of cells around a node that holds enough.
     pub(super) fn around(&self, column: usize, row: usize, out: &mut Surroundings) {
         out.samples.clear();

@@ -1,0 +1,141 @@
+//! Time of the continuous estimator for a settled frame of 1920×1080, and of the residual layer, on one
+//! core and on two.
+
+#![allow(missing_docs)]
+
+use criterion::{Criterion, criterion_group, criterion_main};
+use nalgebra::Vector2;
+use rayon::ThreadPoolBuilder;
+use rsrectify::correspond::Correspondence;
+use rsrectify::motion::generators::Model;
+use rsrectify::motion::image_centre;
+use rsrectify::readout::{Readout, ReadoutDirection, ReadoutTime};
+use rsrectify::solve::ShutterEstimator;
+use rsrectify::solve::continuous::{Camera, Continuous, Found};
+use rsrectify::solve::layer::{Layer, Neighbour};
+use std::f64::consts::TAU;
+
+const WIDTH: usize = 1920;
+const HEIGHT: usize = 1080;
+const PERIOD: f64 = 1.0 / 30.0;
+/// Share of the period in which the sensor is read.
+const GAMMA: f64 = 0.7;
+/// Full-frame pixels to an analysed one.
+const SCALE: f64 = 2.0;
+/// Frames after which the motion repeats.
+const CYCLE: usize = 120;
+/// Frames that the estimator waits for.
+const AHEAD: usize = 4;
+/// Frames before the clock starts: the readout is found by then.
+const BEFORE: usize = 60;
+
+/// What hands do: where a point is seen at `time`, in frame periods.
+fn shaken(point: Vector2<f64>, time: f64) -> Vector2<f64> {
+    let wave = |cycles: f64, phase: f64| (TAU * (cycles * time / CYCLE as f64) + phase).sin();
+    let shift = Vector2::new(
+        40.0 * wave(5.0, 0.0) + 12.0 * wave(19.0, 1.0),
+        25.0 * wave(7.0, 2.0) + 9.0 * wave(23.0, 0.5),
+    );
+    let (sin, cos) = (0.01 * wave(9.0, 0.7)).sin_cos();
+    Vector2::new(cos * point.x - sin * point.y, sin * point.x + cos * point.y) + shift
+}
+
+/// Where the point seen at `from` of frame `frame` is seen `ahead` frames on; `depth` times as fast as the rest.
+fn seen(from: Vector2<f64>, frame: usize, depth: f64) -> Vector2<f64> {
+    let centre = image_centre(WIDTH, HEIGHT);
+    let time = |frame: usize, y: f64| frame as f64 + GAMMA * (y + 0.5) / HEIGHT as f64;
+    let start = time(frame, from.y);
+    let mut to = from;
+    for _ in 0..8 {
+        let moved = shaken(from - centre, time(frame + 1, to.y)) - shaken(from - centre, start);
+        to = from + depth * moved;
+    }
+    to
+}
+
+/// The correspondences of a pair on a grid: everything moves `far` times as far as the camera shakes, and what
+/// is in the middle `near` times.
+fn pair(frame: usize, (columns, rows): (usize, usize), [far, near]: [f64; 2]) -> Vec<Correspondence> {
+    let cell = Vector2::new(WIDTH as f64 / columns as f64, HEIGHT as f64 / rows as f64);
+    (0..columns * rows)
+        .map(|index| {
+            let place = Vector2::new((index % columns) as f64 + 0.5, (index / columns) as f64 + 0.5);
+            let from = place.component_mul(&cell);
+            let is_near = (from - image_centre(WIDTH, HEIGHT)).norm() < 0.25 * WIDTH as f64;
+            let phase = (index * 7 + frame * 13) as f64 * 12.9898;
+            let error =
+                Vector2::new(phase.sin(), (phase * 1.7).cos()) * if index % 20 == 0 { 15.0 } else { 0.06 };
+            let to = seen(from, frame, if is_near { near } else { far }) + error;
+            Correspondence { from, to, texture: 100.0, residual: 1.0 }
+        })
+        .collect()
+}
+
+/// An estimator that has seen `BEFORE` frames, and the next frame's number.
+fn estimator(pairs: &[Vec<Correspondence>], readout_time: ReadoutTime) -> (Continuous, usize) {
+    let direction = (readout_time != ReadoutTime::Unknown).then_some(ReadoutDirection::TopToBottom);
+    let camera = Camera { model: Model::Auto, direction, readout_time, focal_length: None };
+    let mut estimator = Continuous::new(camera, WIDTH, HEIGHT, SCALE);
+    for frame in 0..BEFORE {
+        push(&mut estimator, pairs, frame);
+        if frame >= AHEAD {
+            estimator.settle();
+        }
+    }
+    (estimator, BEFORE)
+}
+
+fn push(estimator: &mut Continuous, pairs: &[Vec<Correspondence>], frame: usize) {
+    let found = frame.checked_sub(1).map(|first| Found { grid: &pairs[first % CYCLE], fine: &[] });
+    estimator.push(found, frame as f64 * PERIOD, PERIOD);
+}
+
+fn bench(criterion: &mut Criterion) {
+    let pairs: Vec<_> = (0..CYCLE).map(|frame| pair(frame, (32, 24), [1.0, 1.0])).collect();
+    // As the layer sees them: the global path stands still.
+    let deep: Vec<_> = (0..2).map(|frame| pair(frame, (64, 48), [0.0, 0.3])).collect();
+    let readout = Readout::new(
+        WIDTH,
+        HEIGHT,
+        ReadoutDirection::TopToBottom,
+        ReadoutTime::Seconds(GAMMA * PERIOD),
+        PERIOD,
+    );
+    for threads in [1, 2] {
+        let pool = ThreadPoolBuilder::new().num_threads(threads).build().expect("threads can be started");
+        let mut group = criterion.benchmark_group(format!("{threads} threads"));
+        for (name, time) in [("known", readout.time), ("unknown", 0.0)] {
+            let time = if time > 0.0 { ReadoutTime::Seconds(time) } else { ReadoutTime::Unknown };
+            let (mut estimator, mut frame) = estimator(&pairs, time);
+            group.bench_function(format!("continuous, readout {name}"), |bencher| {
+                bencher.iter(|| {
+                    push(&mut estimator, &pairs, frame);
+                    frame += 1;
+                    pool.install(|| estimator.settle())
+                })
+            });
+        }
+        let mut layer = Layer::new(WIDTH, HEIGHT, SCALE);
+        let neighbours = [
+            Neighbour { correspondences: &deep[0], interval: -PERIOD },
+            Neighbour { correspondences: &deep[1], interval: PERIOD },
+        ];
+        group.bench_function("layer", |bencher| {
+            bencher.iter(|| {
+                pool.install(|| layer.solve(&readout, &neighbours, |point, _, _| point).velocities[0])
+            })
+        });
+    }
+    let mut shutter = ShutterEstimator::new(WIDTH, HEIGHT);
+    let mut frame = 0;
+    let mut push = |shutter: &mut ShutterEstimator| {
+        shutter.push(&pairs[frame % CYCLE], PERIOD);
+        frame += 1;
+    };
+    (0..BEFORE).for_each(|_| push(&mut shutter));
+    criterion.bench_function("shutter, push", |bencher| bencher.iter(|| push(&mut shutter)));
+    criterion.bench_function("shutter, estimate", |bencher| bencher.iter(|| shutter.estimate()));
+}
+
+criterion_group!(benches, bench);
+criterion_main!(benches);
