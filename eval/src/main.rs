@@ -268,7 +268,8 @@ fn measured_row(footage: &Footage, lookahead: usize) -> Result<String> {
     let half = corrections.len() / 2;
     row += &share_left(&displacement::left(&footage.truth, &corrections), &uncorrected);
     let late = &footage.truth[half..];
-    let late_uncorrected = displacement::uncorrected(late.iter().flat_map(|truth| truth.samples.iter().copied()));
+    let late_uncorrected =
+        displacement::uncorrected(late.iter().flat_map(|truth| truth.samples.iter().copied()));
     row += &share_left(&displacement::left(late, &corrections[half..]), &late_uncorrected);
     let period = 1.0 / footage.settings().delivered_fps();
     if let Some((readout, deviation)) = found {

@@ -64,8 +64,22 @@ pub fn fields(point: Vector2<f64>, kappa: f64) -> SMatrix<f64, 2, GENERATORS> {
     let (u, v) = (point.x, point.y);
     let across = kappa * u * v;
     SMatrix::<f64, 2, GENERATORS>::from_row_slice(&[
-        1.0 + kappa * u * u, across, -v, 1.0, 0.0, u, u, v,
-        across, 1.0 + kappa * v * v, u, 0.0, 1.0, v, -v, u,
+        1.0 + kappa * u * u,
+        across,
+        -v,
+        1.0,
+        0.0,
+        u,
+        u,
+        v,
+        across,
+        1.0 + kappa * v * v,
+        u,
+        0.0,
+        1.0,
+        v,
+        -v,
+        u,
     ])
 }
 
@@ -74,9 +88,15 @@ pub fn fields(point: Vector2<f64>, kappa: f64) -> SMatrix<f64, 2, GENERATORS> {
 pub fn flow_matrix(rates: &[f64; GENERATORS], kappa: f64) -> Matrix3<f64> {
     let [yaw, pitch, roll, right, down, scale, shear, skew] = *rates;
     Matrix3::new(
-        scale + shear, skew - roll, yaw + right,
-        skew + roll, scale - shear, pitch + down,
-        -kappa * yaw, -kappa * pitch, 0.0,
+        scale + shear,
+        skew - roll,
+        yaw + right,
+        skew + roll,
+        scale - shear,
+        pitch + down,
+        -kappa * yaw,
+        -kappa * pitch,
+        0.0,
     )
 }
 
@@ -106,7 +126,8 @@ mod tests {
             ray.xy() * (focal / ray.z)
         };
         let step = 1e-6;
-        let turns = [Vector3::new(0.0, 1.0, 0.0), Vector3::new(-1.0, 0.0, 0.0), Vector3::new(0.0, 0.0, focal)];
+        let turns =
+            [Vector3::new(0.0, 1.0, 0.0), Vector3::new(-1.0, 0.0, 0.0), Vector3::new(0.0, 0.0, focal)];
         for (j, turn) in turns.into_iter().enumerate() {
             let velocity = (see(turn * step) - see(-turn * step)) / (2.0 * step * focal);
             let field = fields(x, 1.0 / (focal * focal)).column(j).into_owned();

@@ -7,7 +7,7 @@ use crate::correspondences::{Source, of_run};
 use crate::footage::Footage;
 use crate::methods::Corrections;
 use crate::methods::registry::Entry;
-use crate::metrics::{readout, Stats, distances};
+use crate::metrics::{Stats, distances, readout};
 use crate::sequence::Settings;
 use anyhow::{Context, Result};
 use rayon::prelude::*;

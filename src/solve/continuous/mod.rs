@@ -23,7 +23,9 @@
 //! The equations, one by one, are in `docs/method.md`.
 
 mod banded;
+mod camera;
 mod flow;
+mod hypothesis;
 mod pair;
 mod path;
 mod running;
@@ -32,4 +34,5 @@ mod solver;
 mod spline;
 mod stream;
 
-pub use stream::{Camera, Continuous, Found, Motion};
+pub use camera::Camera;
+pub use stream::{Continuous, Found, Motion};

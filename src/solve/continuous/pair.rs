@@ -75,7 +75,12 @@ pub(super) struct Pair {
 impl Pair {
     /// Takes the correspondences (pixels) of a pair; `None` where there are too few to say anything or
     /// the frames are too far apart.
-    pub fn new(found: &[Correspondence], centre: Vector2<f64>, radius: f64, stamps: [f64; 2]) -> Option<Self> {
+    pub fn new(
+        found: &[Correspondence],
+        centre: Vector2<f64>,
+        radius: f64,
+        stamps: [f64; 2],
+    ) -> Option<Self> {
         let [first, second] = stamps;
         let is_near = (second - first).abs() <= LONGEST && first.abs() < LATEST;
         let point = |pixel: Vector2<f64>| (pixel - centre) / radius;
@@ -251,7 +256,8 @@ impl View<'_> {
     /// Makes room for the coefficients on which a pair depends.
     fn place(&self, pair: &Pair, out: &mut Normal) {
         let times = pair.matches.iter().flat_map(|m| self.times(pair, m));
-        let [low, high] = times.fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], t| [low.min(t), high.max(t)]);
+        let [low, high] =
+            times.fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], t| [low.min(t), high.max(t)]);
         let [low, high] = [low, high].map(|time| time.floor() as i64);
         let end = self.path.coefficients.len();
         let first = usize::try_from(low.saturating_sub(self.path.base)).unwrap_or(0);
@@ -276,7 +282,8 @@ impl View<'_> {
                 let support = spline::values(time * ratio(generator) as f64);
                 for (k, weight) in support.weights.into_iter().enumerate() {
                     let place = self.path.place(generator, support.first + k as i64) - out.first as i64;
-                    let Some(place) = usize::try_from(place).ok().filter(|place| place + length <= out.size) else {
+                    let Some(place) = usize::try_from(place).ok().filter(|place| place + length <= out.size)
+                    else {
                         continue;
                     };
                     // Where the two ends are close in time they share coefficients.

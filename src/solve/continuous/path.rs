@@ -77,12 +77,15 @@ impl SplinePath {
             for knot in moved.knots(j) {
                 if known.contains(&knot) {
                     last = self.coefficient(j, knot);
-                    rate = if known.contains(&(knot - 1)) { last - self.coefficient(j, knot - 1) } else { 0.0 };
+                    rate =
+                        if known.contains(&(knot - 1)) { last - self.coefficient(j, knot - 1) } else { 0.0 };
                 } else {
                     last += rate;
                 }
                 let place = moved.place(j, knot);
-                if let Some(value) = usize::try_from(place).ok().and_then(|place| moved.coefficients.get_mut(place)) {
+                if let Some(value) =
+                    usize::try_from(place).ok().and_then(|place| moved.coefficients.get_mut(place))
+                {
                     *value = last;
                 }
             }
@@ -98,8 +101,9 @@ mod tests {
     #[test]
     fn every_coefficient_has_a_place_of_its_own() {
         let path = SplinePath { base: -3, coefficients: vec![0.0; 5 * BLOCK], kappa: 0.0 };
-        let mut places: Vec<i64> =
-            (0..GENERATORS).flat_map(|j| path.knots(j).map(|knot| path.place(j, knot)).collect::<Vec<_>>()).collect();
+        let mut places: Vec<i64> = (0..GENERATORS)
+            .flat_map(|j| path.knots(j).map(|knot| path.place(j, knot)).collect::<Vec<_>>())
+            .collect();
         places.sort_unstable();
         assert_eq!(places, (0..5 * BLOCK as i64).collect::<Vec<_>>());
     }
@@ -120,7 +124,10 @@ mod tests {
         assert_eq!((path.base, path.coefficients.len()), (12, 6 * BLOCK));
         for time in [12.0, 13.5, 14.9] {
             for (j, (rate, old)) in path.rates(time).into_iter().zip(before).enumerate() {
-                assert!((rate - old).abs() < 1e-9 && (rate - (j + 1) as f64).abs() < 1e-9, "{j} {time}: {rate}");
+                assert!(
+                    (rate - old).abs() < 1e-9 && (rate - (j + 1) as f64).abs() < 1e-9,
+                    "{j} {time}: {rate}"
+                );
             }
         }
     }

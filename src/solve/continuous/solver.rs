@@ -134,7 +134,8 @@ impl Solver {
     /// A solver of another tempo that knows of the camera what this one does.
     pub fn at_tempo(&self, tempo: Tempo) -> Self {
         let smoothness = self.smoothness.started(tempo.start_variance());
-        let mut other = Self::new(self.reading, tempo, self.radius, self.noise, smoothness, self.beliefs, self.limits);
+        let mut other =
+            Self::new(self.reading, tempo, self.radius, self.noise, smoothness, self.beliefs, self.limits);
         other.shared = self.shared;
         other.hint = self.hint;
         other
@@ -190,7 +191,8 @@ impl Solver {
     /// Lays the path under the pairs and follows it.
     pub fn cover(&mut self, pairs: &[&Pair]) {
         let spans = pairs.iter().map(|pair| pair.span(self.shared[0]));
-        let [from, to] = spans.fold([f64::INFINITY, f64::NEG_INFINITY], |a, b| [a[0].min(b[0]), a[1].max(b[1])]);
+        let [from, to] =
+            spans.fold([f64::INFINITY, f64::NEG_INFINITY], |a, b| [a[0].min(b[0]), a[1].max(b[1])]);
         if from > to {
             return;
         }

@@ -4,12 +4,13 @@
 //! How the sensor is read, by rows or by columns, is a hypothesis: each has a solver of its own, and the
 //! likelier one speaks. Vibrations, too fast for the usual knots, are a hypothesis within each.
 
+use super::camera::{Camera, KAPPA_LIMITS, KNOWN, READOUT_BELIEF};
+use super::hypothesis::{Hypothesis, NOTICEABLE, Stretch};
 use super::pair::{Pair, Reading};
 use super::running::Running;
 use super::smoothness::Smoothness;
 use super::solver::{Solver, Tempo};
 use crate::correspond::Correspondence;
-use crate::motion::generators::Model;
 use crate::motion::{ResidualField, ResidualMesh, image_centre};
 use crate::readout::{Readout, ReadoutDirection, ReadoutTime};
 use crate::solve::layer::{Layer, Neighbour};
@@ -19,62 +20,20 @@ use std::collections::VecDeque;
 
 /// Frames before the one that is settled that are remembered.
 const PAST: usize = 8;
-/// Steps to the first path, and to each one after it, at most.
-const STEPS: [usize; 2] = [12, 4];
-/// A step that changes the displacements at the frame by less than this share of the least noise (root mean
-/// square) is the last.
-const SETTLED: f64 = 0.3;
-/// Or γ by less than this.
-const SETTLED_READOUT: f64 = 0.01;
-/// A path that leaves more than this share of the mean squared displacement is tried at another tempo.
-const UNEXPLAINED: f64 = 0.05;
-/// The faster tempo must leave less than this share of what the calm one does (standard deviations).
-const WORTH_VIBRATING: f64 = 0.5;
 /// Standard deviation of a coordinate in analysed pixels that the tracker reaches on clean footage.
 const NOISE: f64 = 0.03;
-/// Residuals of less than so many times the least noise are nothing but noise.
-const NOTICEABLE: f64 = 4.0;
-/// Readout ratios from which a vibration is looked for where the readout is unknown.
-const READOUTS: [f64; 4] = [0.9, 0.5, -0.5, -0.9];
-/// A readout ratio that is known worse than this may be anything.
-const VAGUE: f64 = 0.2;
-/// Frames from one trial of another tempo to the next.
-const TRIAL: usize = 15;
 /// Shares of the readout at which the homographies of a frame are given out, less one.
 const SHARES: usize = 32;
-/// What is believed of γ before anything was seen: nothing that would change a picture.
-const READOUT_BELIEF: (f64, f64) = (0.0, 0.5);
-/// What is believed of κ = (half the width / f)²: f is 0.9 widths, give or take a half.
-const KAPPA_BELIEF: (f64, f64) = (0.3, 0.3);
-/// What κ may be: a field of view under 110°.
-const KAPPA_LIMITS: [f64; 2] = [0.0, 2.0];
-/// Deviation of what is known.
-const KNOWN: f64 = 1e-6;
 /// A γ of up to so many deviations is not acted upon; one of three times as many is beyond doubt.
 const DOUBTFUL: f64 = 2.0;
 /// The least deviation that is believed of an estimated γ.
 const LEAST_DEVIATION: f64 = 0.01;
-/// Independent measurements in a pair, two coordinates each: the weight of its residuals' logarithm.
-const WEIGHT: f64 = 50.0;
 /// An axis whose likelihood is greater than another's by a factor of e to this power is held to be right.
 const CERTAIN: f64 = 5.0;
 /// Pairs from one rough estimate of the readout to the next.
 const HINT_EVERY: usize = 4;
 /// A reading axis whose likelihood is less than another's by a factor of e to this power is given up.
 const DECISIVE: f64 = 40.0;
-
-/// What is known of a camera.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Camera {
-    /// Image motions that are looked for.
-    pub model: Model,
-    /// Which edge is read first; `None` if that is to be found out.
-    pub direction: Option<ReadoutDirection>,
-    /// What is known of the readout time.
-    pub readout_time: ReadoutTime,
-    /// Focal length in frame widths; `None` if that is to be found out.
-    pub focal_length: Option<f64>,
-}
 
 /// The motion of a frame.
 #[derive(Clone, Debug)]
@@ -112,49 +71,6 @@ pub struct Found<'a> {
     pub grid: &'a [Correspondence],
     /// Finer ones, where parts of the picture move differently.
     pub fine: &'a [Correspondence],
-}
-
-/// Pairs that follow one another, around a frame.
-#[derive(Clone, Copy)]
-struct Stretch<'a> {
-    pairs: &'a [&'a Pair],
-    /// Number of those before the frame.
-    past: usize,
-}
-
-impl<'a> Stretch<'a> {
-    /// The part of it that a path of this tempo is fitted to.
-    fn of_tempo(self, tempo: Tempo) -> Self {
-        let skipped = self.past.saturating_sub(tempo.past());
-        Self { pairs: self.pairs.get(skipped..).unwrap_or_default(), past: self.past - skipped }
-    }
-
-    /// Indices of the pairs that the frame is in.
-    fn beside(self) -> impl Iterator<Item = usize> + Clone {
-        let count = self.pairs.len();
-        [self.past.checked_sub(1), Some(self.past)].into_iter().flatten().filter(move |index| *index < count)
-    }
-
-    /// Index of the pair that the frame begins; without lookahead, of the one that it ends.
-    fn own(self) -> usize {
-        self.past.min(self.pairs.len().saturating_sub(1))
-    }
-}
-
-/// A way in which the sensor may be read.
-#[derive(Clone, Debug)]
-struct Hypothesis {
-    /// Which edge is first, where γ is known to be positive or negative.
-    direction: ReadoutDirection,
-    /// The least and the greatest γ, in intervals between frames.
-    signs: [f64; 2],
-    solver: Solver,
-    /// Logarithm of its likelihood, up to a constant.
-    score: f64,
-    /// The same by the rough estimate.
-    rough: f64,
-    /// Frames since another tempo was tried.
-    since_trial: usize,
 }
 
 /// The continuous estimator of one stream.
@@ -202,9 +118,11 @@ impl Continuous {
                 (Some(_), false) => [0.0, 1.0],
                 (Some(_), true) => [-1.0, 0.0],
             };
-            let beliefs = [READOUT_BELIEF, kappa_belief(&camera)].map(|(mean, deviation)| Running::new(mean, deviation));
-            let solver = Solver::new(reading, Tempo::Calm, radius, noise, smoothness, beliefs, [signs, KAPPA_LIMITS]);
-            Hypothesis { direction, signs, solver, score: 0.0, rough: 0.0, since_trial: TRIAL }
+            let beliefs = [READOUT_BELIEF, camera.kappa_belief()]
+                .map(|(mean, deviation)| Running::new(mean, deviation));
+            let solver =
+                Solver::new(reading, Tempo::Calm, radius, noise, smoothness, beliefs, [signs, KAPPA_LIMITS]);
+            Hypothesis::new(direction, signs, solver)
         };
         Self {
             camera,
@@ -218,7 +136,8 @@ impl Continuous {
             clock: None,
             unit_before: None,
             continues: false,
-            shutter: (camera.readout_time == ReadoutTime::Unknown).then(|| ShutterEstimator::new(width, height)),
+            shutter: (camera.readout_time == ReadoutTime::Unknown)
+                .then(|| ShutterEstimator::new(width, height)),
             taken: 0,
             layer: Layer::new(width, height, pixel_scale),
             sigma: f64::INFINITY,
@@ -311,12 +230,17 @@ impl Continuous {
         let joined = |entry: &Entry| entry.to_next.is_some();
         let past = self.frames.iter().take(own).rev().take_while(|entry| joined(entry)).count().min(PAST);
         let ahead = self.frames.iter().skip(own).take_while(|entry| joined(entry)).count();
-        let pairs: Vec<&Pair> =
-            self.frames.iter().skip(own - past).take(past + ahead).filter_map(|entry| entry.to_next.as_ref()).collect();
+        let pairs: Vec<&Pair> = self
+            .frames
+            .iter()
+            .skip(own - past)
+            .take(past + ahead)
+            .filter_map(|entry| entry.to_next.as_ref())
+            .collect();
         let stamp = self.frames.get(own)?.stamp;
         let stretch = Stretch { pairs: &pairs, past };
         let starts = past == 0 || !self.continues;
-        let longest = usual_interval(&pairs);
+        let longest = stretch.usual_interval();
         for hypothesis in &mut self.hypotheses {
             if !self.camera.is_known() {
                 hypothesis.solver.limits[0] = hypothesis.signs.map(|sign| sign * longest);
@@ -374,7 +298,8 @@ impl Continuous {
         let beside = stretch.beside();
         let inliers = beside.clone().map(|index| solver.inliers(index)).max().unwrap_or(0);
         let sigmas: Vec<f64> = beside.clone().filter_map(|index| solver.sigma(index)).collect();
-        let moved = beside.filter_map(|index| stretch.pairs.get(index)).map(|pair| pair.moved()).fold(0.0, f64::max);
+        let moved =
+            beside.filter_map(|index| stretch.pairs.get(index)).map(|pair| pair.moved()).fold(0.0, f64::max);
         let sigma = sigmas.iter().copied().fold(0.0, f64::max);
         Motion {
             readout,
@@ -393,7 +318,8 @@ impl Continuous {
         let solver = &self.hypotheses.first()?.solver;
         let frame = self.frames.get(own)?;
         let mut neighbours = Vec::with_capacity(2);
-        if let Some(before) = own.checked_sub(1).and_then(|index| self.frames.get(index)).filter(|_| follows) {
+        if let Some(before) = own.checked_sub(1).and_then(|index| self.frames.get(index)).filter(|_| follows)
+        {
             let interval = (before.stamp - frame.stamp) * unit;
             neighbours.push(Neighbour { correspondences: &before.detail, interval });
         }
@@ -415,7 +341,8 @@ impl Continuous {
             origin: [-centre.x, -centre.y],
             spacing: [mesh.spacing; 2],
         };
-        ResidualField::new(place, mesh.velocities.iter().map(|velocity| [velocity.x, velocity.y]).collect()).ok()
+        ResidualField::new(place, mesh.velocities.iter().map(|velocity| [velocity.x, velocity.y]).collect())
+            .ok()
     }
 
     fn confidence(&self, solver: &Solver, sigma: f64, moved: f64) -> f64 {
@@ -445,110 +372,6 @@ impl Continuous {
         };
         let [width, height] = self.size;
         Readout { width, height, direction, time: solver.shared[0].abs() * unit }
-    }
-}
-
-impl Camera {
-    /// Whether the readout time need not be found out.
-    fn is_known(&self) -> bool {
-        self.readout_time != ReadoutTime::Unknown
-    }
-
-    /// The directions that are tried. Where the readout time is to be found out, its sign tells one edge
-    /// from the opposite one.
-    fn directions(&self) -> Vec<ReadoutDirection> {
-        use ReadoutDirection::{BottomToTop, LeftToRight, RightToLeft, TopToBottom};
-        match self.direction {
-            Some(direction) => vec![direction],
-            None if self.is_known() => vec![TopToBottom, BottomToTop, LeftToRight, RightToLeft],
-            None => vec![TopToBottom, LeftToRight],
-        }
-    }
-}
-
-impl Hypothesis {
-    /// Logarithm of the likelihood, up to a constant.
-    fn likelihood(&self) -> f64 {
-        self.score + self.rough
-    }
-
-    /// Fits the path to a stretch.
-    fn settle(&mut self, stretch: Stretch<'_>, starts: bool, known: bool) {
-        if starts {
-            self.solver.restart();
-        }
-        if stretch.pairs.is_empty() {
-            return;
-        }
-        iterate(&mut self.solver, stretch, STEPS[usize::from(!starts)], known);
-        self.try_tempo(stretch, known);
-        let seen = stretch.of_tempo(self.solver.tempo);
-        self.solver.remember(1.0 / seen.pairs.len() as f64);
-        if let Some(sigma) = self.solver.sigma(seen.own()).filter(|sigma| sigma.is_finite()) {
-            self.score -= WEIGHT * self.solver.trust() * sigma.max(self.solver.noise).ln();
-        }
-    }
-
-    /// Goes over to another tempo where that is worth it.
-    fn try_tempo(&mut self, stretch: Stretch<'_>, known: bool) {
-        self.since_trial += 1;
-        let tempo = self.solver.tempo;
-        let sigma_of = |solver: &Solver| solver.sigma(stretch.of_tempo(solver.tempo).own());
-        let (Some(sigma), Some(pair)) = (sigma_of(&self.solver), stretch.pairs.get(stretch.own())) else { return };
-        let moved = pair.moved() * self.solver.radius * self.solver.radius;
-        let wanted = tempo == Tempo::Vibrating || 2.0 * sigma * sigma > UNEXPLAINED * moved;
-        if self.since_trial < TRIAL || !wanted || sigma < NOTICEABLE * self.solver.noise {
-            return;
-        }
-        self.since_trial = 0;
-        let vague = !known && tempo == Tempo::Calm && self.solver.readout_deviation() > VAGUE;
-        let starts = if vague { &READOUTS[..] } else { &[] };
-        let trials = starts.iter().map(Some).chain([None]).map(|readout| {
-            let mut other = self.solver.at_tempo(tempo.other());
-            let [low, high] = other.limits[0];
-            other.shared[0] = readout.map_or(other.shared[0], |readout| readout.clamp(low, high));
-            iterate(&mut other, stretch, STEPS[0], known);
-            (sigma_of(&other).unwrap_or(f64::INFINITY), other)
-        });
-        let Some((others, other)) = trials.min_by(|a, b| a.0.total_cmp(&b.0)) else { return };
-        let (fast, calm) = if tempo == Tempo::Calm { (others, sigma) } else { (sigma, others) };
-        if (fast < WORTH_VIBRATING * calm) == (tempo == Tempo::Calm) {
-            self.solver = other;
-        }
-    }
-}
-
-/// The middle one of the intervals between the pairs' frames, in frame periods; a readout takes no longer.
-fn usual_interval(pairs: &[&Pair]) -> f64 {
-    let mut intervals: Vec<f64> = pairs.iter().map(|pair| (pair.stamps[1] - pair.stamps[0]).abs()).collect();
-    intervals.sort_by(f64::total_cmp);
-    intervals.get(intervals.len() / 2).copied().unwrap_or(1.0)
-}
-
-/// Steps until nothing changes any more at the frame, at most so many.
-fn iterate(solver: &mut Solver, stretch: Stretch<'_>, steps: usize, known: bool) {
-    let stretch = stretch.of_tempo(solver.tempo);
-    for _ in 0..steps {
-        let before = solver.shared[0];
-        if solver.step(stretch.pairs).is_none() {
-            solver.restart();
-            continue;
-        }
-        let change = stretch.beside().map(|index| solver.moved(index)).fold(0.0, f64::max);
-        let moved = (solver.shared[0] - before).abs();
-        if change < SETTLED * solver.noise && (known || moved < SETTLED_READOUT) {
-            break;
-        }
-    }
-    solver.cover(stretch.pairs);
-}
-
-/// Mean and deviation of what is believed of κ.
-fn kappa_belief(camera: &Camera) -> (f64, f64) {
-    match camera.focal_length.filter(|focal| focal.is_finite() && *focal > 0.0) {
-        _ if !camera.model.has_perspective() => (0.0, KNOWN),
-        Some(focal) => ((0.5 / focal).powi(2), KNOWN),
-        None => KAPPA_BELIEF,
     }
 }
 

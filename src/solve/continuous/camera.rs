@@ -1,0 +1,53 @@
+//! What is known of a camera, and what is believed of the rest.
+
+use crate::motion::generators::Model;
+use crate::readout::{ReadoutDirection, ReadoutTime};
+
+/// What is believed of γ before anything was seen: nothing that would change a picture.
+pub(super) const READOUT_BELIEF: (f64, f64) = (0.0, 0.5);
+/// What is believed of κ = (half the width / f)²: f is 0.9 widths, give or take a half.
+pub(super) const KAPPA_BELIEF: (f64, f64) = (0.3, 0.3);
+/// What κ may be: a field of view under 110°.
+pub(super) const KAPPA_LIMITS: [f64; 2] = [0.0, 2.0];
+/// Deviation of what is known.
+pub(super) const KNOWN: f64 = 1e-6;
+
+/// What is known of a camera.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Camera {
+    /// Image motions that are looked for.
+    pub model: Model,
+    /// Which edge is read first; `None` if that is to be found out.
+    pub direction: Option<ReadoutDirection>,
+    /// What is known of the readout time.
+    pub readout_time: ReadoutTime,
+    /// Focal length in frame widths; `None` if that is to be found out.
+    pub focal_length: Option<f64>,
+}
+
+impl Camera {
+    /// Whether the readout time need not be found out.
+    pub(super) fn is_known(&self) -> bool {
+        self.readout_time != ReadoutTime::Unknown
+    }
+
+    /// The directions that are tried. Where the readout time is to be found out, its sign tells one edge
+    /// from the opposite one.
+    pub(super) fn directions(&self) -> Vec<ReadoutDirection> {
+        use ReadoutDirection::{BottomToTop, LeftToRight, RightToLeft, TopToBottom};
+        match self.direction {
+            Some(direction) => vec![direction],
+            None if self.is_known() => vec![TopToBottom, BottomToTop, LeftToRight, RightToLeft],
+            None => vec![TopToBottom, LeftToRight],
+        }
+    }
+
+    /// Mean and deviation of what is believed of κ.
+    pub(super) fn kappa_belief(&self) -> (f64, f64) {
+        match self.focal_length.filter(|focal| focal.is_finite() && *focal > 0.0) {
+            _ if !self.model.has_perspective() => (0.0, KNOWN),
+            Some(focal) => ((0.5 / focal).powi(2), KNOWN),
+            None => KAPPA_BELIEF,
+        }
+    }
+}
