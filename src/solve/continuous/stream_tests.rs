@@ -1,6 +1,7 @@
 //! Whole windows of exact correspondences from cameras that are known in closed form.
 
 use super::*;
+use crate::motion::generators::Model;
 use nalgebra::{Rotation3, Vector3};
 use std::f64::consts::TAU;
 
