@@ -171,7 +171,7 @@ fn scored(pair: &Pair, shutter: &Shutter) -> Result<Score> {
     let mut rectifier = Rectifier::new(settings, truth.width, truth.height, Some(PERIOD));
     let solutions = motions(&mut rectifier, [(&first, 0.0), (&second, PERIOD)])?;
     let solution = &solutions[1];
-    let rectified = rectified(&second, &move |pixel| corrected(&solution, pixel));
+    let rectified = rectified(&second, &move |pixel| corrected(solution, pixel));
     let likeness = |picture: &Frame| -> Option<Likeness> {
         let mask = &rectified.inside;
         Some(Likeness { psnr: psnr(picture, &truth, mask)?, ssim: ssim(picture, &truth, mask)? })
