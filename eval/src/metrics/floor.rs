@@ -76,7 +76,7 @@ mod tests {
         let exact = best_twist(&samples(&readout, truth, |_| Vector2::zeros()), &readout);
         assert!((exact.to_vector() - truth.to_vector()).norm() < 1e-6, "{exact:?}");
 
-        let odd = |index: usize| Vector2::new(0.7, -0.4) * if index % 3 == 0 { 1.0 } else { -0.5 };
+        let odd = |index: usize| Vector2::new(0.7, -0.4) * if index.is_multiple_of(3) { 1.0 } else { -0.5 };
         let samples = samples(&readout, truth, odd);
         let best = best_twist(&samples, &readout);
         let squares =
