@@ -17,7 +17,7 @@ const STRETCHES: u64 = 5;
 /// How long each one is.
 const LENGTH: gst::ClockTime = gst::ClockTime::from_seconds(4);
 /// Standard deviation, in frame durations, from which on a readout is taken as found.
-const SURE: f64 = 0.05;
+const SURE: f64 = 0.1;
 /// A readout of fewer milliseconds bends nothing that could be seen.
 const NONE: f64 = 1.0;
 

@@ -354,7 +354,9 @@ impl BaseTransformImpl for RsRectify {
             EventView::StreamStart(start) => {
                 let _ = self.drain();
                 if self.is_other_stream(start.stream_id()) {
-                    lock(&self.state).as_mut().map_or((), State::forget_camera);
+                    if let Some(state) = lock(&self.state).as_mut() {
+                        state.forget_camera();
+                    }
                 }
                 self.parent_sink_event(event)
             }

@@ -392,6 +392,12 @@ impl Continuous {
     }
 
     /// The shutter that a solver found.
+    /// The shutter as far as it is known, and the standard deviation of its readout ratio.
+    pub fn belief(&self) -> (Readout, f64) {
+        let solver = &self.hypotheses[0].solver;
+        (self.readout(solver), solver.readout_deviation())
+    }
+
     fn readout(&self, solver: &Solver) -> Readout {
         let unit = self.clock.map_or(0.0, |(unit, _)| unit);
         let direction = match (solver.reading.by_rows, solver.shared[0] < 0.0) {
