@@ -65,7 +65,11 @@ impl Engine {
     }
 
     /// Where a point (pixels) of the last frame is expected after `interval` seconds.
-    pub fn predictor(&self, readout: &Readout, interval: f64) -> impl Fn(Vector2<f64>) -> Vector2<f64> + Sync + '_ {
+    pub fn predictor(
+        &self,
+        readout: &Readout,
+        interval: f64,
+    ) -> impl Fn(Vector2<f64>) -> Vector2<f64> + Sync + '_ {
         let centre = image_centre(readout.width, readout.height);
         let uniform = match self {
             Self::Sequential(sequential) => sequential.expected.after(interval),
@@ -136,8 +140,7 @@ impl Engine {
 
 impl Sequential {
     fn push(&mut self, step: &Step<'_>) {
-        let link =
-            step.found.map(|found| Link::new(found.grid, &step.readout, step.interval, step.noise));
+        let link = step.found.map(|found| Link::new(found.grid, &step.readout, step.interval, step.noise));
         self.expected = self.window.push(link).map_or(Twist::ZERO, |fit| fit.twist);
         self.readouts.push_back(step.readout);
     }
