@@ -113,13 +113,18 @@ fn audio_branch(caps: &gst::CapsRef) -> Result<gst::Bin> {
 }
 
 fn parse(description: &str) -> Result<gst::Bin> {
-    gst::parse::bin_from_description(description, true).map_err(|e| match e.kind() {
+    gst::parse::bin_from_description(description, true).map_err(explained)
+}
+
+/// What a user can do about a description that cannot be parsed.
+fn explained(error: gst::glib::Error) -> anyhow::Error {
+    match error.kind() {
         Some(gst::ParseError::NoSuchElement) => anyhow!(
             "GStreamer lacks a plugin: {} (Debian and Ubuntu: gstreamer1.0-plugins-{{base,good,ugly}}, gstreamer1.0-libav)",
-            e.message()
+            error.message()
         ),
-        _ => e.into(),
-    })
+        _ => error.into(),
+    }
 }
 
 fn named(bin: &gst::Bin, name: &str) -> Result<gst::Element> {

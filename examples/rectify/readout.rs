@@ -5,8 +5,8 @@
 //! them.
 
 use crate::options::Options;
-use crate::parse;
-use anyhow::{Context, Result, bail};
+use crate::{explained, named};
+use anyhow::{Context, Result, anyhow, bail};
 use gst::prelude::*;
 use indicatif::{ProgressBar, ProgressStyle};
 use std::fmt;
@@ -83,15 +83,14 @@ struct Scout {
 
 impl Scout {
     fn new(options: &Options) -> Result<Self> {
-        let pipeline = gst::Pipeline::new();
-        let bin = parse(
-            "filesrc name=source ! decodebin ! videoconvert ! rsrectify name=rectifier ! fakesink sync=false",
-        )?;
-        let rectifier = bin.by_name("rectifier").context("the pipeline has no rectifier")?;
+        let description =
+            "filesrc name=source ! decodebin ! videoconvert ! rsrectify name=rectifier ! fakesink sync=false";
+        let pipeline = gst::parse::launch(description).map_err(explained)?;
+        let pipeline = pipeline.downcast::<gst::Pipeline>().map_err(|_| anyhow!("not a pipeline"))?;
+        let rectifier = named(pipeline.upcast_ref(), "rectifier")?;
         options.rectifier.apply(&rectifier)?;
         rectifier.set_property("strength", 0.0);
-        bin.by_name("source").context("the pipeline has no source")?.set_property("location", &options.input);
-        pipeline.add(&bin)?;
+        named(pipeline.upcast_ref(), "source")?.set_property("location", &options.input);
         Ok(Self { pipeline, rectifier })
     }
 
