@@ -9,6 +9,7 @@ use crate::{explained, named};
 use anyhow::{Context, Result, anyhow, bail};
 use gst::prelude::*;
 use indicatif::{ProgressBar, ProgressStyle};
+use std::cell::Cell;
 use std::fmt;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
@@ -18,6 +19,9 @@ const STRETCHES: u64 = 5;
 const LENGTH: gst::ClockTime = gst::ClockTime::from_seconds(4);
 /// Standard deviation, in frame durations, from which on a readout is taken as found.
 const SURE: f64 = 0.1;
+/// Frames that must have followed one motion, with at least half the confidence there is: what a lone thing
+/// before a blank wall does says nothing of the camera.
+const FOLLOWED: u32 = 15;
 /// A readout of fewer milliseconds bends nothing that could be seen.
 const NONE: f64 = 1.0;
 
@@ -29,22 +33,25 @@ pub struct Readout {
     pub direction: String,
     /// Standard deviation of the time, in frame durations.
     deviation: f64,
+    /// Frames in which the picture as a whole followed what was found.
+    followed: u32,
 }
 
 impl Readout {
     /// What the rectifier has found so far.
-    fn of(rectifier: &gst::Element) -> Option<Self> {
+    fn of(rectifier: &gst::Element, followed: u32) -> Option<Self> {
         let stats = rectifier.property::<gst::Structure>("stats");
         Some(Self {
             milliseconds: stats.get::<u64>("readout-time").ok()?.max(1) as f64 * 1e-6,
             direction: stats.value("readout-direction").ok()?.serialize().ok()?.into(),
             deviation: stats.get("readout-deviation").ok()?,
+            followed,
         })
     }
 
     /// Whether it may be relied upon from the first frame to the last.
     pub fn is_sure(&self) -> bool {
-        self.deviation <= SURE
+        self.deviation <= SURE && self.followed >= FOLLOWED
     }
 }
 
@@ -72,13 +79,14 @@ pub fn find(options: &Options, interruptions: &AtomicUsize) -> Result<Option<Rea
     let found = scout.run(&bar, interruptions);
     scout.pipeline.set_state(gst::State::Null)?;
     bar.finish_and_clear();
-    Ok(found?.then(|| Readout::of(&scout.rectifier)).flatten())
+    Ok(found?.then(|| Readout::of(&scout.rectifier, scout.followed.get())).flatten())
 }
 
 /// A pipeline that analyses and shows nothing.
 struct Scout {
     pipeline: gst::Pipeline,
     rectifier: gst::Element,
+    followed: Cell<u32>,
 }
 
 impl Scout {
@@ -90,8 +98,9 @@ impl Scout {
         let rectifier = named(pipeline.upcast_ref(), "rectifier")?;
         options.rectifier.apply(&rectifier)?;
         rectifier.set_property("strength", 0.0);
+        rectifier.set_property("post-messages", true);
         named(pipeline.upcast_ref(), "source")?.set_property("location", &options.input);
-        Ok(Self { pipeline, rectifier })
+        Ok(Self { pipeline, rectifier, followed: Cell::new(0) })
     }
 
     /// Plays the stretches; `false` if there was an error.
@@ -143,10 +152,15 @@ impl Scout {
             if here.zip(until).is_some_and(|(here, until)| here >= until) {
                 return Ok(true);
             }
-            let kinds = [kind, gst::MessageType::Error];
+            let kinds = [kind, gst::MessageType::Error, gst::MessageType::Element];
             match bus.timed_pop_filtered(gst::ClockTime::from_mseconds(100), &kinds) {
                 Some(message) if message.type_() == kind => return Ok(true),
-                Some(_) => return Ok(false),
+                Some(message) if message.type_() == gst::MessageType::Error => return Ok(false),
+                Some(message) => {
+                    let confidence =
+                        message.structure().and_then(|frame| frame.get::<f64>("confidence").ok());
+                    self.followed.set(self.followed.get() + u32::from(confidence.is_some_and(|c| c >= 0.5)));
+                }
                 None => {}
             }
         }
