@@ -353,10 +353,10 @@ impl BaseTransformImpl for RsRectify {
             }
             EventView::StreamStart(start) => {
                 let _ = self.drain();
-                if self.is_other_stream(start.stream_id()) {
-                    if let Some(state) = lock(&self.state).as_mut() {
-                        state.forget_camera();
-                    }
+                if self.is_other_stream(start.stream_id())
+                    && let Some(state) = lock(&self.state).as_mut()
+                {
+                    state.forget_camera();
                 }
                 self.parent_sink_event(event)
             }
