@@ -43,6 +43,9 @@ const READOUT_BELIEF: (f64, f64) = (0.0, 0.5);
 const KAPPA_BELIEF: (f64, f64) = (0.3, 0.3);
 /// What κ may be: a field of view under 110°.
 const KAPPA_LIMITS: [f64; 2] = [0.0, 2.0];
+/// The longest readout that is obeyed, in frame periods: a converter may have put frames between those of the
+/// camera, and a path costs as much as the readout is long.
+const LONGEST_READOUT: f64 = 8.0;
 /// Deviation of what is known.
 const KNOWN: f64 = 1e-6;
 /// The least deviation that is believed of an estimated γ.
@@ -245,7 +248,8 @@ impl Continuous {
             if self.camera.is_known() {
                 let readout = Readout::new(width, height, hypothesis.direction, time_known, period);
                 let sign = if hypothesis.direction.is_reversed() { -1.0 } else { 1.0 };
-                hypothesis.solver.know_readout(Running::new(sign * readout.time / period, KNOWN));
+                let ratio = (readout.time / period).min(LONGEST_READOUT);
+                hypothesis.solver.know_readout(Running::new(sign * ratio, KNOWN));
             } else if let Some(unit) = self.unit_before {
                 hypothesis.solver.scale_readout(unit / period);
             }
