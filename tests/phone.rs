@@ -11,7 +11,8 @@ use gst::prelude::*;
 use nalgebra::Vector2;
 use rsrectify::correspond::{Pyramid, Sampler};
 use rsrectify::plane::{Luma, Plane, PlaneLayout, SampleFormat};
-use rsrectify::rectifier::{FrameSolution, Rectifier, Settings};
+use rsrectify::readout::{ReadoutDirection, ReadoutTime};
+use rsrectify::rectifier::{Estimator, FrameSolution, Rectifier, Settings};
 use std::path::{Path, PathBuf};
 
 const WIDTH: usize = 800;
@@ -108,14 +109,34 @@ fn index_at(times: &[f64], time: f64) -> usize {
     times.partition_point(|&t| t <= time).saturating_sub(1)
 }
 
-fn solve(frames: &[Vec<u8>], times: &[f64], settings: Settings) -> Vec<FrameSolution> {
-    let period = (times[times.len() - 1] - times[0]) / (times.len() - 1) as f64;
-    let mut rectifier = Rectifier::new(settings, WIDTH, HEIGHT, Some(period));
-    for (frame, &time) in frames.iter().zip(times) {
+fn solve(clip: &Clip, settings: Settings) -> Vec<FrameSolution> {
+    let mut rectifier = Rectifier::new(settings, WIDTH, HEIGHT, Some(clip.period()));
+    for (frame, &time) in clip.frames.iter().zip(&clip.times) {
         rectifier.push(&luma(frame), Some(time), false);
     }
     rectifier.drain();
     std::iter::from_fn(|| rectifier.pop()).collect()
+}
+
+/// Velocity at the image centre in px/s while share `share` of the readout has elapsed.
+fn velocity_at(solution: &FrameSolution, share: f64) -> Vector2<f64> {
+    let near = 1.0 / 64.0;
+    let (from, to) = ((share - near).max(0.0), (share + near).min(1.0));
+    let moved = solution.path.carry(Vector2::zeros(), from, to);
+    moved / ((to - from) * solution.readout.time.max(1e-9))
+}
+
+/// Velocity at the image centre at any time; between two readouts it goes over from one to the next.
+fn velocity(clip: &Clip, solutions: &[FrameSolution], time: f64) -> Vector2<f64> {
+    let k = index_at(&clip.times, time);
+    let (since, readout) = (time - clip.times[k], solutions[k].readout.time);
+    match solutions.get(k + 1) {
+        Some(next) if since > readout => {
+            let share = (since - readout) / (clip.times[k + 1] - clip.times[k] - readout);
+            velocity_at(&solutions[k], 1.0).lerp(&velocity_at(next, 0.0), share)
+        }
+        _ => velocity_at(&solutions[k], (since / readout.max(1e-9)).min(1.0)),
+    }
 }
 
 /// Median displacement from each frame to the next of the points near the image centre.
@@ -140,39 +161,89 @@ fn displacements_at_centre(frames: &[Vec<u8>]) -> Vec<Vector2<f64>> {
     moved
 }
 
+/// The clip and what the gyroscope makes of it.
+struct Clip {
+    frames: Vec<Vec<u8>>,
+    /// Seconds, of each frame's first row.
+    times: Vec<f64>,
+    /// Position in pixels by the gyroscope at every `STEP`.
+    reference: Vec<Vector2<f64>>,
+}
+
+impl Clip {
+    fn load(data: &Path) -> Self {
+        let folder = data.join("phone");
+        let frames = decode(&folder.join("phone.mp4"));
+        let times: Vec<f64> = table(&folder.join("frames.csv")).iter().map(|row| row[1]).collect();
+        assert_eq!((frames.len(), times.len()), (103, 103));
+        let gyro = table(&folder.join("gyro.csv"));
+        let gyro_times: Vec<f64> = gyro.iter().map(|row| row[3]).collect();
+        let by_gyro = |time: f64| centre_velocity(&gyro[index_at(&gyro_times, time)]);
+        let reference = integrate(times[102], by_gyro);
+        Self { frames, times, reference }
+    }
+
+    fn duration(&self) -> f64 {
+        self.times[self.times.len() - 1]
+    }
+
+    fn period(&self) -> f64 {
+        self.duration() / (self.times.len() - 1) as f64
+    }
+
+    /// Fast displacement of the estimate less that of the gyroscope, in px RMS.
+    fn difference(&self, solutions: &[FrameSolution]) -> f64 {
+        let estimated = integrate(self.duration(), |time| velocity(self, solutions, time));
+        difference(&high_pass(&estimated, STEP), &high_pass(&self.reference, STEP))
+    }
+}
+
 #[test]
 fn fast_rotation_agrees_with_the_gyroscope() {
     let Some(data) = data() else { return };
-    let folder = data.join("phone");
-    let frames = decode(&folder.join("phone.mp4"));
-    let times: Vec<f64> = table(&folder.join("frames.csv")).iter().map(|row| row[1]).collect();
-    assert_eq!((frames.len(), times.len()), (103, 103));
-    let gyro = table(&folder.join("gyro.csv"));
-    let gyro_times: Vec<f64> = gyro.iter().map(|row| row[3]).collect();
-    let by_gyro = |time: f64| centre_velocity(&gyro[index_at(&gyro_times, time)]);
-
-    let duration = times[102];
-    let reference = integrate(duration, by_gyro);
-    let fast = high_pass(&reference, STEP);
-    let solutions = solve(&frames, &times, Settings::default());
-    let estimated = integrate(duration, |time| solutions[index_at(&times, time)].path.mean_twist().velocity);
-    let left = difference(&high_pass(&estimated, STEP), &fast);
+    let clip = Clip::load(&data);
+    let fast = rms(high_pass(&clip.reference, STEP));
 
     // Without a model within the frame: from the middle of one frame to the middle of the next.
-    let moved = displacements_at_centre(&frames);
-    let shown = cumulative(moved.into_iter());
-    let middle = solutions[0].readout.time / 2.0;
-    let at = |k: usize| reference[((times[k] + middle) / STEP).min(reference.len() as f64 - 1.0) as usize];
+    let shown = cumulative(displacements_at_centre(&clip.frames).into_iter());
+    let (reference, period) = (&clip.reference, clip.period());
+    let at = |k: usize| {
+        reference[((clip.times[k] + period / 2.0) / STEP).min(reference.len() as f64 - 1.0) as usize]
+    };
     let turned = cumulative((0..102).map(|k| at(k + 1) - at(k)));
-    let period = duration / 102.0;
     let (shown, turned) = (high_pass(&shown, period), high_pass(&turned, period));
-    let floor = difference(&shown, &turned);
-
-    let (fast, turned) = (rms(fast), rms(turned));
+    let (floor, turned) = (difference(&shown, &turned), rms(turned));
     println!("fast rotation by the gyroscope: {fast:.2} px RMS at the image centre, per row");
-    println!(
-        "estimated against it: {left:.2} px; between frames, without any model: {floor:.2} of {turned:.2} px"
-    );
+    println!("between frames, without any model: {floor:.2} of {turned:.2} px");
     assert!(floor < 0.15 * turned, "the axes or clocks do not fit: {floor} of {turned} px");
-    assert!(left < 0.45 * fast, "{left} of {fast} px");
+
+    // The paper's, told the readout that the phone states: the whole period.
+    let paper = Settings { estimator: Estimator::Sequential, ..Settings::default() };
+    let paper = clip.difference(&solve(&clip, paper));
+    println!("sequential, readout given: {paper:.2} px");
+    assert!(paper < 0.45 * fast, "{paper} of {fast} px");
+
+    // The default, told nothing.
+    let solutions = solve(&clip, Settings::default());
+    for solution in solutions.iter().step_by(10).chain(solutions.last()) {
+        println!(
+            "readout {:.1} ms ± {:.1} {:?}, confidence {:.2}",
+            1e3 * solution.readout.time,
+            1e3 * solution.readout_deviation * period,
+            solution.readout.direction,
+            solution.confidence
+        );
+    }
+    let found = solutions[102].readout;
+    let default = clip.difference(&solutions);
+    println!("default, nothing given: {default:.2} px; readout ratio {:.2}", found.time / period);
+    let known = Settings {
+        readout_time: ReadoutTime::Seconds(found.time),
+        direction: Some(found.direction),
+        ..Settings::default()
+    };
+    println!("the same from the first frame on: {:.2} px", clip.difference(&solve(&clip, known)));
+    assert_eq!(found.direction, ReadoutDirection::TopToBottom);
+    assert!((0.72..=1.0).contains(&(found.time / period)), "{found:?}");
+    assert!(default < 0.5 * paper, "{default} of {paper} px");
 }

@@ -102,9 +102,11 @@ fn formats() -> Vec<String> {
 
 #[test]
 fn every_format_shows_what_a_global_shutter_would_have_seen() {
-    let (_, _, usual) = judged("I420", &TOP_FIRST, "");
+    // What varies here is the way of the pixels: the quicker estimator will do.
+    let known = "estimator=sequential readout-direction=top-to-bottom";
+    let (_, _, usual) = judged("I420", &TOP_FIRST, known);
     for format in formats() {
-        let (before, after, rectified) = judged(&format, &TOP_FIRST, "");
+        let (before, after, rectified) = judged(&format, &TOP_FIRST, known);
         let likeness = psnr(&rectified, &usual);
         assert!(after > before + 6.0, "{format}: {before:.1} dB before, {after:.1} dB after");
         assert!(format.starts_with("GRAY") || likeness > 30.0, "{format}: {likeness:.1} dB to I420");

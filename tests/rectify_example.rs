@@ -1,5 +1,8 @@
 //! The example `rectify`, run as a user runs it, on clips made here.
 
+mod common;
+
+use common::shake::{FPS, RATIO, shaken};
 use gst::prelude::*;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
@@ -60,9 +63,11 @@ fn rectify(input: &Path, output: &Path, options: &[&str]) -> Output {
     Command::new(program).arg(input).arg(output).args(options).output().unwrap()
 }
 
-fn succeeds(input: &Path, output: &Path, options: &[&str]) {
+/// Runs the example to its end; what it says.
+fn succeeds(input: &Path, output: &Path, options: &[&str]) -> String {
     let result = rectify(input, output, options);
     assert!(result.status.success(), "{}", String::from_utf8_lossy(&result.stderr));
+    String::from_utf8(result.stdout).unwrap()
 }
 
 /// Checks that the program gives up with one line that contains `reason`.
@@ -212,4 +217,48 @@ fn failures_say_why_and_leave_nothing_behind() {
     fails(&sound, &folder.file("text.mp4"), "--overwrite");
     fails(&folder.clip("in.mp4", "mp4mux", CLIP), &folder.file("none/out.mp4"), "none/out.mp4");
     assert_eq!(folder.names(), ["in.mp4", "sound.mp4", "text.mp4"]);
+}
+
+/// A film of a camera that is shaken for `seconds` and reads from the bottom up.
+fn shaken_clip(folder: &Folder, seconds: f64) -> PathBuf {
+    let path = folder.file("shaken.mp4");
+    let pipeline = common::film::launch(&format!(
+        "appsrc name=in format=time ! videoconvert ! x264enc quantizer=15 pass=qual vbv-buf-capacity=0 key-int-max=30 \
+         speed-preset=ultrafast ! mp4mux ! filesink location={}",
+        path.display()
+    ));
+    let input = pipeline.by_name("in").unwrap().downcast::<gst_app::AppSrc>().unwrap();
+    input.set_caps(Some(&common::numbered_caps()));
+    pipeline.set_state(gst::State::Playing).unwrap();
+    (0..(seconds * FPS) as usize).for_each(|number| assert!(input.push_buffer(shaken(number)).is_ok()));
+    input.end_of_stream().unwrap();
+    common::wait_for(&pipeline, gst::MessageType::Eos);
+    pipeline.set_state(gst::State::Null).unwrap();
+    path
+}
+
+#[test]
+fn the_readout_is_found_before_the_first_frame() {
+    let folder = Folder::new("readout");
+    let (input, output) = (shaken_clip(&folder, 1.5), folder.file("out.mp4"));
+    let said = succeeds(&input, &output, &[]);
+    let readout = said.lines().find_map(|line| line.strip_prefix("readout: ")).unwrap();
+    let milliseconds: f64 = readout.split(' ').next().unwrap().parse().unwrap();
+    assert!((milliseconds - 1e3 * RATIO / FPS).abs() < 2.0, "{said}");
+    assert!(readout.contains("bottom-to-top"), "{said}");
+    // One that is given is not looked for.
+    for given in
+        [&["--readout-time", "20"][..], &["--inter-frame-delay", "40"], &["--estimator", "sequential"]]
+    {
+        let said = succeeds(&input, &output, &[given, &["--overwrite"]].concat());
+        assert!(!said.contains("readout:"), "{said}");
+    }
+}
+
+#[test]
+fn a_film_that_tells_nothing_of_the_readout_says_so() {
+    let folder = Folder::new("still");
+    let (input, output) = (folder.clip("in.mp4", "mp4mux", CLIP), folder.file("out.mp4"));
+    assert!(succeeds(&input, &output, &[]).contains("readout: not certain"));
+    assert_eq!(frames(&output).len(), FRAMES);
 }

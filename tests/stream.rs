@@ -363,8 +363,9 @@ fn a_message_for_each_frame() {
     assert_eq!(times, (0..5).map(time).collect::<Vec<_>>());
     let stats = h.element().unwrap().property::<gst::Structure>("stats");
     assert_eq!(stats.get::<u64>("frames").unwrap(), 5);
-    // The whole period, top to bottom, is what `auto` stands for.
-    assert_eq!(stats.get::<u64>("readout-time").unwrap(), 33_333_333);
+    // Frames that have nothing to do with each other tell nothing of the readout, and that is what is said.
+    assert!(stats.get::<u64>("readout-time").unwrap() <= 33_333_334);
+    assert!(stats.get::<f64>("readout-deviation").unwrap() > 0.3, "{stats}");
 }
 
 #[test]

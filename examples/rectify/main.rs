@@ -4,10 +4,14 @@
 //! cargo run --release -p gst-plugin-rsrectify --example rectify -- IN.mov OUT.mp4
 //! ```
 //!
+//! Where the readout time of the camera is not given, parts of the film are analysed first to find it, so
+//! that it is known from the first frame on.
+//!
 //! Frames are rectified as the sensor delivered them and turned upright only afterwards: the rows of
 //! a phone's portrait clip are read top to bottom before it is rotated.
 
 mod options;
+mod readout;
 
 use anyhow::{Context, Result, anyhow, bail};
 use clap::Parser;
@@ -109,13 +113,18 @@ fn audio_branch(caps: &gst::CapsRef) -> Result<gst::Bin> {
 }
 
 fn parse(description: &str) -> Result<gst::Bin> {
-    gst::parse::bin_from_description(description, true).map_err(|e| match e.kind() {
+    gst::parse::bin_from_description(description, true).map_err(explained)
+}
+
+/// What a user can do about a description that cannot be parsed.
+fn explained(error: gst::glib::Error) -> anyhow::Error {
+    match error.kind() {
         Some(gst::ParseError::NoSuchElement) => anyhow!(
             "GStreamer lacks a plugin: {} (Debian and Ubuntu: gstreamer1.0-plugins-{{base,good,ugly}}, gstreamer1.0-libav)",
-            e.message()
+            error.message()
         ),
-        _ => e.into(),
-    })
+        _ => error.into(),
+    }
 }
 
 fn named(bin: &gst::Bin, name: &str) -> Result<gst::Element> {
@@ -331,8 +340,8 @@ fn check_files(options: &Options) -> Result<()> {
     Ok(())
 }
 
-fn rectify(options: &Options) -> Result<Ending> {
-    check_files(options)?;
+fn rectify(mut options: Options) -> Result<Ending> {
+    check_files(&options)?;
     gst::init()?;
     gstrsrectify::plugin_register_static()?;
     let interruptions = Arc::new(AtomicUsize::new(0));
@@ -341,9 +350,18 @@ fn rectify(options: &Options) -> Result<Ending> {
         counter.fetch_add(1, Ordering::Relaxed);
     })?;
 
+    if options.rectifier.wants_readout()
+        && let Some(found) = readout::find(&options, &interruptions)?
+    {
+        println!("readout: {found}");
+        if found.is_sure() {
+            options.rectifier.readout_time = Some(found.milliseconds);
+            options.rectifier.readout_direction = Some(found.direction);
+        }
+    }
     let unfinished = Unfinished::beside(&options.output);
     let progress = Arc::new(Progress::default());
-    let pipeline = build(options, &unfinished.0, &progress)?;
+    let pipeline = build(&options, &unfinished.0, &progress)?;
     let ending = play(&pipeline, &progress, &interruptions);
     pipeline.set_state(gst::State::Null)?;
     let ending = ending.with_context(|| options.input.display().to_string())?;
@@ -357,7 +375,7 @@ fn rectify(options: &Options) -> Result<Ending> {
 }
 
 fn main() -> ExitCode {
-    match rectify(&Options::parse()) {
+    match rectify(Options::parse()) {
         Ok(Ending::Complete) => ExitCode::SUCCESS,
         Ok(Ending::Interrupted) => {
             eprintln!("interrupted: the file ends there");

@@ -42,7 +42,8 @@ pub enum Audio {
 #[derive(Args)]
 #[command(next_help_heading = "Rectifier")]
 pub struct RectifierOptions {
-    /// Readout time of the sensor in milliseconds, if known.
+    /// Readout time of the sensor in milliseconds, if known. Without it some stretches of the file are
+    /// analysed first to find it; 0 leaves that to the rectifier while it runs.
     #[arg(long, value_name = "MS", value_parser = milliseconds)]
     pub readout_time: Option<f64>,
     /// Blank time between two frames in rows; -1 where it is not known.
@@ -52,7 +53,16 @@ pub struct RectifierOptions {
     #[arg(long, value_name = "DIRECTION",
           value_parser = ["auto", "top-to-bottom", "bottom-to-top", "left-to-right", "right-to-left"])]
     pub readout_direction: Option<String>,
-    /// Frames looked ahead.
+    /// How the motion is estimated.
+    #[arg(long, value_parser = ["auto", "sequential", "continuous"])]
+    pub estimator: Option<String>,
+    /// What motion the picture can have.
+    #[arg(long, value_parser = ["auto", "translation", "rotation", "similarity", "affine", "homography", "rotation-3d"])]
+    pub model: Option<String>,
+    /// Focal length in frame widths, if known.
+    #[arg(long, value_name = "WIDTHS")]
+    pub focal_length: Option<f64>,
+    /// Frames looked ahead: 8 for strong shake.
     #[arg(long, value_name = "FRAMES", value_parser = clap::value_parser!(u32).range(0..=64))]
     pub lookahead: Option<u32>,
     /// Columns of the grid of correspondences.
@@ -96,6 +106,12 @@ fn in_range(text: &str, range: std::ops::RangeInclusive<f64>) -> Result<f64, Str
 }
 
 impl RectifierOptions {
+    /// Whether the readout is to be found before the first frame is rectified.
+    pub fn wants_readout(&self) -> bool {
+        let has_delay = self.inter_frame_delay.is_some_and(|rows| rows >= 0.0);
+        self.readout_time.is_none() && !has_delay && self.estimator.as_deref() != Some("sequential")
+    }
+
     /// Sets the properties that were given.
     pub fn apply(&self, rectifier: &gst::Element) -> Result<()> {
         let nanoseconds = self.readout_time.map(|ms| (ms * 1e6).round() as u64);
@@ -103,6 +119,9 @@ impl RectifierOptions {
             ("readout-time", nanoseconds.map(|v| v.to_string())),
             ("inter-frame-delay", self.inter_frame_delay.map(|v| v.to_string())),
             ("readout-direction", self.readout_direction.clone()),
+            ("estimator", self.estimator.clone()),
+            ("model", self.model.clone()),
+            ("focal-length", self.focal_length.map(|v| v.to_string())),
             ("lookahead", self.lookahead.map(|v| v.to_string())),
             ("grid-columns", self.grid_columns.map(|v| v.to_string())),
             ("grid-rows", self.grid_rows.map(|v| v.to_string())),

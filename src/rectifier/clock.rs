@@ -3,6 +3,12 @@
 /// Frames further apart than this many periods and this many seconds are not compared.
 const GAP_PERIODS: f64 = 4.0;
 const GAP_SECONDS: f64 = 0.5;
+/// Nor are frames further apart than this many periods, however short: a path that goes on through
+/// all of them would cost as much as the frames that are not there.
+const LONGEST_PERIODS: f64 = 16.0;
+/// Nominal periods that are believed, in seconds: containers state the ticks of their clock, 1000 a
+/// second and more, where they know no frame rate.
+const BELIEVED: std::ops::RangeInclusive<f64> = 0.001_01..=10.0;
 /// Times nearer than this are one and the same (1 µs).
 const SAME: f64 = 1e-6;
 /// Period where nothing is known, in seconds.
@@ -33,7 +39,7 @@ pub(super) struct Clock {
 impl Clock {
     /// A clock of frames that are nominally `nominal` seconds apart.
     pub fn new(nominal: Option<f64>) -> Self {
-        let nominal = nominal.filter(|period| period.is_finite() && *period > 0.0);
+        let nominal = nominal.filter(|period| BELIEVED.contains(period));
         Self { nominal, last: None, stated: None, intervals: [0.0; MEMORY], seen: 0 }
     }
 
@@ -61,7 +67,8 @@ impl Clock {
         let is_new = |time: f64| [Some(last), stated].iter().flatten().all(|old| (time - old).abs() > SAME);
         let time = given.filter(|&time| is_new(time)).unwrap_or(last + self.period());
         let interval = (time - last).abs();
-        let continues = interval <= GAP_SECONDS.max(GAP_PERIODS * self.period());
+        let [few, most] = [GAP_PERIODS, LONGEST_PERIODS].map(|periods| periods * self.period());
+        let continues = interval <= GAP_SECONDS.clamp(few, most);
         if continues {
             self.intervals[self.seen % MEMORY] = interval;
             self.seen += 1;
@@ -118,6 +125,16 @@ mod tests {
             clock.tick(Some(0.02 * k));
         }
         assert!((clock.period() - 0.02).abs() < 1e-12);
-        assert!((Clock::new(Some(0.0)).period() - 1.0 / 30.0).abs() < 1e-12, "nonsense is not believed");
+        for nonsense in [0.0, -1.0, 1e-9, 1e-3, 1e9, f64::NAN, f64::INFINITY] {
+            assert_eq!(Clock::new(Some(nonsense)).period(), 1.0 / 30.0, "{nonsense} is not believed");
+        }
+    }
+
+    #[test]
+    fn a_step_of_very_many_periods_is_a_gap() {
+        let mut clock = Clock::new(Some(0.004));
+        clock.tick(Some(0.0));
+        assert!(clock.tick(Some(0.060)).continues);
+        assert!(!clock.tick(Some(0.130)).continues);
     }
 }

@@ -116,6 +116,15 @@ impl Engine {
         }
     }
 
+    /// The shutter as far as it is known, `stated` if it is not sought, and the standard deviation of its
+    /// readout ratio.
+    pub fn belief(&self, stated: &Readout) -> (Readout, f64) {
+        match self {
+            Self::Sequential(_) => (*stated, 0.0),
+            Self::Continuous(continuous) => continuous.belief(),
+        }
+    }
+
     /// Forgets the frames, not what was learnt of the camera.
     pub fn restart(&mut self) {
         match self {

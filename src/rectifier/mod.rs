@@ -291,17 +291,18 @@ impl Rectifier {
         if !frame.repeats {
             self.last = self.engine.settle();
         }
+        let (readout, readout_deviation) = self.engine.belief(&frame.readout);
         let solution = match &self.last {
             Some(settled) => self.solution(&frame, settled),
             None => FrameSolution {
-                readout: frame.readout,
+                readout,
                 path: MotionPath::STILL,
                 confidence: 0.0,
                 origin: Origin::Untouched,
                 correspondences: frame.correspondences,
                 inliers: 0,
                 residual: 0.0,
-                readout_deviation: 0.0,
+                readout_deviation,
             },
         };
         self.solved.push_back(solution);

@@ -20,9 +20,14 @@
  * a QoS message: the sink will most likely drop it, and a frame lost here would leave a hole in the
  * analysis of its neighbours. The `qos` property turns this off.
  *
- * Readout settings that change while playing take effect with the next frame: those held are given
- * out and the analysis starts anew. `lookahead` and the grid take effect with the next caps.
- * `estimator` and `model` change nothing yet: all their values mean the same.
+ * The readout time and direction, and the focal length, are found from the picture while it plays,
+ * and known the better the more the camera has moved; until then little is corrected. They are
+ * kept over cuts, gaps and seeks, and forgotten with new caps, a new stream and a stop. `stats` tells
+ * what was found: give it as `readout-time` and `readout-direction` to have it from the first frame on.
+ *
+ * Settings of the analysis (readout, `estimator`, `model`, `focal-length`) that change while playing
+ * take effect with the next frame: those held are given out and the analysis starts anew, without what
+ * it had found. `lookahead` and the grid take effect with the next caps.
  *
  * ## Example pipelines
  * |[
@@ -216,6 +221,12 @@ impl RsRectify {
         self.parent_sink_event(event)
     }
 
+    /// Whether this is not the stream that was given out last: another file, perhaps another camera.
+    fn is_other_stream(&self, id: &str) -> bool {
+        let last = self.obj().src_pad().sticky_event::<gst::event::StreamStart>(0);
+        last.is_some_and(|last| last.stream_id() != id)
+    }
+
     fn is_caps_in_use(&self, caps: &gst::CapsRef) -> bool {
         lock(&self.state).as_ref().is_some_and(|state| state.has_caps(caps))
     }
@@ -340,11 +351,18 @@ impl BaseTransformImpl for RsRectify {
                 lock(&self.report).start_segment();
                 self.parent_sink_event(event)
             }
-            EventView::StreamStart(_)
-            | EventView::Caps(_)
-            | EventView::SegmentDone(_)
-            | EventView::Gap(_)
-            | EventView::Eos(_) => self.drain_before(event),
+            EventView::StreamStart(start) => {
+                let _ = self.drain();
+                if self.is_other_stream(start.stream_id())
+                    && let Some(state) = lock(&self.state).as_mut()
+                {
+                    state.forget_camera();
+                }
+                self.parent_sink_event(event)
+            }
+            EventView::Caps(_) | EventView::SegmentDone(_) | EventView::Gap(_) | EventView::Eos(_) => {
+                self.drain_before(event)
+            }
             EventView::FlushStop(_) => {
                 self.flush();
                 lock(&self.report).start_segment();

@@ -195,10 +195,7 @@ fn analysis_specs() -> Vec<glib::ParamSpec> {
             .build(),
         glib::ParamSpecDouble::builder("inter-frame-delay")
             .nick("Inter-frame delay")
-            .blurb(
-                "Blank time between a frame's last row and the next frame's first, in rows (columns where the \
-                 sensor is read sideways); -1: found from the picture (sequential: taken as 0)",
-            )
+            .blurb("Blank time between a frame's last row and the next frame's first, in rows (columns where the sensor is read sideways); -1: not known, see readout-time")
             .minimum(-1.0)
             .maximum(1e9)
             .default_value(DEFAULT_INTER_FRAME_DELAY)
@@ -206,38 +203,35 @@ fn analysis_specs() -> Vec<glib::ParamSpec> {
             .build(),
         glib::ParamSpecUInt64::builder("readout-time")
             .nick("Readout time")
-            .blurb(
-                "Time that the readout of all rows takes, in nanoseconds; wins over \
-                 inter-frame-delay; 0: not known",
-            )
+            .blurb("Time that the readout of all rows takes, in nanoseconds; wins over inter-frame-delay; 0: found from the picture (sequential: taken as the frame duration); 1: a global shutter")
             .maximum(gst::ClockTime::SECOND.nseconds())
             .mutable_playing()
             .build(),
         glib::ParamSpecEnum::builder_with_default("readout-direction", ReadoutDirection::default())
             .nick("Readout direction")
-            .blurb("Which edge of the frame, as it arrives here, the sensor reads first")
+            .blurb("Which edge of the frame, as it arrives here, the sensor reads first; auto: found from the picture (sequential: top-to-bottom)")
             .mutable_playing()
             .build(),
         glib::ParamSpecUInt::builder("lookahead")
             .nick("Lookahead")
-            .blurb("Frames waited for before a frame is given out: the element's latency, in frames")
+            .blurb("Frames waited for before a frame is given out: the element's latency, in frames; 8 for strong shake, 0 for none at a loss of accuracy")
             .maximum(64)
             .default_value(DEFAULT_LOOKAHEAD)
             .mutable_ready()
             .build(),
         glib::ParamSpecEnum::builder_with_default("estimator", Estimator::default())
             .nick("Estimator")
-            .blurb("How the motion of the frames is estimated")
+            .blurb("How the motion of the frames is estimated: continuous finds the readout too; sequential gives each frame one rotation and must be told the readout")
             .mutable_playing()
             .build(),
         glib::ParamSpecEnum::builder_with_default("model", Model::default())
             .nick("Model")
-            .blurb("What motion a frame can have while it is read out; sequential takes all but translation as rotation")
+            .blurb("What motion the picture can have; the sequential estimator always takes rotation, of which translation is a case")
             .mutable_playing()
             .build(),
         glib::ParamSpecDouble::builder("focal-length")
             .nick("Focal length")
-            .blurb("Focal length in frame widths, for models with perspective; 0: found from the picture")
+            .blurb("Focal length in frame widths, for models with perspective of the continuous estimator; 0: found from the picture")
             .minimum(0.0)
             .maximum(1e3)
             .default_value(DEFAULT_FOCAL_LENGTH)
@@ -310,7 +304,7 @@ fn running_specs() -> Vec<glib::ParamSpec> {
             .build(),
         glib::ParamSpecBoxed::builder::<gst::Structure>("stats")
             .nick("Statistics")
-            .blurb("Frames so far, what was found in the last one, and mean milliseconds per stage")
+            .blurb("Frames so far, what was found in the last one (readout-time with its readout-deviation, readout-direction, confidence ...), and mean milliseconds per stage")
             .read_only()
             .build(),
     ]

@@ -121,12 +121,18 @@ impl State {
         let analysis = self.fixed(settings.analysis());
         if analysis != self.analysis {
             self.analysis = analysis;
-            if let Some(rectifier) = &mut self.rectifier {
-                *rectifier = new_rectifier(analysis, self.layout.info());
-                self.timed = Timings::default();
-            }
+            self.forget_camera();
         }
         self.workers.resize(settings.threads)
+    }
+
+    /// Starts the analysis anew without anything that was learnt of the camera; the queue has been
+    /// drained.
+    pub fn forget_camera(&mut self) {
+        if let Some(rectifier) = &mut self.rectifier {
+            *rectifier = new_rectifier(self.analysis, self.layout.info());
+            self.timed = Timings::default();
+        }
     }
 
     /// Adds a frame; `Err` says why it cannot be read.
@@ -166,7 +172,7 @@ impl State {
         self.queue.pop_frame().map(|buffer| Output::Frame(buffer, solution))
     }
 
-    /// Makes all frames held ready to be given out; the next one starts anew.
+    /// Makes all frames held ready to be given out; the next one starts anew, with the same camera.
     pub fn drain(&mut self) {
         if let Some(rectifier) = &mut self.rectifier {
             self.workers.run(|| rectifier.drain());
@@ -184,7 +190,7 @@ impl State {
         }
     }
 
-    /// Drops the frames held and gives back the events between them.
+    /// Drops the frames held and gives back the events between them; the camera stays the same.
     pub fn flush(&mut self) -> Vec<gst::Event> {
         if let Some(rectifier) = &mut self.rectifier {
             rectifier.reset();

@@ -26,6 +26,9 @@ const NOISE: f64 = 0.03;
 const SHARES: usize = 32;
 /// A γ of up to so many deviations is not acted upon; one of three times as many is beyond doubt.
 const DOUBTFUL: f64 = 2.0;
+/// The longest readout that is obeyed, in frame periods: a converter may have put frames between those of the
+/// camera, and a path costs as much as the readout is long.
+const LONGEST_READOUT: f64 = 8.0;
 /// The least deviation that is believed of an estimated γ.
 const LEAST_DEVIATION: f64 = 0.01;
 /// An axis whose likelihood is greater than another's by a factor of e to this power is held to be right.
@@ -200,7 +203,8 @@ impl Continuous {
             if self.camera.is_known() {
                 let readout = Readout::new(width, height, hypothesis.direction, time_known, period);
                 let sign = if hypothesis.direction.is_reversed() { -1.0 } else { 1.0 };
-                hypothesis.solver.know_readout(Running::new(sign * readout.time / period, KNOWN));
+                let ratio = (readout.time / period).min(LONGEST_READOUT);
+                hypothesis.solver.know_readout(Running::new(sign * ratio, KNOWN));
             } else if let Some(unit) = self.unit_before {
                 hypothesis.solver.scale_readout(unit / period);
             }
@@ -359,6 +363,12 @@ impl Continuous {
         };
         let certain = (solver.shared[0].abs() / deviation / DOUBTFUL - 1.0).clamp(0.0, 2.0) / 2.0;
         explained * doubt * certain
+    }
+
+    /// The shutter as far as it is known, and the standard deviation of its readout ratio.
+    pub fn belief(&self) -> (Readout, f64) {
+        let solver = &self.hypotheses[0].solver;
+        (self.readout(solver), solver.readout_deviation())
     }
 
     /// The shutter that a solver found.
