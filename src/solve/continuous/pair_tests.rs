@@ -129,7 +129,10 @@ fn forms(setting: &Setting, normal: &Normal, a: Direction, b: Direction) -> (f64
     let matrix = match (a, b) {
         (Direction::Path(a), Direction::Path(b)) => {
             let (a, b) = (own(a), own(b));
-            normal.matrix.chunks(normal.size).zip(&a).map(|(row, a)| a * dot(row, &b)).sum()
+            // Of the symmetric matrix only the lower triangle is there.
+            let entry = |i: usize, j: usize| normal.matrix[i.max(j) * normal.size + i.min(j)];
+            let cells = (0..normal.size).flat_map(|i| (0..normal.size).map(move |j| (i, j)));
+            cells.map(|(i, j)| a[i] * entry(i, j) * b[j]).sum()
         }
         (Direction::Path(seed), other) | (other, Direction::Path(seed)) => {
             dot(&normal.border[index(other)], &own(seed))
