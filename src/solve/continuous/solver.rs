@@ -82,6 +82,8 @@ pub(super) struct Solver {
     pub smoothness: Smoothness,
     /// Beliefs from all windows so far: γ, the signed readout time in frame periods, and κ.
     pub beliefs: [Running; SHARED],
+    /// Whether the belief in γ began anew because it was contradicted.
+    reopened: bool,
     /// Mean and information of what is known of γ from elsewhere.
     pub hint: Option<(f64, f64)>,
     /// What γ and κ may be.
@@ -118,6 +120,7 @@ impl Solver {
             smoothness,
             shared: beliefs.map(|belief| belief.mean),
             beliefs,
+            reopened: false,
             hint: None,
             limits,
             seen: [None; SHARED],
@@ -155,16 +158,20 @@ impl Solver {
         self.beliefs[0] = belief;
     }
 
-    /// Takes what is known of γ from elsewhere. A belief that contradicts it has settled in a wrong place, as it may
-    /// where the first windows told little: it begins anew from there.
+    /// Takes what is known of γ from elsewhere. Where a belief contradicts it, one of the two is wrong: the belief
+    /// may have settled in a wrong place while the windows told little, so it begins anew from there, once. If it
+    /// comes back, the hint was wrong, and it counts for no more than its distance allows.
     pub fn take_hint(&mut self, mean: f64, variance: f64) {
         let belief = self.beliefs[0];
         let distance = (mean - belief.mean).powi(2);
-        if distance > CONTRADICTION.powi(2) * (variance + 1.0 / belief.information()) {
-            self.beliefs[0] = Running::new(mean, 2.0 * variance.sqrt());
+        let contradicts = distance > CONTRADICTION.powi(2) * (variance + 1.0 / belief.information());
+        if contradicts && !self.reopened {
+            self.reopened = true;
             self.shared[0] = mean.clamp(self.limits[0][0], self.limits[0][1]);
+            self.beliefs[0] = Running::new(self.shared[0], distance.sqrt());
         }
-        self.hint = Some((mean, 1.0 / variance));
+        let doubt = if contradicts { distance } else { 0.0 };
+        self.hint = Some((mean, 1.0 / (variance + doubt)));
     }
 
     /// Goes on with blocks that are shorter by `factor`.
