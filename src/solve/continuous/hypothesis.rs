@@ -78,9 +78,10 @@ pub(super) struct Hypothesis {
 }
 
 impl Hypothesis {
-    /// A hypothesis that nothing speaks for or against yet.
-    pub fn new(direction: ReadoutDirection, signs: [f64; 2], solver: Solver) -> Self {
-        Self { direction, signs, solver, score: 0.0, rough: 0.0, since_trial: TRIAL }
+    /// A hypothesis that nothing speaks for or against yet. While the readout is sought, a path that fits badly means
+    /// little: only after some frames may it be a vibration.
+    pub fn new(direction: ReadoutDirection, signs: [f64; 2], solver: Solver, known: bool) -> Self {
+        Self { direction, signs, solver, score: 0.0, rough: 0.0, since_trial: if known { TRIAL } else { 0 } }
     }
 
     /// Logarithm of the likelihood, up to a constant.
@@ -96,10 +97,12 @@ impl Hypothesis {
         if stretch.pairs.is_empty() {
             return;
         }
-        iterate(&mut self.solver, stretch, STEPS[usize::from(!starts)], known);
+        let settled = iterate(&mut self.solver, stretch, STEPS[usize::from(!starts)], known);
         self.try_tempo(stretch, known);
         let seen = stretch.of_tempo(self.solver.tempo);
-        self.solver.remember(1.0 / seen.pairs.len() as f64);
+        if settled {
+            self.solver.remember(1.0 / seen.pairs.len() as f64);
+        }
         if let Some(sigma) = self.solver.sigma(seen.own()).filter(|sigma| sigma.is_finite()) {
             self.score -= WEIGHT * self.solver.trust() * sigma.max(self.solver.noise).ln();
         }
@@ -136,8 +139,8 @@ impl Hypothesis {
     }
 }
 
-/// Steps until nothing changes any more at the frame, at most so many.
-fn iterate(solver: &mut Solver, stretch: Stretch<'_>, steps: usize, known: bool) {
+/// Steps until nothing changes any more at the frame, at most so many; whether that came to pass.
+fn iterate(solver: &mut Solver, stretch: Stretch<'_>, steps: usize, known: bool) -> bool {
     let stretch = stretch.of_tempo(solver.tempo);
     for _ in 0..steps {
         let before = solver.shared[0];
@@ -148,8 +151,10 @@ fn iterate(solver: &mut Solver, stretch: Stretch<'_>, steps: usize, known: bool)
         let change = stretch.beside().map(|index| solver.moved(index)).fold(0.0, f64::max);
         let moved = (solver.shared[0] - before).abs();
         if change < SETTLED * solver.noise && (known || moved < SETTLED_READOUT) {
-            break;
+            solver.cover(stretch.pairs);
+            return true;
         }
     }
     solver.cover(stretch.pairs);
+    false
 }
