@@ -52,7 +52,7 @@ enum Command {
         #[arg(long)]
         sequence: Vec<String>,
         /// Frames the library may look ahead.
-        #[arg(long, default_value_t = 12)]
+        #[arg(long, default_value_t = 4)]
         lookahead: usize,
         #[command(flatten)]
         changes: Changes,
