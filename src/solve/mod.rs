@@ -16,6 +16,9 @@ pub mod continuous;
 pub mod layer;
 pub mod link;
 pub mod measurement;
+mod median;
+#[cfg(test)]
+mod random;
 pub mod shutter;
 mod start;
 pub mod window;

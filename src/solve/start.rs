@@ -6,6 +6,7 @@
 //! of the points even where they agree on a motion of their own.
 
 use super::measurement::{Loss, Match, solve_scaled};
+use super::median::{MEDIAN_TO_VARIANCE, median};
 use crate::motion::Twist;
 use nalgebra::{Matrix2x3, Matrix3, Vector2, Vector3};
 
@@ -15,9 +16,6 @@ const ROUNDS: usize = 12;
 const SETTLED: f64 = 1e-3;
 /// The loss reaches this many standard deviations of the inliers.
 const REACH: f64 = 3.0;
-/// Variance of a coordinate over the median error: in units of that variance the error is χ² with
-/// 2 degrees of freedom, whose median is 2·ln 2.
-const MEDIAN_TO_VARIANCE: f64 = 1.0 / (2.0 * std::f64::consts::LN_2);
 
 /// A robust start and the reach, in px², of the loss that fits the spread found.
 #[derive(Clone, Copy, Debug)]
@@ -51,12 +49,6 @@ fn reach_of(buffer: &mut Vec<f64>, errors: impl Iterator<Item = f64>, noise: f64
     buffer.extend(errors);
     let variance = (median(buffer) * MEDIAN_TO_VARIANCE).max(noise * noise);
     REACH * REACH * variance
-}
-
-/// The median, 0 of nothing; reorders the values.
-fn median(values: &mut [f64]) -> f64 {
-    let middle = values.len() / 2;
-    if values.is_empty() { 0.0 } else { *values.select_nth_unstable_by(middle, f64::total_cmp).1 }
 }
 
 /// [`Match::error`] of the linear model, without its sine and cosine.

@@ -166,17 +166,14 @@ fn dot_and_add(a: &[f64], b: &[f64], c: &mut [f64], factor: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::solve::random::Random;
     use nalgebra::{DMatrix, DVector};
 
     /// A random positive definite matrix with this band, as both see it: B·Bᵀ + 1/10 with B lower
     /// triangular of the same band.
     fn random(size: usize, band: usize, seed: u64) -> (Banded, DMatrix<f64>) {
-        let mut state = seed;
-        let mut uniform = || {
-            // Knuth's MMIX generator.
-            state = state.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
-            (state >> 11) as f64 / (1u64 << 53) as f64 - 0.5
-        };
+        let mut random = Random(seed);
+        let mut uniform = || random.uniform() - 0.5;
         let lower =
             DMatrix::from_fn(size, size, |i, j| if j <= i && i - j <= band { uniform() } else { 0.0 });
         let dense = &lower * lower.transpose() + DMatrix::identity(size, size) / 10.0;

@@ -3,6 +3,7 @@
 use super::pair::Pair;
 use super::solver::{Solver, Tempo};
 use crate::readout::ReadoutDirection;
+use crate::solve::median::median;
 
 /// Residuals of less than so many times the least noise are nothing but noise.
 pub(super) const NOTICEABLE: f64 = 4.0;
@@ -56,8 +57,7 @@ impl<'a> Stretch<'a> {
     pub fn usual_interval(self) -> f64 {
         let mut intervals: Vec<f64> =
             self.pairs.iter().map(|pair| (pair.stamps[1] - pair.stamps[0]).abs()).collect();
-        intervals.sort_by(f64::total_cmp);
-        intervals.get(intervals.len() / 2).copied().unwrap_or(1.0)
+        if intervals.is_empty() { 1.0 } else { median(&mut intervals) }
     }
 }
 

@@ -13,6 +13,7 @@ use super::path::{BLOCK, SplinePath, ratio};
 use super::spline;
 use crate::correspond::Correspondence;
 use crate::motion::generators::{GENERATORS, TURNS, fields};
+use crate::solve::median::{MEDIAN_TO_VARIANCE, median};
 use nalgebra::{SMatrix, SVector, Vector2};
 
 /// Bands to a pair.
@@ -23,8 +24,6 @@ const GROUPS: usize = 16;
 pub(super) const SHARED: usize = 2;
 /// Degrees of freedom of Student's t, as which residuals are distributed.
 const FREEDOM: f64 = 4.0;
-/// Variance of a coordinate over the median of r²: r² is χ² with 2 degrees of freedom, whose median is 2·ln 2.
-const MEDIAN_TO_VARIANCE: f64 = 0.5 / std::f64::consts::LN_2;
 /// However many correspondences a pair has, they are worth no more than so many independent ones:
 /// what the path does not explain, above all parallax, is alike in neighbours.
 const WORTH: f64 = 25.0;
@@ -321,12 +320,6 @@ impl View<'_> {
             }
         }
     }
-}
-
-/// The median, 0 of nothing; reorders the values.
-fn median(values: &mut [f64]) -> f64 {
-    let middle = values.len() / 2;
-    if values.is_empty() { 0.0 } else { *values.select_nth_unstable_by(middle, f64::total_cmp).1 }
 }
 
 #[cfg(test)]

@@ -113,20 +113,12 @@ mod tests {
     use super::super::path::BLOCK;
     use super::*;
     use crate::motion::generators::Model;
-
-    /// Knuth's MMIX generator; the sum of twelve of its numbers is nearly normal.
-    fn normal(state: &mut u64) -> f64 {
-        let mut uniform = || {
-            *state = state.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
-            (*state >> 11) as f64 / (1u64 << 53) as f64
-        };
-        (0..12).map(|_| uniform()).sum::<f64>() - 6.0
-    }
+    use crate::solve::random::Random;
 
     /// What is learnt of coefficients of which each was measured with deviation `noise`.
-    fn learnt(truth: &SplinePath, noise: f64, seed: &mut u64) -> Smoothness {
+    fn learnt(truth: &SplinePath, noise: f64, random: &mut Random) -> Smoothness {
         let measured: Vec<f64> =
-            truth.coefficients.iter().map(|value| value + noise * normal(seed)).collect();
+            truth.coefficients.iter().map(|value| value + noise * random.normal()).collect();
         let mut smoothness = Smoothness::new(Model::Auto.generators(), 1.0);
         let mut path = SplinePath { coefficients: measured.clone(), ..truth.clone() };
         let (mut matrix, mut covariance) = (Banded::default(), Banded::default());
@@ -148,18 +140,18 @@ mod tests {
     #[test]
     fn the_variance_of_a_random_path_is_found_again() {
         let blocks = 50;
-        let mut seed = 11;
+        let mut random = Random(11);
         for variance in [0.01, 0.2] {
             let mut truth = SplinePath { base: 0, coefficients: vec![0.0; blocks * BLOCK], kappa: 0.3 };
             // Yaw has second differences of this variance, everything else is still.
             let (mut value, mut rate) = (0.0, 0.0);
             for knot in truth.knots(0) {
-                rate += f64::sqrt(variance) * normal(&mut seed);
+                rate += f64::sqrt(variance) * random.normal();
                 value += rate;
                 let place = truth.place(0, knot) as usize;
                 truth.coefficients[place] = value;
             }
-            let found = learnt(&truth, 0.05, &mut seed);
+            let found = learnt(&truth, 0.05, &mut random);
             // 198 differences: their mean square alone is uncertain by √(2/198) = 10 %.
             let ratio = found.variance[0] / variance;
             assert!((0.7..1.4).contains(&ratio), "{ratio} of {variance}");

@@ -2,6 +2,7 @@
 
 use super::*;
 use crate::motion::generators::Model;
+use crate::solve::random::Random;
 use nalgebra::{Rotation3, Vector3};
 use std::f64::consts::TAU;
 
@@ -145,24 +146,6 @@ impl Film {
 
 const UNKNOWN: Camera =
     Camera { model: Model::Auto, direction: None, readout_time: ReadoutTime::Unknown, focal_length: None };
-
-/// SplitMix64.
-struct Random(u64);
-
-impl Random {
-    fn uniform(&mut self) -> f64 {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let mut z = self.0;
-        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        ((z ^ (z >> 31)) >> 11) as f64 / (1u64 << 53) as f64
-    }
-
-    /// Sum of twelve uniform numbers: nearly normal.
-    fn normal(&mut self) -> f64 {
-        (0..12).map(|_| self.uniform()).sum::<f64>() - 6.0
-    }
-}
 
 fn regular(count: usize) -> Vec<f64> {
     (0..count).map(|k| k as f64 * PERIOD).collect()

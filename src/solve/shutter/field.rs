@@ -3,6 +3,7 @@
 //! Places are *charted*: centred, in halves of the frame's longer side. Displacements have the same
 //! unit, so that all coefficients are of the size of what they do at the frame's edge.
 
+use crate::solve::median::{MEDIAN_TO_VARIANCE, median};
 use nalgebra::{Matrix6, SMatrix, Vector2, Vector6};
 
 /// Fewer points than this say nothing.
@@ -12,9 +13,6 @@ const MIN_POINTS: usize = 32;
 const ROUNDS: [usize; 2] = [8, 5];
 /// The loss reaches this many standard deviations of the inliers.
 const REACH: f64 = 6.0;
-/// Variance of a coordinate over the median of half the squared error, which is χ² with two degrees
-/// of freedom: its median is 2·ln 2.
-const MEDIAN_TO_VARIANCE: f64 = 1.0 / (2.0 * std::f64::consts::LN_2);
 /// Curvature over half the frame as a share of the displacement: a pan bends the picture by (half the
 /// width / focal length)².
 const CURVATURE: f64 = 0.3;
@@ -111,9 +109,7 @@ fn error(point: &Moved, field: &Field) -> f64 {
 fn reach_of(points: &[Moved], field: &Field, noise: f64, errors: &mut Vec<f64>) -> f64 {
     errors.clear();
     errors.extend(points.iter().map(|point| error(point, field)));
-    let middle = errors.len() / 2;
-    let median = *errors.select_nth_unstable_by(middle, f64::total_cmp).1;
-    REACH * REACH * (2.0 * median * MEDIAN_TO_VARIANCE).max(noise * noise)
+    REACH * REACH * (2.0 * median(errors) * MEDIAN_TO_VARIANCE).max(noise * noise)
 }
 
 /// Least squares in the first `count` terms, with the weight `flatness` of no curvature.

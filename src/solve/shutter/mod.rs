@@ -50,6 +50,7 @@ mod tests;
 
 use crate::correspond::Correspondence;
 use crate::readout::ReadoutDirection;
+use crate::solve::median::median;
 use chart::{Chart, Times};
 use equations::{Builder, Equation, Pair};
 use field::{Moved, ripple, robust_field};
@@ -174,8 +175,7 @@ impl ShutterEstimator {
     fn period(&mut self) -> Option<f64> {
         self.errors.clear();
         self.errors.extend(self.history.iter().map(|pair| pair.interval));
-        let middle = self.errors.len() / 2;
-        (!self.errors.is_empty()).then(|| *self.errors.select_nth_unstable_by(middle, f64::total_cmp).1)
+        (!self.errors.is_empty()).then(|| median(&mut self.errors))
     }
 
     /// The readout times in periods, from the oldest `count` pairs.

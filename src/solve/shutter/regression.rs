@@ -1,6 +1,7 @@
 //! Robust regression of equations whose errors go together from one to the next.
 
 use super::equations::{Equation, Regressors, UNKNOWNS};
+use crate::solve::median::median;
 use nalgebra::{Matrix2, SMatrix, SVector, Vector2};
 
 type Unknowns = SVector<f64, UNKNOWNS>;
@@ -250,6 +251,5 @@ fn lean(equations: &[Equation]) -> f64 {
 fn spread(sizes: &mut [f64]) -> f64 {
     /// Standard deviation over the median size of normal errors.
     const FROM_MEDIAN: f64 = 1.4826;
-    let middle = sizes.len() / 2;
-    FROM_MEDIAN * *sizes.select_nth_unstable_by(middle, f64::total_cmp).1
+    FROM_MEDIAN * median(sizes)
 }

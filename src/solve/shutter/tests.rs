@@ -3,6 +3,7 @@
 use super::*;
 use crate::motion::image_centre;
 use crate::readout::{Readout, ReadoutTime};
+use crate::solve::random::Random;
 use nalgebra::Rotation2;
 use std::f64::consts::TAU;
 
@@ -71,24 +72,6 @@ impl Camera {
             estimator.push(&self.pairs(stamps[0], stamps[1], &mut random), stamps[1] - stamps[0]);
         }
         estimator
-    }
-}
-
-/// SplitMix64.
-struct Random(u64);
-
-impl Random {
-    fn uniform(&mut self) -> f64 {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let mut z = self.0;
-        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        ((z ^ (z >> 31)) >> 11) as f64 / (1u64 << 53) as f64
-    }
-
-    /// Sum of twelve uniform numbers: nearly normal.
-    fn normal(&mut self) -> f64 {
-        (0..12).map(|_| self.uniform()).sum::<f64>() - 6.0
     }
 }
 
