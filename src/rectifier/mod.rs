@@ -85,6 +85,9 @@ pub struct FrameSolution {
     pub path: MotionPath,
     /// Trust in the motion, 0 (untouched) to 1.
     pub confidence: f64,
+    /// How much of the correction is to be applied, 0 to 1: less where a continuous path is hardly to
+    /// be trusted, so that it comes and goes without a jump.
+    pub weight: f64,
     /// Where the motion comes from.
     pub origin: Origin,
     /// Correspondences measured with the frame before it; 0 for the first, after a gap in time and
@@ -97,15 +100,6 @@ pub struct FrameSolution {
     pub residual: f64,
     /// Standard deviation of the readout ratio that was found; 0 where it was given.
     pub readout_deviation: f64,
-}
-
-impl FrameSolution {
-    /// How much of the correction is to be applied, 0 to 1: less where a continuous path is hardly to
-    /// be trusted, so that it comes and goes without a jump.
-    pub fn weight(&self) -> f64 {
-        let fades = matches!(self.origin, Origin::Continuous | Origin::Repeated);
-        if fades { (self.confidence / FULL_TRUST).clamp(0.0, 1.0) } else { 1.0 }
-    }
 }
 
 /// Time spent so far.
@@ -291,31 +285,39 @@ impl Rectifier {
         if !frame.repeats {
             self.last = self.engine.settle();
         }
-        let (readout, readout_deviation) = self.engine.belief(&frame.readout);
         let solution = match &self.last {
             Some(settled) => self.solution(&frame, settled),
-            None => FrameSolution {
-                readout,
-                path: MotionPath::STILL,
-                confidence: 0.0,
-                origin: Origin::Untouched,
-                correspondences: frame.correspondences,
-                inliers: 0,
-                residual: 0.0,
-                readout_deviation,
-            },
+            None => self.untouched(&frame),
         };
         self.solved.push_back(solution);
         self.timings.solve += started.elapsed();
     }
 
+    fn untouched(&self, frame: &Waiting) -> FrameSolution {
+        let (readout, readout_deviation) = self.engine.belief(&frame.readout);
+        FrameSolution {
+            readout,
+            path: MotionPath::STILL,
+            confidence: 0.0,
+            weight: 0.0,
+            origin: Origin::Untouched,
+            correspondences: frame.correspondences,
+            inliers: 0,
+            residual: 0.0,
+            readout_deviation,
+        }
+    }
+
     fn solution(&self, frame: &Waiting, settled: &Settled) -> FrameSolution {
         let nodes = self.settings.grid_columns * self.settings.grid_rows;
         let coverage = settled.inliers as f64 / (FULL_COVERAGE * nodes as f64).max(1.0);
+        let confidence = settled.confidence * coverage.min(1.0);
+        let fades = settled.origin == Origin::Continuous;
         FrameSolution {
             readout: settled.readout,
             path: settled.path.clone(),
-            confidence: settled.confidence * coverage.min(1.0),
+            confidence,
+            weight: if fades { (confidence / FULL_TRUST).clamp(0.0, 1.0) } else { 1.0 },
             origin: if frame.repeats { Origin::Repeated } else { settled.origin },
             correspondences: frame.correspondences,
             inliers: settled.inliers,

@@ -151,6 +151,29 @@ fn a_duplicate_repeats_its_frame_s_motion() {
 }
 
 #[test]
+fn a_duplicate_is_corrected_as_much_as_its_frame() {
+    for (origin, weight) in [(Origin::Continuous, 0.5), (Origin::Forward, 1.0)] {
+        let rectifier = rectifier(Estimator::default(), 4);
+        let readout = rectifier.readout();
+        let path = MotionPath::STILL;
+        // Half of what is trusted in full.
+        let settled = Settled {
+            readout,
+            path,
+            confidence: 0.25,
+            origin,
+            inliers: 700,
+            residual: 1.0,
+            readout_deviation: 0.0,
+        };
+        for repeats in [false, true] {
+            let frame = Waiting { readout, correspondences: 0, repeats };
+            assert_eq!(rectifier.solution(&frame, &settled).weight, weight, "{origin:?}, repeats: {repeats}");
+        }
+    }
+}
+
+#[test]
 fn a_camera_that_stops_is_still_after_a_few_frames() {
     for estimator in ESTIMATORS {
         let mut rectifier = rectifier(estimator, 2);

@@ -78,7 +78,7 @@ pub fn corrected(solution: &FrameSolution, pixel: Vector2<f64>) -> Vector2<f64> 
     let centre = image_centre(readout.width, readout.height);
     let share = readout.share(pixel.x, pixel.y);
     let carried = solution.path.carry(pixel - centre, share, 0.5) + centre;
-    pixel + (carried - pixel) * solution.weight()
+    pixel + (carried - pixel) * solution.weight
 }
 
 #[cfg(test)]
@@ -98,6 +98,7 @@ mod tests {
             readout,
             path,
             confidence: 1.0,
+            weight: 1.0,
             origin: Origin::Initial,
             correspondences: 0,
             inliers: 0,

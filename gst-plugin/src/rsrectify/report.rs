@@ -220,6 +220,7 @@ mod tests {
             readout: readout::Readout::new(101, 51, direction, readout::ReadoutTime::Seconds(0.02), 0.04),
             path: MotionPath::uniform(twist, 0.02),
             confidence: 0.75,
+            weight: 1.0,
             origin: Origin::Forward,
             correspondences: 700,
             inliers: 650,

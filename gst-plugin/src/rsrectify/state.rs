@@ -214,7 +214,7 @@ impl State {
             .map_err(|_| "cannot map the output frame for writing")?;
         let fill = self.layout.fill(settings.border_color);
         let mut warp = settings.warp();
-        warp.strength *= solution.weight();
+        warp.strength *= solution.weight;
         self.workers.run(|| self.warper.prepare(&solution.readout, &solution.path, &warp));
         for view in self.layout.views() {
             let source = view.plane(&input).ok_or("the buffer does not hold a whole frame")?;
