@@ -1,6 +1,6 @@
 //! The two estimators behind one face.
 
-use crate::motion::{MotionPath, SampledPath, Twist, image_centre};
+use crate::motion::{MotionPath, Rigid, SampledPath, Twist, image_centre};
 use crate::readout::Readout;
 use crate::solve::continuous::{Camera, Continuous, Found};
 use crate::solve::{Candidate, Link, Origin, Window};
@@ -73,7 +73,7 @@ impl Engine {
         let centre = image_centre(readout.width, readout.height);
         let uniform = match self {
             Self::Sequential(sequential) => sequential.expected.after(interval),
-            Self::Continuous(_) => Twist::ZERO.after(0.0),
+            Self::Continuous(_) => Rigid::IDENTITY,
         };
         move |point| match self {
             Self::Sequential(_) => uniform.apply(point - centre) + centre,

@@ -90,15 +90,15 @@ impl Hypothesis {
     }
 
     /// Fits the path to a stretch.
-    pub fn settle(&mut self, stretch: Stretch<'_>, starts: bool, known: bool) {
+    pub fn settle(&mut self, stretch: Stretch<'_>, starts: bool) {
         if starts {
             self.solver.restart();
         }
         if stretch.pairs.is_empty() {
             return;
         }
-        let settled = iterate(&mut self.solver, stretch, STEPS[usize::from(!starts)], known);
-        self.try_tempo(stretch, known);
+        let settled = iterate(&mut self.solver, stretch, STEPS[usize::from(!starts)]);
+        self.try_tempo(stretch);
         let seen = stretch.of_tempo(self.solver.tempo);
         if settled {
             self.solver.remember(1.0 / seen.pairs.len() as f64);
@@ -109,7 +109,7 @@ impl Hypothesis {
     }
 
     /// Goes over to another tempo where that is worth it.
-    fn try_tempo(&mut self, stretch: Stretch<'_>, known: bool) {
+    fn try_tempo(&mut self, stretch: Stretch<'_>) {
         self.since_trial += 1;
         let tempo = self.solver.tempo;
         let sigma_of = |solver: &Solver| solver.sigma(stretch.of_tempo(solver.tempo).own());
@@ -122,13 +122,13 @@ impl Hypothesis {
             return;
         }
         self.since_trial = 0;
-        let vague = !known && tempo == Tempo::Calm && self.solver.readout_deviation() > VAGUE;
+        let vague = tempo == Tempo::Calm && self.solver.readout_deviation() > VAGUE;
         let starts = if vague { &READOUTS[..] } else { &[] };
         let trials = starts.iter().map(Some).chain([None]).map(|readout| {
             let mut other = self.solver.at_tempo(tempo.other());
             let [low, high] = other.limits[0];
             other.shared[0] = readout.map_or(other.shared[0], |readout| readout.clamp(low, high));
-            iterate(&mut other, stretch, STEPS[0], known);
+            iterate(&mut other, stretch, STEPS[0]);
             (sigma_of(&other).unwrap_or(f64::INFINITY), other)
         });
         let Some((others, other)) = trials.min_by(|a, b| a.0.total_cmp(&b.0)) else { return };
@@ -140,17 +140,17 @@ impl Hypothesis {
 }
 
 /// Steps until nothing changes any more at the frame, at most so many; whether that came to pass.
-fn iterate(solver: &mut Solver, stretch: Stretch<'_>, steps: usize, known: bool) -> bool {
+fn iterate(solver: &mut Solver, stretch: Stretch<'_>, steps: usize) -> bool {
     let stretch = stretch.of_tempo(solver.tempo);
     for _ in 0..steps {
         let before = solver.shared[0];
-        if solver.step(stretch.pairs).is_none() {
+        if !solver.step(stretch.pairs) {
             solver.restart();
             continue;
         }
         let change = stretch.beside().map(|index| solver.moved(index)).fold(0.0, f64::max);
         let moved = (solver.shared[0] - before).abs();
-        if change < SETTLED * solver.noise && (known || moved < SETTLED_READOUT) {
+        if change < SETTLED * solver.noise && moved < SETTLED_READOUT {
             solver.cover(stretch.pairs);
             return true;
         }

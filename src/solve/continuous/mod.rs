@@ -10,7 +10,9 @@
 //! | `banded` | banded Cholesky factors, and the inverse inside the band |
 //! | `running` | what was seen so far of a number that belongs to the camera |
 //! | `solver` | Gauss–Newton over a window for one reading axis and one tempo |
-//! | `stream` | frames in, motions out: window, hypotheses, confidence, residual layer |
+//! | `hypothesis` | one reading axis: a solver, its tempo, its likelihood |
+//! | `camera` | what is known of the camera, and believed of the rest |
+//! | `stream` | frames in, motions out: window, choice of the axis, confidence, residual layer |
 //!
 //! # Units
 //!

@@ -146,6 +146,8 @@ pub(super) struct Normal {
     pub inliers: usize,
     /// Sum of the correspondences' weights.
     weight: f64,
+    /// Blocks at which both ends of each match are exposed.
+    times: Vec<[f64; 2]>,
     residuals: Vec<Vector2<f64>>,
     squares: Vec<f64>,
 }
@@ -188,11 +190,15 @@ impl View<'_> {
 
     /// Adds up what a pair says.
     pub fn normal(&self, pair: &Pair, out: &mut Normal) {
+        out.times.clear();
+        out.times.extend(pair.matches.iter().map(|m| self.times(pair, m)));
         out.residuals.clear();
-        out.residuals.extend(pair.matches.iter().map(|m| {
-            let [from, to] = self.times(pair, m);
-            (m.to - self.flow.carry(m.from, from, to)) * self.radius
-        }));
+        out.residuals.extend(
+            pair.matches
+                .iter()
+                .zip(&out.times)
+                .map(|(m, [from, to])| (m.to - self.flow.carry(m.from, *from, *to)) * self.radius),
+        );
         out.squares.clear();
         out.squares.extend(out.residuals.iter().map(|r| r.norm_squared()));
         let variance = (median(&mut out.squares) * MEDIAN_TO_VARIANCE).max(self.noise * self.noise);
@@ -209,18 +215,18 @@ impl View<'_> {
         }; BANDS];
         out.shared = SMatrix::zeros();
         out.shared_right = SVector::zeros();
-        for (m, r) in pair.matches.iter().zip(&out.residuals) {
+        for ((m, r), times) in pair.matches.iter().zip(&out.residuals).zip(&out.times) {
             let weight = worth * (FREEDOM + 2.0) / (FREEDOM + r.norm_squared() / variance);
             if !weight.is_finite() {
                 continue;
             }
             let band = (self.reading.place(m.from).clamp(0.0, 1.0) * (BANDS - 1) as f64).round() as usize;
-            let shared = self.add(m, *r, weight, self.times(pair, m), &mut bands[band]);
+            let shared = self.add(m, *r, weight, *times, &mut bands[band]);
             out.shared += shared.transpose() * shared * weight;
             out.shared_right += shared.transpose() * r * weight;
         }
         out.weight = bands.iter().map(|band| band.weight).sum();
-        self.place(pair, out);
+        self.place(out);
         if out.size > 0 {
             bands.iter().filter(|band| band.weight > 0.0).for_each(|band| self.spread(band, out));
         }
@@ -253,10 +259,10 @@ impl View<'_> {
     }
 
     /// Makes room for the coefficients on which a pair depends.
-    fn place(&self, pair: &Pair, out: &mut Normal) {
-        let times = pair.matches.iter().flat_map(|m| self.times(pair, m));
+    fn place(&self, out: &mut Normal) {
+        let times = out.times.iter().flatten();
         let [low, high] =
-            times.fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], t| [low.min(t), high.max(t)]);
+            times.fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], t| [low.min(*t), high.max(*t)]);
         let [low, high] = [low, high].map(|time| time.floor() as i64);
         let end = self.path.coefficients.len();
         let first = usize::try_from(low.saturating_sub(self.path.base)).unwrap_or(0);

@@ -174,7 +174,7 @@ impl Solver {
         self.hint = Some((mean, 1.0 / (variance + doubt)));
     }
 
-    /// Goes on with blocks that are shorter by `factor`.
+    /// Goes on with frame periods that are shorter by `factor`.
     pub fn scale_readout(&mut self, factor: f64) {
         self.shared[0] *= factor;
         self.beliefs[0].scale(factor);
@@ -211,9 +211,8 @@ impl Solver {
         self.flow.follow(&self.path, [from, to], self.radius);
     }
 
-    /// One step: how much it changes the displacements of the pair that it changes most (root mean square,
-    /// pixels); `None` where it cannot be solved.
-    pub fn step(&mut self, pairs: &[&Pair]) -> Option<f64> {
+    /// One step; whether it could be solved.
+    pub fn step(&mut self, pairs: &[&Pair]) -> bool {
         self.cover(pairs);
         let view = View {
             path: &self.path,
@@ -228,7 +227,7 @@ impl Solver {
         self.normals.par_iter_mut().zip(pairs).for_each(|(normal, pair)| view.normal(pair, normal));
         let (information, side) = self.assemble();
         if !self.matrix.factorise() {
-            return None;
+            return false;
         }
         self.matrix.solve(&mut self.right);
         let change = self.step_shared(information, side);
@@ -236,12 +235,12 @@ impl Solver {
             self.right.iter_mut().zip(by).for_each(|(step, by)| *step -= by * change);
         }
         if !self.right.iter().all(|step| step.is_finite()) {
-            return None;
+            return false;
         }
         self.path.coefficients.iter_mut().zip(&self.right).for_each(|(value, step)| *value += step);
         self.matrix.inverse_band(&mut self.covariance);
         self.smoothness.learn(&self.path, &self.covariance);
-        Some(self.normals.iter().map(|normal| normal.moved(&self.right)).fold(0.0, f64::max))
+        true
     }
 
     /// How much the last step changed the displacements of pair `index` (root mean square, pixels).

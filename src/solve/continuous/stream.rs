@@ -1,6 +1,6 @@
 //! Frames as they come → the motion of each, a few frames later.
 //!
-//! A frame is settled over the pairs of the four frames before it and of all that have come after it.
+//! A frame is settled over the pairs of a few frames before it and of all that have come after it.
 //! How the sensor is read, by rows or by columns, is a hypothesis: each has a solver of its own, and the
 //! likelier one speaks. Vibrations, too fast for the usual knots, are a hypothesis within each.
 
@@ -12,7 +12,7 @@ use super::smoothness::Smoothness;
 use super::solver::{Solver, Tempo};
 use crate::correspond::Correspondence;
 use crate::motion::{ResidualField, ResidualMesh, image_centre};
-use crate::readout::{Readout, ReadoutDirection, ReadoutTime};
+use crate::readout::{Readout, ReadoutDirection};
 use crate::solve::layer::{Layer, Neighbour};
 use crate::solve::shutter::ShutterEstimator;
 use nalgebra::{Matrix3, Vector2};
@@ -139,8 +139,7 @@ impl Continuous {
             clock: None,
             unit_before: None,
             continues: false,
-            shutter: (camera.readout_time == ReadoutTime::Unknown)
-                .then(|| ShutterEstimator::new(width, height)),
+            shutter: (!camera.is_known()).then(|| ShutterEstimator::new(width, height)),
             taken: 0,
             layer: Layer::new(width, height, pixel_scale),
             sigma: f64::INFINITY,
@@ -249,7 +248,7 @@ impl Continuous {
             if !self.camera.is_known() {
                 hypothesis.solver.limits[0] = hypothesis.signs.map(|sign| sign * longest);
             }
-            hypothesis.settle(stretch, starts, self.camera.is_known());
+            hypothesis.settle(stretch, starts);
         }
         self.continues = !pairs.is_empty();
         let mut motion = (!pairs.is_empty()).then(|| self.motion(stretch, stamp));
@@ -301,10 +300,9 @@ impl Continuous {
         };
         let beside = stretch.beside();
         let inliers = beside.clone().map(|index| solver.inliers(index)).max().unwrap_or(0);
-        let sigmas: Vec<f64> = beside.clone().filter_map(|index| solver.sigma(index)).collect();
+        let sigma = beside.clone().filter_map(|index| solver.sigma(index)).fold(0.0, f64::max);
         let moved =
             beside.filter_map(|index| stretch.pairs.get(index)).map(|pair| pair.moved()).fold(0.0, f64::max);
-        let sigma = sigmas.iter().copied().fold(0.0, f64::max);
         Motion {
             readout,
             homographies: (0..=SHARES).map(homography).collect(),

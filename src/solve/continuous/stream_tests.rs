@@ -2,6 +2,7 @@
 
 use super::*;
 use crate::motion::generators::Model;
+use crate::readout::ReadoutTime;
 use crate::solve::random::Random;
 use nalgebra::{Rotation3, Vector3};
 use std::f64::consts::TAU;
