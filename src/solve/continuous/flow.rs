@@ -7,7 +7,7 @@
 
 use super::path::SplinePath;
 use crate::motion::generators::{GENERATORS, flow_matrix};
-use nalgebra::{Matrix3, Vector2};
+use nalgebra::{Matrix3, SVector, Vector2};
 
 /// Blocks between nodes: half a knot spacing of the turns.
 const STEP: f64 = 0.125;
@@ -19,8 +19,8 @@ struct Node {
     /// H⁻¹ and its slope.
     back: [Matrix3<f64>; 2],
     rates: [f64; GENERATORS],
-    /// Paths of yaw and pitch.
-    turned: [f64; 2],
+    /// Paths of the generators.
+    values: [f64; GENERATORS],
 }
 
 /// The homographies of a path between two instants, in units of the radius.
@@ -51,7 +51,7 @@ impl Flow {
                 forward: [h, a * h],
                 back: [inverse, -inverse * a],
                 rates: here,
-                turned: [path.value(0, time), path.value(1, time)],
+                values: path.values(time),
             });
             let [p, q] = [0.5 - GAUSS, 0.5 + GAUSS].map(|offset| matrix(rates(steps + offset)));
             let omega = (p + q) / 2.0 + (q * p - p * q) * (GAUSS / 2.0);
@@ -97,10 +97,10 @@ impl Flow {
         self.interval(time).map_or([0.0; GENERATORS], |([a, b], s)| if s < 0.5 { a.rates } else { b.rates })
     }
 
-    /// Paths of yaw and pitch in pixels, up to constants.
-    pub fn turned(&self, time: f64) -> Vector2<f64> {
-        let Some(([a, b], s)) = self.interval(time) else { return Vector2::zeros() };
-        Vector2::from(a.turned) * (1.0 - s) + Vector2::from(b.turned) * s
+    /// Paths of the generators in pixels, up to constants.
+    pub fn values(&self, time: f64) -> SVector<f64, GENERATORS> {
+        let Some(([a, b], s)) = self.interval(time) else { return SVector::zeros() };
+        SVector::from(a.values) * (1.0 - s) + SVector::from(b.values) * s
     }
 }
 
@@ -127,7 +127,7 @@ mod tests {
     use super::super::path::BLOCK;
     use super::*;
     use crate::motion::generators::fields;
-    use nalgebra::{Rotation3, SVector, Vector3};
+    use nalgebra::{Rotation3, Vector3};
 
     const RADIUS: f64 = 320.0;
     const POINTS: [[f64; 2]; 4] = [[0.0, 0.0], [0.9, -0.6], [-0.8, 0.7], [0.3, 0.5]];
@@ -205,7 +205,9 @@ mod tests {
         let point = Vector2::new(0.4, -0.2);
         assert_eq!(flow.carry(point, 0.0, 1.0), point);
         assert!(
-            !flow.covers(0.0) && flow.rates(0.0) == [0.0; GENERATORS] && flow.turned(0.0) == Vector2::zeros()
+            !flow.covers(0.0)
+                && flow.rates(0.0) == [0.0; GENERATORS]
+                && flow.values(0.0) == SVector::<f64, GENERATORS>::zeros()
         );
         flow.follow(&path(0.3, |j, t| t * (j + 1) as f64), [0.0, 4.0], RADIUS);
         assert!(flow.covers(0.0) && flow.covers(4.0) && !flow.covers(-0.01) && !flow.covers(4.01));

@@ -103,7 +103,7 @@ impl Hypothesis {
         if settled {
             self.solver.remember(1.0 / seen.pairs.len() as f64);
         }
-        if let Some(sigma) = self.solver.sigma(seen.own()).filter(|sigma| sigma.is_finite()) {
+        if let Some(sigma) = self.solver.likely_sigma(seen.own()).filter(|sigma| sigma.is_finite()) {
             self.score -= WEIGHT * self.solver.trust() * sigma.max(self.solver.noise).ln();
         }
     }

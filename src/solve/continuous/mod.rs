@@ -5,7 +5,10 @@
 //! | `spline` | uniform cubic B-splines |
 //! | `path` | one spline for each generator of the homographies, 17 coefficients a block |
 //! | `flow` | path → where points go: the homographies that its velocities add up to |
-//! | `pair` | correspondences of two frames → normal equations over the path, γ and κ |
+//! | `pair` | correspondences of two frames, and the tracks that they continue |
+//! | `left` | what a path leaves of them |
+//! | `tracks` | what is new in a residual, given the one of the same point in the pair before |
+//! | `normal` | what a pair says of the path, γ and κ: normal equations |
 //! | `smoothness` | the prior on second differences, its strength by MacKay's evidence |
 //! | `banded` | banded Cholesky factors, and the inverse inside the band |
 //! | `running` | what was seen so far of a number that belongs to the camera |
@@ -28,6 +31,8 @@ mod banded;
 mod camera;
 mod flow;
 mod hypothesis;
+mod left;
+mod normal;
 mod pair;
 mod path;
 mod running;
@@ -35,6 +40,7 @@ mod smoothness;
 mod solver;
 mod spline;
 mod stream;
+mod tracks;
 
 pub use camera::Camera;
 pub use stream::{Continuous, Found, Motion};

@@ -57,9 +57,10 @@ impl SplinePath {
         weights.map(|(k, weight)| self.coefficient(generator, support.first + k as i64) * weight).sum()
     }
 
-    /// Path of a generator in pixels, up to a constant.
-    pub fn value(&self, generator: usize, time: f64) -> f64 {
-        self.sum(generator, spline::values(time * ratio(generator) as f64))
+    /// Paths of all generators in pixels, up to constants.
+    pub fn values(&self, time: f64) -> [f64; GENERATORS] {
+        let (fast, slow) = (spline::values(time * RATIO as f64), spline::values(time));
+        std::array::from_fn(|j| if j < TURNS { self.sum(j, fast) } else { self.sum(j, slow) })
     }
 
     /// Rates of all generators in pixels a block.

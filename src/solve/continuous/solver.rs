@@ -7,10 +7,13 @@
 
 use super::banded::Banded;
 use super::flow::Flow;
-use super::pair::{Normal, Pair, Reading, SHARED, View};
+use super::left::{Left, View};
+use super::normal::{Normal, SHARED};
+use super::pair::{Pair, Reading};
 use super::path::{BLOCK, SplinePath};
 use super::running::Running;
 use super::smoothness::Smoothness;
+use crate::solve::median::median;
 use nalgebra::{SMatrix, SVector};
 use rayon::prelude::*;
 
@@ -93,6 +96,7 @@ pub(super) struct Solver {
     /// What this window alone says of them, with its information.
     seen: [Option<(f64, f64)>; SHARED],
     pub flow: Flow,
+    left: Vec<Left>,
     normals: Vec<Normal>,
     matrix: Banded,
     covariance: Banded,
@@ -125,6 +129,7 @@ impl Solver {
             limits,
             seen: [None; SHARED],
             flow: Flow::default(),
+            left: Vec::new(),
             normals: Vec::new(),
             matrix: Banded::default(),
             covariance: Banded::default(),
@@ -182,12 +187,19 @@ impl Solver {
 
     /// Standard deviation of a coordinate in pixels that the path leaves in pair `index`.
     pub fn sigma(&self, index: usize) -> Option<f64> {
-        self.normals.get(index).map(|normal| normal.sigma)
+        self.left.get(index).map(|left| left.sigma)
+    }
+
+    /// Standard deviation of a coordinate in pair `index` as its likelihood has it: the geometric mean of what is
+    /// left and of what is new, for a point is followed over two pairs.
+    pub fn likely_sigma(&self, index: usize) -> Option<f64> {
+        let new = self.normals.get(index)?.scatter.noise.sqrt();
+        self.sigma(index).map(|left| (left * new).sqrt())
     }
 
     /// Matches of pair `index` within three deviations of the path, thinned out ones counted.
     pub fn inliers(&self, index: usize) -> usize {
-        self.normals.get(index).map_or(0, |normal| normal.inliers)
+        self.left.get(index).map_or(0, |left| left.inliers)
     }
 
     /// Block of the instant at which the line at `place` along the axis of the frame with this timestamp is exposed.
@@ -223,8 +235,14 @@ impl Solver {
             radius: self.radius,
             noise: self.noise,
         };
+        self.left.resize_with(pairs.len(), Left::default);
         self.normals.resize_with(pairs.len(), Normal::default);
-        self.normals.par_iter_mut().zip(pairs).for_each(|(normal, pair)| view.normal(pair, normal));
+        let sums = self.left.par_iter_mut().zip(&mut self.normals).zip(pairs).enumerate();
+        sums.for_each(|(index, ((left, normal), pair))| {
+            // The path does not reach to the pair before the first.
+            view.left(pair, index > 0, left);
+            view.normal(left, normal);
+        });
         let (information, side) = self.assemble();
         if !self.matrix.factorise() {
             return false;
@@ -320,12 +338,12 @@ impl Solver {
         [self.shared[0] - before[0], self.shared[1] - before[1]]
     }
 
-    /// How far residuals are the tracker's: what parallax leaves is alike from pair to pair and says
-    /// nothing of γ and κ.
+    /// How far residuals are the tracker's: what the model cannot explain is alike from pair to pair and says
+    /// nothing of γ and κ. The middle one counts, for the path has not been fitted to the pair that came last.
     pub fn trust(&self) -> f64 {
-        let sum: f64 = self.normals.iter().map(|normal| normal.sigma).sum();
-        let sigma = sum / self.normals.len().max(1) as f64;
-        (TRACKED * self.noise / sigma).powi(2).min(1.0)
+        let mut noises: Vec<f64> = self.normals.iter().map(|normal| normal.scatter.noise).collect();
+        let least = (TRACKED * self.noise).powi(2);
+        if noises.is_empty() { 1.0 } else { (least / median(&mut noises)).min(1.0) }
     }
 
     /// Standard deviation of γ by all that is known.

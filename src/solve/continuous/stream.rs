@@ -158,8 +158,13 @@ impl Continuous {
         let (unit, origin) = self.clock.unwrap_or_else(|| self.start(period, time));
         let stamp = (time - origin) / unit;
         let (centre, radius) = (self.centre, self.radius);
-        if let (Some(last), Some(found)) = (self.frames.back_mut(), found) {
+        let mut latest = self.frames.iter_mut().rev();
+        let (last, before) = (latest.next(), latest.next());
+        if let (Some(last), Some(found)) = (last, found) {
             last.to_next = Pair::new(found.grid, centre, radius, [last.stamp, stamp]);
+            if let (Some(pair), Some(before)) = (&mut last.to_next, before.and_then(|e| e.to_next.as_ref())) {
+                pair.follow(before);
+            }
             last.detail.extend_from_slice(found.grid);
             last.detail.extend_from_slice(found.fine);
             if let Some(shutter) = &mut self.shutter {

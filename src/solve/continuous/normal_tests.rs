@@ -1,6 +1,11 @@
 //! The normal equations of a pair against differences of its residuals.
 
+use super::super::flow::Flow;
+use super::super::pair::{Match, Pair, Reading, Track};
+use super::super::path::SplinePath;
 use super::*;
+use crate::correspond::Correspondence;
+use nalgebra::Vector2;
 
 const RADIUS: f64 = 320.0;
 const NOISE: f64 = 0.5;
@@ -46,29 +51,42 @@ impl Setting {
         })
     }
 
+    /// What is left of a pair, tracks and all, and what it says.
+    fn sums(&self, pair: &Pair) -> (Left, Normal) {
+        let (mut left, mut normal) = (Left::default(), Normal::default());
+        self.view(|view| {
+            view.left(pair, true, &mut left);
+            view.normal(&left, &mut normal);
+        });
+        (left, normal)
+    }
+
     /// Residuals in pixels.
     fn residuals(&self, pair: &Pair) -> Vec<Vector2<f64>> {
         self.view(|view| {
             let left = |m: &Match| {
-                let [from, to] = view.times(pair, m);
+                let [from, to] = view.times(pair.stamps, m);
                 (m.to - view.flow.carry(m.from, from, to)) * RADIUS
             };
             pair.matches.iter().map(left).collect()
         })
     }
 
-    /// A pair that the path explains but for what is known in closed form: up to a pixel.
-    fn pair(&self) -> Pair {
+    /// A pair that the path explains but for what is known in closed form: up to so many pixels.
+    fn pair(&self, most: f64) -> Pair {
         let nodes = (0..300).map(|node| (node % 20, node / 20));
         let from = nodes.map(|(i, j)| Vector2::new(-0.95 + 0.1 * i as f64, -0.7 + 0.1 * j as f64));
-        let mut pair = Pair { matches: Vec::new(), stamps: [0.2, 1.2], found: 300 };
-        pair.matches.extend(from.map(|from| Match { from, to: from }));
+        let pixel = |point: Vector2<f64>| point * RADIUS;
+        let found: Vec<Correspondence> = from
+            .map(|from| Correspondence { from: pixel(from), to: pixel(from), texture: 1.0, residual: 0.0 })
+            .collect();
+        let mut pair = Pair::new(&found, Vector2::zeros(), RADIUS, [0.2, 1.2]).unwrap();
         self.view(|view| {
             for (k, m) in pair.matches.clone().iter().enumerate() {
-                let off = Vector2::new((k as f64 * 1.7).sin(), (k as f64 * 2.9).cos()) / RADIUS;
+                let off = Vector2::new((k as f64 * 1.7).sin(), (k as f64 * 2.9).cos()) * (most / RADIUS);
                 let mut to = m.from;
                 for _ in 0..20 {
-                    let [before, after] = view.times(&pair, &Match { from: m.from, to });
+                    let [before, after] = view.times(pair.stamps, &Match { from: m.from, to });
                     to = view.flow.carry(m.from, before, after) + off;
                 }
                 pair.matches[k].to = to;
@@ -150,13 +168,16 @@ fn forms(setting: &Setting, normal: &Normal, a: Direction, b: Direction) -> (f64
 fn the_normal_equations_are_those_of_the_residuals() {
     for (by_rows, readout, tempo) in [(true, 0.8, 1.0), (false, -0.6, 1.0), (true, 0.9, 2.0)] {
         let setting = Setting::new(by_rows, readout, tempo);
-        let pair = setting.pair();
-        let mut normal = Normal::default();
-        setting.view(|view| view.normal(&pair, &mut normal));
+        let pair = setting.pair(1.0);
+        let (left, normal) = setting.sums(&pair);
         let residuals = setting.residuals(&pair);
-        // Student's t with four degrees of freedom: weight (4 + 2)/(4 + r²/σ²)/σ², a pair being worth 25.
-        let variance = normal.sigma * normal.sigma;
-        let weight = |r: &Vector2<f64>| 25.0 / 300.0 / variance * 6.0 / (4.0 + r.norm_squared() / variance);
+        // Student's t with four degrees of freedom, weight (4 + 2)/(4 + r²/σ²)/σ², times that of what is not astray,
+        // a pair being worth 25.
+        let variance = left.sigma * left.sigma;
+        let weight = |r: &Vector2<f64>| {
+            let square = r.norm_squared() / variance;
+            25.0 / 300.0 / variance * 6.0 / (4.0 + square) * (10.0 / (8.0 + square)).powi(2)
+        };
         let sum = |a: &[Vector2<f64>], b: &[Vector2<f64>]| -> f64 {
             residuals.iter().zip(a.iter().zip(b)).map(|(r, (a, b))| weight(r) * a.dot(b)).sum()
         };
@@ -180,18 +201,72 @@ fn the_normal_equations_are_those_of_the_residuals() {
 }
 
 #[test]
+fn the_normal_equations_of_tracks_are_those_of_what_is_new() {
+    let setting = Setting::new(true, 0.8, 1.0);
+    let mut pair = setting.pair(0.01);
+    // The points came to where they set out from where the path has them one frame before.
+    setting.view(|view| {
+        for index in 0..pair.matches.len() {
+            let to = pair.matches[index].from;
+            let (mut before, stamps) = (Match { from: to, to }, [-0.8, 0.2]);
+            for _ in 0..20 {
+                let [start, end] = view.times(stamps, &before);
+                before.from = view.flow.carry(to, end, start);
+            }
+            pair.tracks[index] = Some(Track { before, stamps });
+        }
+    });
+    let (left, mut normal) = setting.sums(&pair);
+    let scatter = Scatter { noise: 0.25, depths: 0.25 };
+    setting.view(|view| view.normal_with(scatter, &left, &mut normal));
+    let news: Vec<Innovation> = left
+        .legs
+        .iter()
+        .zip(&left.before)
+        .map(|(leg, before)| scatter.innovation(leg, before.as_ref()))
+        .collect();
+    assert!(news.iter().any(|new| new.share.norm() > 0.2), "the residual before has a say");
+    let mut old = pair.clone();
+    old.matches = pair.tracks.iter().flatten().map(|track| track.before).collect();
+    old.stamps = [-0.8, 0.2];
+    let slopes = |direction: Direction| -> Vec<Vector2<f64>> {
+        let both = setting.slopes(&pair, direction).into_iter().zip(setting.slopes(&old, direction));
+        both.zip(&news).map(|((now, before), new)| now - new.share * before).collect()
+    };
+    let weighted = |a: &[Vector2<f64>], b: &[Vector2<f64>]| -> f64 {
+        // All residuals are next to nothing: 6/4 of Student's t, (10/8)² of Geman and McClure, a pair being worth 25.
+        let terms = a.iter().zip(b).zip(&news).map(|((a, b), new)| a.dot(&(new.weight * b)));
+        25.0 / 300.0 * 1.5 * 1.25 * 1.25 * terms.sum::<f64>()
+    };
+    for a in DIRECTIONS {
+        let along = slopes(a);
+        for b in DIRECTIONS {
+            let other = slopes(b);
+            let scale = (weighted(&along, &along) * weighted(&other, &other)).sqrt();
+            let (matrix, _) = forms(&setting, &normal, a, b);
+            let off = (matrix - weighted(&along, &other)) / scale;
+            assert!(off.abs() < 0.04, "{a:?} {b:?} {off}");
+        }
+        let errors: Vec<Vector2<f64>> = news.iter().map(|new| new.error).collect();
+        let (_, right) = forms(&setting, &normal, a, a);
+        let scale = (weighted(&along, &along) * weighted(&errors, &errors)).sqrt();
+        let off = (right - weighted(&along, &errors)) / scale;
+        assert!(off.abs() < 0.02, "{a:?} {off}");
+    }
+}
+
+#[test]
 fn sigma_is_that_of_a_coordinate_and_the_wild_are_told_apart() {
     let setting = Setting::new(true, 0.7, 1.0);
-    let mut pair = setting.pair();
-    let mut normal = Normal::default();
+    let mut pair = setting.pair(1.0);
     // Squares of residuals are sin² + cos² with a median of 1: variance 1/(2 ln 2).
-    setting.view(|view| view.normal(&pair, &mut normal));
-    assert!((normal.sigma - 0.849).abs() < 0.03 && normal.inliers == 300, "{}", normal.sigma);
+    let (left, _) = setting.sums(&pair);
+    assert!((left.sigma - 0.849).abs() < 0.03 && left.inliers == 300, "{}", left.sigma);
     for m in pair.matches.iter_mut().step_by(3) {
         m.to.x += 0.2;
     }
-    setting.view(|view| view.normal(&pair, &mut normal));
-    assert!(normal.sigma < 1.3 && normal.inliers == 200, "{} {}", normal.sigma, normal.inliers);
+    let (left, _) = setting.sums(&pair);
+    assert!(left.sigma < 1.3 && left.inliers == 200, "{} {}", left.sigma, left.inliers);
 }
 
 #[test]
@@ -204,13 +279,12 @@ fn thinned_out_matches_are_counted_all_the_same() {
     let pair = |count| Pair::new(&found(count), Vector2::new(319.5, 239.5), RADIUS, [0.0, 1.0]);
     assert!(pair(15).is_none() && pair(16).is_some());
     let many = pair(1600).unwrap();
-    assert_eq!((many.matches.len(), many.found), (400, 1600));
+    assert_eq!((many.matches.len(), many.count()), (400, 1600));
     assert_eq!(many.moved(), 0.0);
     let mut still = Setting::new(true, 0.7, 1.0);
     still.path.coefficients.fill(0.0);
-    let mut normal = Normal::default();
-    still.view(|view| view.normal(&many, &mut normal));
-    assert_eq!((normal.inliers, normal.sigma), (1600, NOISE));
+    let (left, _) = still.sums(&many);
+    assert_eq!((left.inliers, left.sigma), (1600, NOISE));
 }
 
 #[test]

@@ -1,0 +1,185 @@
+//! What a point does in one pair of frames and again in the next.
+//!
+//! A point off the depth for which the path stands is left over by it, and in the next pair again:
+//! r = (λ − 1)·w + noise, λ its inverse depth over that of the path, w what the path's translations move it by.
+//! Over one pair nothing tells that from an error of the path; over two, λ is the same. So a residual is held against
+//! what the one before lets expect:
+//!
+//! e = rᵢ − B·rⱼ, B = Cᵢⱼ·Cⱼⱼ⁻¹, with covariance V = Cᵢᵢ − B·Cⱼᵢ,
+//!
+//! where Cᵢⱼ = τ²·wᵢ·wⱼᵀ, and the noise σ²·I on top for i = j, j the pair before. It is the density of a chain of residuals,
+//! each given the one before. A camera that moves before a scene of any depth thus says as much of its path and its
+//! shutter as one that turns.
+
+use super::left::{Left, Leg};
+use crate::solve::median::{MEDIAN_TO_VARIANCE, median};
+use nalgebra::{Matrix2, Vector2};
+
+/// Standard deviation τ of λ at most: inverse depths spread by half of what is usual in the scene.
+const DEPTHS: f64 = 0.5;
+/// What λ may be.
+const NEAREST: f64 = 3.0;
+/// Residuals of so many times the variance that parallax lets expect are something else: what moves on its own.
+const PLAUSIBLE: f64 = 1.5;
+/// Rounds in which the noise is told from the parallax.
+const ROUNDS: usize = 3;
+
+/// Variances of a pair's residuals.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Scatter {
+    /// σ² in px².
+    pub noise: f64,
+    /// τ²; 0 where the residuals are no parallax.
+    pub depths: f64,
+}
+
+/// What is new in a residual.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Innovation {
+    pub error: Vector2<f64>,
+    /// What is expected for each pixel of the residual before: B.
+    pub share: Matrix2<f64>,
+    /// V⁻¹.
+    pub weight: Matrix2<f64>,
+    /// λ, as both residuals have it.
+    pub depth: f64,
+}
+
+impl Scatter {
+    /// Tells the noise of a pair, at least `least` px², from its parallax; all is noise where few tracks are known, or
+    /// where there is more of it than parallax can be.
+    pub fn of(left: &Left, least: f64) -> Self {
+        let all = left.sigma * left.sigma;
+        let mut scatter = Self { noise: all, depths: 0.0 };
+        let both = left.legs.iter().zip(&left.before);
+        let legs: Vec<(&Leg, &Leg)> =
+            both.filter_map(|(now, before)| Some((now, before.as_ref()?))).collect();
+        let mut squares: Vec<f64> = legs.iter().map(|(now, _)| now.parallax.norm_squared()).collect();
+        let parallax = (median(&mut squares) / 2.0).max(f64::MIN_POSITIVE);
+        if 2 * legs.len() < left.legs.len() || all - least > PLAUSIBLE * DEPTHS * DEPTHS * parallax {
+            return scatter;
+        }
+        // Were the residuals the same from pair to pair, their difference would be noise, twice.
+        let differences = legs.iter().map(|(now, before)| (now.residual - before.residual).norm_squared());
+        squares.splice(.., differences);
+        scatter.noise = (median(&mut squares) * MEDIAN_TO_VARIANCE / 2.0).min(all).max(least);
+        for _ in 0..ROUNDS {
+            scatter.depths = ((all - scatter.noise) / parallax).min(DEPTHS * DEPTHS);
+            let news = legs.iter().map(|(now, before)| scatter.innovation(now, Some(before)).square());
+            squares.splice(.., news);
+            scatter.noise = (scatter.noise * median(&mut squares) * MEDIAN_TO_VARIANCE).min(all).max(least);
+        }
+        scatter
+    }
+
+    fn covariance(&self, a: &Leg, b: &Leg) -> Matrix2<f64> {
+        a.parallax * b.parallax.transpose() * self.depths
+    }
+
+    /// What is new in a residual, given the one before.
+    pub fn innovation(&self, now: &Leg, before: Option<&Leg>) -> Innovation {
+        let inverse = |matrix: Matrix2<f64>| matrix.try_inverse().unwrap_or_else(Matrix2::zeros);
+        let noise = Matrix2::identity() * self.noise;
+        let own = self.covariance(now, now) + noise;
+        // C⁻¹·r by blocks: `new` the part of this residual, `old` that of the one before.
+        let (error, share, weight, old) = match before.filter(|_| self.depths > 0.0) {
+            None => (now.residual, Matrix2::zeros(), inverse(own), 0.0),
+            Some(before) => {
+                let across = self.covariance(now, before);
+                let known = inverse(self.covariance(before, before) + noise);
+                let share = across * known;
+                let weight = inverse(own - share * across.transpose());
+                let error = now.residual - share * before.residual;
+                let old = known * before.residual - share.transpose() * (weight * error);
+                (error, share, weight, before.parallax.dot(&old))
+            }
+        };
+        let new = now.parallax.dot(&(weight * error));
+        Innovation { error, share, weight, depth: (1.0 + self.depths * (new + old)).clamp(0.0, NEAREST) }
+    }
+}
+
+impl Innovation {
+    /// eᵀ·V⁻¹·e.
+    pub fn square(&self) -> f64 {
+        self.error.dot(&(self.weight * self.error))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::pair::Match;
+    use super::*;
+    use crate::solve::random::Random;
+    use nalgebra::{Matrix4, Vector4};
+
+    fn leg(residual: [f64; 2], parallax: [f64; 2]) -> Leg {
+        let m = Match { from: Vector2::zeros(), to: Vector2::zeros() };
+        Leg { m, times: [0.0, 1.0], residual: residual.into(), parallax: parallax.into() }
+    }
+
+    #[test]
+    fn what_is_new_completes_what_the_residual_before_said() {
+        let (now, before) = (leg([1.3, -0.4], [2.0, 1.0]), leg([0.7, 0.2], [1.5, -0.5]));
+        let scatter = Scatter { noise: 0.09, depths: 0.25 };
+        // Both residuals at once: rᵀ·C⁻¹·r is the sum of what the first says and of what is new.
+        let w = Vector4::new(2.0, 1.0, 1.5, -0.5);
+        let r = Vector4::new(1.3, -0.4, 0.7, 0.2);
+        let inverse = (w * w.transpose() * 0.25 + Matrix4::identity() * 0.09).try_inverse().unwrap();
+        let new = scatter.innovation(&now, Some(&before));
+        let first = scatter.innovation(&before, None);
+        assert!((new.square() + first.square() - r.dot(&(inverse * r))).abs() < 1e-9);
+        // The mean of λ given both.
+        assert!((new.depth - 1.0 - 0.25 * w.dot(&(inverse * r))).abs() < 1e-9);
+    }
+
+    #[test]
+    fn a_point_at_another_depth_is_nothing_new() {
+        let scatter = Scatter { noise: 1e-6, depths: 0.25 };
+        // Half as deep, λ = 2, while the camera slows down and turns aside.
+        let new = scatter.innovation(&leg([1.0, 2.0], [1.0, 2.0]), Some(&leg([3.0, 1.0], [3.0, 1.0])));
+        assert!(new.error.norm() < 1e-5 && (new.depth - 2.0).abs() < 1e-5, "{new:?}");
+        let alone = scatter.innovation(&leg([1.0, 2.0], [1.0, 2.0]), None);
+        assert_eq!(alone.error, Vector2::new(1.0, 2.0));
+    }
+
+    /// Points whose residuals are (λ − 1)·w and noise.
+    fn scene(spread: f64, noise: f64, parallax: f64) -> Left {
+        let mut random = Random(5);
+        let mut left = Left::default();
+        let mut squares = Vec::new();
+        for _ in 0..400 {
+            let depth = spread * random.normal();
+            let mut see = |parallax: [f64; 2], moved: [f64; 2]| {
+                leg(moved.map(|moved| depth * moved + noise * random.normal()), parallax)
+            };
+            let before = see([0.9 * parallax, 0.2 * parallax], [3.6, 0.8]);
+            let now = see([parallax, 0.0], [4.0, 0.0]);
+            squares.push(now.residual.norm_squared());
+            left.legs.push(now);
+            left.before.push(Some(before));
+        }
+        left.sigma = (median(&mut squares) * MEDIAN_TO_VARIANCE).sqrt();
+        left
+    }
+
+    #[test]
+    fn noise_is_told_from_parallax() {
+        let scatter = Scatter::of(&scene(0.4, 0.1, 4.0), 1e-4);
+        let noise = scatter.noise.sqrt();
+        assert!((0.08..0.12).contains(&noise) && scatter.depths > 0.0, "{noise}");
+    }
+
+    #[test]
+    fn what_cannot_be_parallax_is_noise() {
+        // The path's translation explains a tenth of what the points do.
+        let left = scene(0.4, 0.1, 0.4);
+        let scatter = Scatter::of(&left, 1e-4);
+        assert_eq!((scatter.noise, scatter.depths), (left.sigma * left.sigma, 0.0));
+        let mut lost = scene(0.4, 0.1, 4.0);
+        lost.before.iter_mut().step_by(3).for_each(|before| *before = None);
+        assert!(Scatter::of(&lost, 1e-4).depths > 0.0, "two thirds of the tracks are enough");
+        lost.before.fill(None);
+        assert_eq!(Scatter::of(&lost, 1e-4).depths, 0.0);
+    }
+}
