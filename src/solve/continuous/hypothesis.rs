@@ -9,11 +9,16 @@ use crate::solve::median::median;
 pub(super) const NOTICEABLE: f64 = 4.0;
 /// Steps to the first path, and to each one after it, at most.
 const STEPS: [usize; 2] = [12, 4];
+/// Steps to the first path where the readout is sought: while γ is far off, the splines bend to imitate the shutter,
+/// and learn to be straight again only as γ comes nearer.
+const SEEKING_STEPS: usize = 40;
 /// A step that changes the displacements at the frame by less than this share of the least noise (root mean
 /// square) is the last.
 const SETTLED: f64 = 0.3;
 /// Or γ by less than this.
 const SETTLED_READOUT: f64 = 0.01;
+/// What a window says of γ is believed where the last step changed no more than this share of what is uncertain anyway.
+const UNCERTAIN: f64 = 0.5;
 /// A path that leaves more than this share of the mean squared displacement is tried at another tempo.
 const UNEXPLAINED: f64 = 0.05;
 /// The faster tempo must leave less than this share of what the calm one does (standard deviations).
@@ -24,8 +29,6 @@ const READOUTS: [f64; 4] = [0.9, 0.5, -0.5, -0.9];
 const VAGUE: f64 = 0.2;
 /// Frames from one trial of another tempo to the next.
 const TRIAL: usize = 15;
-/// Independent measurements in a pair, two coordinates each: the weight of its residuals' logarithm.
-const WEIGHT: f64 = 50.0;
 
 /// Pairs that follow one another, around a frame.
 #[derive(Clone, Copy)]
@@ -97,15 +100,24 @@ impl Hypothesis {
         if stretch.pairs.is_empty() {
             return;
         }
-        let settled = iterate(&mut self.solver, stretch, STEPS[usize::from(!starts)]);
+        let seeks = self.solver.limits[0][0] < self.solver.limits[0][1];
+        let steps = match (starts, seeks) {
+            (true, true) => SEEKING_STEPS,
+            (true, false) => STEPS[0],
+            (false, _) => STEPS[1],
+        };
+        let settled = iterate(&mut self.solver, stretch, steps);
         self.try_tempo(stretch);
         let seen = stretch.of_tempo(self.solver.tempo);
         if settled {
             self.solver.remember(1.0 / seen.pairs.len() as f64);
         }
-        if let Some(sigma) = self.solver.sigma(seen.own()).filter(|sigma| sigma.is_finite()) {
-            self.score -= WEIGHT * self.solver.trust() * sigma.max(self.solver.noise).ln();
-        }
+    }
+
+    /// Logarithm of the evidence of a pair of the stretch, up to a constant.
+    pub fn evidence(&mut self, stretch: Stretch<'_>) -> Option<f64> {
+        let pairs = stretch.of_tempo(self.solver.tempo).pairs;
+        self.solver.evidence(pairs).map(|evidence| evidence / pairs.len().max(1) as f64)
     }
 
     /// Goes over to another tempo where that is worth it.
@@ -139,9 +151,10 @@ impl Hypothesis {
     }
 }
 
-/// Steps until nothing changes any more at the frame, at most so many; whether that came to pass.
+/// Steps until nothing changes any more at the frame, at most so many; whether γ came to rest.
 fn iterate(solver: &mut Solver, stretch: Stretch<'_>, steps: usize) -> bool {
     let stretch = stretch.of_tempo(solver.tempo);
+    let mut rests = false;
     for _ in 0..steps {
         let before = solver.shared[0];
         if !solver.step(stretch.pairs) {
@@ -151,10 +164,14 @@ fn iterate(solver: &mut Solver, stretch: Stretch<'_>, steps: usize) -> bool {
         let change = stretch.beside().map(|index| solver.moved(index)).fold(0.0, f64::max);
         let moved = (solver.shared[0] - before).abs();
         if change < SETTLED * solver.noise && moved < SETTLED_READOUT {
-            solver.cover(stretch.pairs);
-            return true;
+            rests = true;
+            break;
         }
+        // Robust weights may go back and forth for ever. Where residuals are more than the tracker's, so may the path.
+        let sigma = stretch.beside().filter_map(|index| solver.sigma(index)).fold(0.0, f64::max);
+        let slack = UNCERTAIN * solver.seen_deviation();
+        rests = change < UNCERTAIN * sigma && moved < SETTLED_READOUT.max(slack) && solver.trust() == 1.0;
     }
     solver.cover(stretch.pairs);
-    false
+    rests
 }

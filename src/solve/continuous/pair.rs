@@ -153,6 +153,17 @@ pub(super) struct Normal {
 }
 
 impl Normal {
+    /// Logarithm of the likelihood of the residuals, up to a constant: Student's t of two dimensions, for as many
+    /// matches as are independent.
+    pub fn log_likelihood(&self) -> f64 {
+        let variance = self.sigma * self.sigma;
+        let of = |r: &Vector2<f64>| {
+            -variance.ln() - (FREEDOM + 2.0) / 2.0 * (r.norm_squared() / (FREEDOM * variance)).ln_1p()
+        };
+        let sum: f64 = self.residuals.iter().map(of).sum();
+        sum * (WORTH / self.residuals.len().max(1) as f64).min(1.0)
+    }
+
     /// Root mean square change in pixels of the displacements, as a step of all coefficients makes it.
     pub fn moved(&self, step: &[f64]) -> f64 {
         let step = &step[self.first..self.first + self.size];

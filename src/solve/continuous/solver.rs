@@ -211,8 +211,8 @@ impl Solver {
         self.flow.follow(&self.path, [from, to], self.radius);
     }
 
-    /// One step; whether it could be solved.
-    pub fn step(&mut self, pairs: &[&Pair]) -> bool {
+    /// Holds the pairs against the path.
+    fn compare(&mut self, pairs: &[&Pair]) {
         self.cover(pairs);
         let view = View {
             path: &self.path,
@@ -225,6 +225,11 @@ impl Solver {
         };
         self.normals.resize_with(pairs.len(), Normal::default);
         self.normals.par_iter_mut().zip(pairs).for_each(|(normal, pair)| view.normal(pair, normal));
+    }
+
+    /// One step; whether it could be solved.
+    pub fn step(&mut self, pairs: &[&Pair]) -> bool {
+        self.compare(pairs);
         let (information, side) = self.assemble();
         if !self.matrix.factorise() {
             return false;
@@ -320,6 +325,28 @@ impl Solver {
         [self.shared[0] - before[0], self.shared[1] - before[1]]
     }
 
+    /// Logarithm of the *evidence*, up to a constant: how likely the pairs are to any path as smooth as this one, by
+    /// Laplace's method (MacKay, as in [`Smoothness`]): ln p(pairs | path) − ½·cᵀPc + ½·ln|P| − ½·ln|N|, c the path's
+    /// coefficients, P the prior's matrix and N all of it. A path that bends to imitate another shutter pays for it.
+    /// `None` where that cannot be told.
+    pub fn evidence(&mut self, pairs: &[&Pair]) -> Option<f64> {
+        self.compare(pairs);
+        self.assemble();
+        let mut prior = Banded::default();
+        let size = self.path.coefficients.len();
+        prior.reset(size, (3 * BLOCK).min(size).saturating_sub(1));
+        let mut side = vec![0.0; size];
+        self.smoothness.add(&self.path, &mut prior, &mut side);
+        if !(self.matrix.factorise() && prior.factorise()) {
+            return None;
+        }
+        let likelihood: f64 = self.normals.iter().map(Normal::log_likelihood).sum();
+        // The prior's right side is −Pc.
+        let energy: f64 = self.path.coefficients.iter().zip(&side).map(|(value, side)| -value * side).sum();
+        let room = prior.half_log_determinant() - self.matrix.half_log_determinant();
+        Some(likelihood - 0.5 * energy + room).filter(|evidence| evidence.is_finite())
+    }
+
     /// How far residuals are the tracker's: what parallax leaves is alike from pair to pair and says
     /// nothing of γ and κ.
     pub fn trust(&self) -> f64 {
@@ -332,6 +359,11 @@ impl Solver {
     pub fn readout_deviation(&self) -> f64 {
         let information = self.beliefs[0].information() + self.hint.map_or(0.0, |(_, known)| known);
         information.sqrt().recip()
+    }
+
+    /// Standard deviation of γ by this window alone.
+    pub fn seen_deviation(&self) -> f64 {
+        self.seen[0].map_or(f64::INFINITY, |(_, information)| information.sqrt().recip())
     }
 
     /// Adds what the window says of γ and κ to the beliefs; `share` of it is new.

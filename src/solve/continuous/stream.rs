@@ -14,7 +14,7 @@ use crate::correspond::Correspondence;
 use crate::motion::{ResidualField, ResidualMesh, image_centre};
 use crate::readout::{Readout, ReadoutDirection};
 use crate::solve::layer::{Layer, Neighbour};
-use crate::solve::shutter::ShutterEstimator;
+use crate::solve::shutter::{ShutterEstimator, Verdict};
 use nalgebra::{Matrix3, Vector2};
 use std::collections::VecDeque;
 
@@ -180,6 +180,9 @@ impl Continuous {
     /// well that fits.
     fn take_hint(&mut self, unit: f64) {
         let Some(estimate) = self.shutter.as_mut().and_then(ShutterEstimator::estimate) else { return };
+        if estimate.verdict == Verdict::Unknown {
+            return;
+        }
         let (times, covariance) = (estimate.times / unit, estimate.covariance / (unit * unit));
         for hypothesis in &mut self.hypotheses {
             let own = usize::from(hypothesis.direction.is_by_rows());
@@ -250,6 +253,7 @@ impl Continuous {
             }
             hypothesis.settle(stretch, starts);
         }
+        weigh(&mut self.hypotheses, stretch);
         self.continues = !pairs.is_empty();
         let mut motion = (!pairs.is_empty()).then(|| self.motion(stretch, stamp));
         self.sigma = motion.as_ref().map_or(f64::INFINITY, |motion| motion.sigma);
@@ -380,6 +384,19 @@ impl Continuous {
         };
         let [width, height] = self.size;
         Readout { width, height, direction, time: solver.shared[0].abs() * unit }
+    }
+}
+
+/// Adds what a stretch says for and against each hypothesis, as far as its residuals are the tracker's in the one
+/// that fits best.
+fn weigh(hypotheses: &mut [Hypothesis], stretch: Stretch<'_>) {
+    if hypotheses.len() < 2 {
+        return;
+    }
+    let evidence: Option<Vec<f64>> = hypotheses.iter_mut().map(|h| h.evidence(stretch)).collect();
+    let trust = hypotheses.iter().map(|h| h.solver.trust()).fold(0.0, f64::max);
+    for (hypothesis, evidence) in hypotheses.iter_mut().zip(evidence.into_iter().flatten()) {
+        hypothesis.score += trust * evidence;
     }
 }
 
