@@ -9,9 +9,13 @@ use crate::solve::median::median;
 pub(super) const NOTICEABLE: f64 = 4.0;
 /// Steps to the first path, and to each one after it, at most.
 const STEPS: [usize; 2] = [12, 4];
-/// Steps to the first path where the readout is sought: while γ is far off, the splines bend to imitate the shutter,
+/// Steps from the best start where the readout is sought: while γ is far off, the splines bend to imitate the shutter,
 /// and learn to be straight again only as γ comes nearer.
 const SEEKING_STEPS: usize = 40;
+/// Readout ratios beside the one in hand from which a vague one is sought: the ends, as what is in between is reached.
+const ENDS: [f64; 2] = [0.9, -0.9];
+/// A readout ratio is told from another where its evidence is greater by a factor of e to this power.
+const TOLD: f64 = 5.0;
 /// A step that changes the displacements at the frame by less than this share of the least noise (root mean
 /// square) is the last.
 const SETTLED: f64 = 0.3;
@@ -100,13 +104,11 @@ impl Hypothesis {
         if stretch.pairs.is_empty() {
             return;
         }
-        let seeks = self.solver.limits[0][0] < self.solver.limits[0][1];
-        let steps = match (starts, seeks) {
-            (true, true) => SEEKING_STEPS,
-            (true, false) => STEPS[0],
-            (false, _) => STEPS[1],
+        let settled = if starts && self.solver.readout_deviation() > VAGUE {
+            self.seek(stretch)
+        } else {
+            iterate(&mut self.solver, stretch, STEPS[usize::from(!starts)])
         };
-        let settled = iterate(&mut self.solver, stretch, steps);
         self.try_tempo(stretch);
         let seen = stretch.of_tempo(self.solver.tempo);
         if settled {
@@ -118,6 +120,30 @@ impl Hypothesis {
     pub fn evidence(&mut self, stretch: Stretch<'_>) -> Option<f64> {
         let pairs = stretch.of_tempo(self.solver.tempo).pairs;
         self.solver.evidence(pairs).map(|evidence| evidence / pairs.len().max(1) as f64)
+    }
+
+    /// Fits the path from several readout ratios and goes on from the likeliest; whether γ came to rest where no other
+    /// one is nearly as likely.
+    fn seek(&mut self, stretch: Stretch<'_>) -> bool {
+        let pairs = stretch.of_tempo(self.solver.tempo).pairs;
+        let [low, high] = self.solver.limits[0];
+        let ends = ENDS.into_iter().filter(|end| (low..=high).contains(end));
+        let tried = std::iter::once(self.solver.shared[0]).chain(ends).filter_map(|readout| {
+            let mut solver = self.solver.clone();
+            solver.shared[0] = readout;
+            iterate(&mut solver, stretch, STEPS[0]);
+            solver.evidence(pairs).map(|evidence| (evidence, solver))
+        });
+        let mut tried: Vec<(f64, Solver)> = tried.collect();
+        tried.sort_by(|a, b| b.0.total_cmp(&a.0));
+        let mut tried = tried.into_iter();
+        let Some((_, best)) = tried.next() else { return false };
+        self.solver = best;
+        let rests = iterate(&mut self.solver, stretch, SEEKING_STEPS);
+        if std::env::var("SDBG").is_ok() { let e = self.solver.evidence(pairs); eprintln!("best {:.3} {:?} rests {rests}", self.solver.shared[0], e); for (e, s) in tried.clone() { eprintln!("   other {:.3} {e:.1}", s.shared[0]); } }
+        let Some(evidence) = self.solver.evidence(pairs) else { return false };
+        let apart = |solver: &Solver| (solver.shared[0] - self.solver.shared[0]).abs() > VAGUE;
+        rests && tried.all(|(other, solver)| !apart(&solver) || evidence - other > TOLD)
     }
 
     /// Goes over to another tempo where that is worth it.
@@ -163,6 +189,7 @@ fn iterate(solver: &mut Solver, stretch: Stretch<'_>, steps: usize) -> bool {
         }
         let change = stretch.beside().map(|index| solver.moved(index)).fold(0.0, f64::max);
         let moved = (solver.shared[0] - before).abs();
+        if std::env::var("DBG").is_ok() { eprintln!("   {} g {:.4} k {:.3} change {:.4} moved {:.4} sigma {:.4} seen {:?}", if solver.reading.by_rows {"R"} else {"C"}, solver.shared[0], solver.shared[1], change, moved, solver.sigma(stretch.own()).unwrap_or(0.0), solver.seen_deviation()); }
         if change < SETTLED * solver.noise && moved < SETTLED_READOUT {
             rests = true;
             break;

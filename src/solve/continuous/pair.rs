@@ -153,6 +153,11 @@ pub(super) struct Normal {
 }
 
 impl Normal {
+    /// Coordinates that are independent.
+    pub fn independent(&self) -> f64 {
+        2.0 * WORTH.min(self.residuals.len() as f64)
+    }
+
     /// Logarithm of the likelihood of the residuals, up to a constant: Student's t of two dimensions, for as many
     /// matches as are independent.
     pub fn log_likelihood(&self) -> f64 {

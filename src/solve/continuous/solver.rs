@@ -294,7 +294,7 @@ impl Solver {
                 information[(p, q)] -= dot(&self.border[p], &self.weighted[q]);
             }
         }
-        let trust = self.trust();
+        let trust = self.trust() / self.conspiracy();
         information *= trust;
         side *= trust;
         let mut all = information;
@@ -364,6 +364,14 @@ impl Solver {
     /// Standard deviation of γ by this window alone.
     pub fn seen_deviation(&self) -> f64 {
         self.seen[0].map_or(f64::INFINITY, |(_, information)| information.sqrt().recip())
+    }
+
+    /// By how much more than by chance γ and κ may be off: what the path leaves beyond the tracker's noise may look
+    /// like them, by its correlation with what they do.
+    fn conspiracy(&self) -> f64 {
+        let c = std::env::var("CON").ok().and_then(|v| v.parse::<f64>().ok()).unwrap_or(0.1);
+        let left = |normal: &Normal| normal.independent() * (1.0 - (self.noise / normal.sigma).powi(2));
+        1.0 + c * c * self.normals.iter().map(left).sum::<f64>()
     }
 
     /// Adds what the window says of γ and κ to the beliefs; `share` of it is new.
