@@ -140,7 +140,6 @@ impl Hypothesis {
         let Some((_, best)) = tried.next() else { return false };
         self.solver = best;
         let rests = iterate(&mut self.solver, stretch, SEEKING_STEPS);
-        if std::env::var("SDBG").is_ok() { let e = self.solver.evidence(pairs); eprintln!("best {:.3} {:?} rests {rests}", self.solver.shared[0], e); for (e, s) in tried.clone() { eprintln!("   other {:.3} {e:.1}", s.shared[0]); } }
         let Some(evidence) = self.solver.evidence(pairs) else { return false };
         let apart = |solver: &Solver| (solver.shared[0] - self.solver.shared[0]).abs() > VAGUE;
         rests && tried.all(|(other, solver)| !apart(&solver) || evidence - other > TOLD)
@@ -189,15 +188,14 @@ fn iterate(solver: &mut Solver, stretch: Stretch<'_>, steps: usize) -> bool {
         }
         let change = stretch.beside().map(|index| solver.moved(index)).fold(0.0, f64::max);
         let moved = (solver.shared[0] - before).abs();
-        if std::env::var("DBG").is_ok() { eprintln!("   {} g {:.4} k {:.3} change {:.4} moved {:.4} sigma {:.4} seen {:?}", if solver.reading.by_rows {"R"} else {"C"}, solver.shared[0], solver.shared[1], change, moved, solver.sigma(stretch.own()).unwrap_or(0.0), solver.seen_deviation()); }
         if change < SETTLED * solver.noise && moved < SETTLED_READOUT {
             rests = true;
             break;
         }
-        // Robust weights may go back and forth for ever. Where residuals are more than the tracker's, so may the path.
+        // Robust weights may go back and forth for ever, by less than is uncertain anyway.
         let sigma = stretch.beside().filter_map(|index| solver.sigma(index)).fold(0.0, f64::max);
         let slack = UNCERTAIN * solver.seen_deviation();
-        rests = change < UNCERTAIN * sigma && moved < SETTLED_READOUT.max(slack) && solver.trust() == 1.0;
+        rests = change < UNCERTAIN * sigma && moved < SETTLED_READOUT.max(slack);
     }
     solver.cover(stretch.pairs);
     rests

@@ -19,6 +19,8 @@ use rayon::prelude::*;
 const MARGIN: f64 = 0.25;
 /// Residuals of up to so many times the least noise are those of the tracker on blurred or compressed footage.
 const TRACKED: f64 = 10.0;
+/// Correlation that what the path leaves may have with what γ and κ do.
+const CONSPIRACY: f64 = 0.1;
 /// Estimates of γ so many deviations apart contradict each other.
 const CONTRADICTION: f64 = 4.0;
 /// The most that γ and κ may change at once.
@@ -366,12 +368,12 @@ impl Solver {
         self.seen[0].map_or(f64::INFINITY, |(_, information)| information.sqrt().recip())
     }
 
-    /// By how much more than by chance γ and κ may be off: what the path leaves beyond the tracker's noise may look
-    /// like them, by its correlation with what they do.
+    /// By how much greater than by chance the variances of γ and κ are: what the path leaves beyond the tracker's noise may
+    /// go with what they do to the picture. With the correlation ρ an error of n coordinates, of variance σ² each, adds
+    /// ρ²·n·σ² to the σ² that chance is worth.
     fn conspiracy(&self) -> f64 {
-        let c = std::env::var("CON").ok().and_then(|v| v.parse::<f64>().ok()).unwrap_or(0.1);
         let left = |normal: &Normal| normal.independent() * (1.0 - (self.noise / normal.sigma).powi(2));
-        1.0 + c * c * self.normals.iter().map(left).sum::<f64>()
+        1.0 + CONSPIRACY.powi(2) * self.normals.iter().map(left).sum::<f64>()
     }
 
     /// Adds what the window says of γ and κ to the beliefs; `share` of it is new.

@@ -254,13 +254,13 @@ impl Continuous {
             hypothesis.settle(stretch, starts);
         }
         weigh(&mut self.hypotheses, stretch);
+        choose(&mut self.hypotheses);
         self.continues = !pairs.is_empty();
         let mut motion = (!pairs.is_empty()).then(|| self.motion(stretch, stamp));
         self.sigma = motion.as_ref().map_or(f64::INFINITY, |motion| motion.sigma);
         if let Some(motion) = motion.as_mut().filter(|_| self.wants_detail()) {
             motion.field = self.field(own, past > 0, &motion.readout);
         }
-        self.choose();
         self.settled += 1;
         if self.settled > PAST {
             if let Some(mut old) = self.frames.pop_front() {
@@ -278,14 +278,6 @@ impl Continuous {
         self.settled = 0;
         self.unit_before = self.clock.take().map(|(unit, _)| unit).or(self.unit_before);
         self.continues = false;
-    }
-
-    /// Puts the likelier axis first and gives up one that is far less likely.
-    fn choose(&mut self) {
-        let likelihood = Hypothesis::likelihood;
-        let Some(best) = self.hypotheses.iter().map(likelihood).max_by(f64::total_cmp) else { return };
-        self.hypotheses.retain(|hypothesis| likelihood(hypothesis) > best - DECISIVE);
-        self.hypotheses.sort_by(|a, b| likelihood(b).total_cmp(&likelihood(a)));
     }
 
     /// The motion of the frame in a stretch.
@@ -398,6 +390,14 @@ fn weigh(hypotheses: &mut [Hypothesis], stretch: Stretch<'_>) {
     for (hypothesis, evidence) in hypotheses.iter_mut().zip(evidence.into_iter().flatten()) {
         hypothesis.score += trust * evidence;
     }
+}
+
+/// Puts the likelier axis first and gives up one that is far less likely.
+fn choose(hypotheses: &mut Vec<Hypothesis>) {
+    let likelihood = Hypothesis::likelihood;
+    let Some(best) = hypotheses.iter().map(likelihood).max_by(f64::total_cmp) else { return };
+    hypotheses.retain(|hypothesis| likelihood(hypothesis) > best - DECISIVE);
+    hypotheses.sort_by(|a, b| likelihood(b).total_cmp(&likelihood(a)));
 }
 
 #[cfg(test)]
