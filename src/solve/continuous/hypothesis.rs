@@ -1,6 +1,6 @@
 //! One way in which the sensor may be read, with a solver of its own.
 
-use super::pair::Pair;
+use super::pair::{Pair, Reading};
 use super::solver::{Solver, Tempo};
 use crate::readout::ReadoutDirection;
 use crate::solve::median::median;
@@ -33,6 +33,9 @@ const READOUTS: [f64; 4] = [0.9, 0.5, -0.5, -0.9];
 const VAGUE: f64 = 0.2;
 /// Frames from one trial of another tempo to the next.
 const TRIAL: usize = 15;
+
+/// Bands of lines in which matches are looked for.
+const LINES: usize = 16;
 
 /// Pairs that follow one another, around a frame.
 #[derive(Clone, Copy)]
@@ -110,10 +113,19 @@ impl Hypothesis {
             iterate(&mut self.solver, stretch, STEPS[usize::from(!starts)])
         };
         self.try_tempo(stretch);
-        let seen = stretch.of_tempo(self.solver.tempo);
         if settled {
-            self.solver.remember(1.0 / seen.pairs.len() as f64);
+            let seen = stretch.of_tempo(self.solver.tempo);
+            self.solver.remember(self.worth(stretch) / seen.pairs.len() as f64);
         }
+    }
+
+    /// Share of what a stretch says that counts: as much as the path explains at its frame, and none where so few lines
+    /// show anything that a thing of its own may be all that moves.
+    pub fn worth(&self, stretch: Stretch<'_>) -> f64 {
+        let stretch = stretch.of_tempo(self.solver.tempo);
+        let beside = stretch.beside().filter_map(|index| stretch.pairs.get(index));
+        let breadth = beside.map(|pair| breadth(pair, self.solver.reading)).fold(1.0, f64::min);
+        breadth * explained(&self.solver, stretch)
     }
 
     /// Logarithm of the evidence of a pair of the stretch, up to a constant.
@@ -174,6 +186,27 @@ impl Hypothesis {
             self.solver = other;
         }
     }
+}
+
+/// How much of the displacements at the frame of a stretch the path explains, 0 to 1.
+pub(super) fn explained(solver: &Solver, stretch: Stretch<'_>) -> f64 {
+    let sigma = stretch.beside().filter_map(|index| solver.sigma(index)).fold(0.0, f64::max);
+    let pairs = stretch.beside().filter_map(|index| stretch.pairs.get(index));
+    let moved = pairs.map(|pair| pair.moved()).fold(0.0, f64::max) * solver.radius * solver.radius;
+    let allowed = (3.0 * solver.noise).powi(2) + 0.25 * moved;
+    (1.0 - 2.0 * sigma * sigma / allowed).clamp(0.0, 1.0)
+}
+
+/// Whether a pair shows enough of the picture's lines to tell a shutter from a thing that moves on its own: 0 up to a
+/// quarter of them, 1 from a half on.
+pub(super) fn breadth(pair: &Pair, reading: Reading) -> f64 {
+    let mut shown = [false; LINES];
+    for one in &pair.matches {
+        let line = reading.place(one.from) * LINES as f64;
+        shown[line.clamp(0.0, LINES as f64 - 1.0) as usize] = true;
+    }
+    let share = shown.iter().filter(|shown| **shown).count() as f64 / LINES as f64;
+    (4.0 * share - 1.0).clamp(0.0, 1.0)
 }
 
 /// Steps until nothing changes any more at the frame, at most so many; whether γ came to rest.

@@ -5,7 +5,7 @@
 //! likelier one speaks. Vibrations, too fast for the usual knots, are a hypothesis within each.
 
 use super::camera::{Camera, KAPPA_LIMITS, KNOWN, READOUT_BELIEF};
-use super::hypothesis::{Hypothesis, NOTICEABLE, Stretch};
+use super::hypothesis::{Hypothesis, NOTICEABLE, Stretch, breadth, explained};
 use super::pair::{Pair, Reading};
 use super::running::Running;
 use super::smoothness::Smoothness;
@@ -162,7 +162,12 @@ impl Continuous {
             last.to_next = Pair::new(found.grid, centre, radius, [last.stamp, stamp]);
             last.detail.extend_from_slice(found.grid);
             last.detail.extend_from_slice(found.fine);
-            if let Some(shutter) = &mut self.shutter {
+            let is_broad = |pair: &Pair| {
+                let readings = self.hypotheses.iter().map(|hypothesis| hypothesis.solver.reading);
+                readings.map(|reading| breadth(pair, reading)).all(|breadth| breadth > 0.0)
+            };
+            let is_scene = last.to_next.as_ref().is_some_and(is_broad);
+            if let Some(shutter) = self.shutter.as_mut().filter(|_| is_scene) {
                 shutter.push(found.grid, (stamp - last.stamp) * unit);
                 self.taken += 1;
                 if self.taken.is_multiple_of(HINT_EVERY) {
@@ -296,13 +301,11 @@ impl Continuous {
         };
         let beside = stretch.beside();
         let inliers = beside.clone().map(|index| solver.inliers(index)).max().unwrap_or(0);
-        let sigma = beside.clone().filter_map(|index| solver.sigma(index)).fold(0.0, f64::max);
-        let moved =
-            beside.filter_map(|index| stretch.pairs.get(index)).map(|pair| pair.moved()).fold(0.0, f64::max);
+        let sigma = beside.filter_map(|index| solver.sigma(index)).fold(0.0, f64::max);
         Motion {
             readout,
             homographies: (0..=SHARES).map(homography).collect(),
-            confidence: self.confidence(solver, sigma, moved),
+            confidence: self.confidence(solver, explained(solver, stretch)),
             field: None,
             inliers,
             sigma,
@@ -343,9 +346,7 @@ impl Continuous {
             .ok()
     }
 
-    fn confidence(&self, solver: &Solver, sigma: f64, moved: f64) -> f64 {
-        let allowed = (3.0 * solver.noise).powi(2) + 0.25 * moved * self.radius * self.radius;
-        let explained = (1.0 - 2.0 * sigma * sigma / allowed).clamp(0.0, 1.0);
+    fn confidence(&self, solver: &Solver, explained: f64) -> f64 {
         if self.camera.is_known() {
             return explained;
         }
@@ -379,14 +380,14 @@ impl Continuous {
     }
 }
 
-/// Adds what a stretch says for and against each hypothesis, as far as its residuals are the tracker's in the one
-/// that fits best.
+/// Adds what a stretch says for and against each hypothesis, as far as its residuals are the tracker's, and it is
+/// worth anything, in the one that fits best.
 fn weigh(hypotheses: &mut [Hypothesis], stretch: Stretch<'_>) {
     if hypotheses.len() < 2 {
         return;
     }
     let evidence: Option<Vec<f64>> = hypotheses.iter_mut().map(|h| h.evidence(stretch)).collect();
-    let trust = hypotheses.iter().map(|h| h.solver.trust()).fold(0.0, f64::max);
+    let trust = hypotheses.iter().map(|h| h.solver.trust() * h.worth(stretch)).fold(0.0, f64::max);
     for (hypothesis, evidence) in hypotheses.iter_mut().zip(evidence.into_iter().flatten()) {
         hypothesis.score += trust * evidence;
     }
