@@ -14,7 +14,7 @@ const STEPS: [usize; 2] = [12, 4];
 const SEEKING_STEPS: usize = 40;
 /// Readout ratios beside the one in hand from which a vague one is sought: the ends, as what is in between is reached.
 const ENDS: [f64; 2] = [0.9, -0.9];
-/// A readout ratio is told from another where its evidence is greater by a factor of e to this power.
+/// A readout ratio, or a tempo, is told from another where its evidence is greater by a factor of e to this power.
 const TOLD: f64 = 5.0;
 /// A step that changes the displacements at the frame by less than this share of the least noise (root mean
 /// square) is the last.
@@ -25,8 +25,6 @@ const SETTLED_READOUT: f64 = 0.01;
 const UNCERTAIN: f64 = 0.5;
 /// A path that leaves more than this share of the mean squared displacement is tried at another tempo.
 const UNEXPLAINED: f64 = 0.05;
-/// The faster tempo must leave less than this share of what the calm one does (standard deviations).
-const WORTH_VIBRATING: f64 = 0.5;
 /// Readout ratios from which a vibration is looked for where the readout is unknown.
 const READOUTS: [f64; 4] = [0.9, 0.5, -0.5, -0.9];
 /// A readout ratio that is known worse than this may be anything.
@@ -88,10 +86,9 @@ pub(super) struct Hypothesis {
 }
 
 impl Hypothesis {
-    /// A hypothesis that nothing speaks for or against yet. While the readout is sought, a path that fits badly means
-    /// little: only after some frames may it be a vibration.
-    pub fn new(direction: ReadoutDirection, signs: [f64; 2], solver: Solver, known: bool) -> Self {
-        Self { direction, signs, solver, score: 0.0, rough: 0.0, since_trial: if known { TRIAL } else { 0 } }
+    /// A hypothesis that nothing speaks for or against yet.
+    pub fn new(direction: ReadoutDirection, signs: [f64; 2], solver: Solver) -> Self {
+        Self { direction, signs, solver, score: 0.0, rough: 0.0, since_trial: TRIAL }
     }
 
     /// Logarithm of the likelihood, up to a constant.
@@ -130,8 +127,7 @@ impl Hypothesis {
 
     /// Logarithm of the evidence of a pair of the stretch, up to a constant.
     pub fn evidence(&mut self, stretch: Stretch<'_>) -> Option<f64> {
-        let pairs = stretch.of_tempo(self.solver.tempo).pairs;
-        self.solver.evidence(pairs).map(|evidence| evidence / pairs.len().max(1) as f64)
+        evidence(&mut self.solver, stretch)
     }
 
     /// Fits the path from several readout ratios and goes on from the likeliest; whether γ came to rest where no other
@@ -173,19 +169,27 @@ impl Hypothesis {
         self.since_trial = 0;
         let vague = tempo == Tempo::Calm && self.solver.readout_deviation() > VAGUE;
         let starts = if vague { &READOUTS[..] } else { &[] };
-        let trials = starts.iter().map(Some).chain([None]).map(|readout| {
+        let trials = starts.iter().map(Some).chain([None]).filter_map(|readout| {
             let mut other = self.solver.at_tempo(tempo.other());
             let [low, high] = other.limits[0];
             other.shared[0] = readout.map_or(other.shared[0], |readout| readout.clamp(low, high));
             iterate(&mut other, stretch, STEPS[0]);
-            (sigma_of(&other).unwrap_or(f64::INFINITY), other)
+            evidence(&mut other, stretch).map(|evidence| (evidence, other))
         });
-        let Some((others, other)) = trials.min_by(|a, b| a.0.total_cmp(&b.0)) else { return };
-        let (fast, calm) = if tempo == Tempo::Calm { (others, sigma) } else { (sigma, others) };
-        if (fast < WORTH_VIBRATING * calm) == (tempo == Tempo::Calm) {
+        let Some((others, other)) = trials.max_by(|a, b| a.0.total_cmp(&b.0)) else { return };
+        let Some(own) = self.evidence(stretch) else { return };
+        // Per pair: the two tempos look at different numbers of them.
+        let pairs = stretch.of_tempo(Tempo::Calm).pairs.len() as f64;
+        if self.solver.trust().max(other.trust()) * pairs * (others - own) > TOLD {
             self.solver = other;
         }
     }
+}
+
+/// Logarithm of the evidence of a pair of a stretch, up to a constant.
+fn evidence(solver: &mut Solver, stretch: Stretch<'_>) -> Option<f64> {
+    let pairs = stretch.of_tempo(solver.tempo).pairs;
+    solver.evidence(pairs).map(|evidence| evidence / pairs.len().max(1) as f64)
 }
 
 /// How much of the displacements at the frame of a stretch the path explains, 0 to 1.

@@ -125,7 +125,7 @@ impl Continuous {
                 .map(|(mean, deviation)| Running::new(mean, deviation));
             let solver =
                 Solver::new(reading, Tempo::Calm, radius, noise, smoothness, beliefs, [signs, KAPPA_LIMITS]);
-            Hypothesis::new(direction, signs, solver, camera.is_known())
+            Hypothesis::new(direction, signs, solver)
         };
         Self {
             camera,
