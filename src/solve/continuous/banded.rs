@@ -77,6 +77,11 @@ impl Banded {
         true
     }
 
+    /// Half the logarithm of the determinant of L·Lᵀ, this being L.
+    pub fn half_log_determinant(&self) -> f64 {
+        (0..self.size).map(|i| self.row(i)[self.band].ln()).sum()
+    }
+
     /// Solves L·Lᵀ·x = b in place, this being L.
     pub fn solve(&self, b: &mut [f64]) {
         let band = self.band;

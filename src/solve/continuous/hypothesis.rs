@@ -1,6 +1,6 @@
 //! One way in which the sensor may be read, with a solver of its own.
 
-use super::pair::Pair;
+use super::pair::{Pair, Reading};
 use super::solver::{Solver, Tempo};
 use crate::readout::ReadoutDirection;
 use crate::solve::median::median;
@@ -9,23 +9,31 @@ use crate::solve::median::median;
 pub(super) const NOTICEABLE: f64 = 4.0;
 /// Steps to the first path, and to each one after it, at most.
 const STEPS: [usize; 2] = [12, 4];
+/// Steps from the best start where the readout is sought: while γ is far off, the splines bend to imitate the shutter,
+/// and learn to be straight again only as γ comes nearer.
+const SEEKING_STEPS: usize = 40;
+/// Readout ratios beside the one in hand from which a vague one is sought: the ends, as what is in between is reached.
+const ENDS: [f64; 2] = [0.9, -0.9];
+/// A readout ratio, or a tempo, is told from another where its evidence is greater by a factor of e to this power.
+const TOLD: f64 = 5.0;
 /// A step that changes the displacements at the frame by less than this share of the least noise (root mean
 /// square) is the last.
 const SETTLED: f64 = 0.3;
 /// Or γ by less than this.
 const SETTLED_READOUT: f64 = 0.01;
+/// What a window says of γ is believed where the last step changed no more than this share of what is uncertain anyway.
+const UNCERTAIN: f64 = 0.5;
 /// A path that leaves more than this share of the mean squared displacement is tried at another tempo.
 const UNEXPLAINED: f64 = 0.05;
-/// The faster tempo must leave less than this share of what the calm one does (standard deviations).
-const WORTH_VIBRATING: f64 = 0.5;
 /// Readout ratios from which a vibration is looked for where the readout is unknown.
 const READOUTS: [f64; 4] = [0.9, 0.5, -0.5, -0.9];
 /// A readout ratio that is known worse than this may be anything.
 const VAGUE: f64 = 0.2;
 /// Frames from one trial of another tempo to the next.
 const TRIAL: usize = 15;
-/// Independent measurements in a pair, two coordinates each: the weight of its residuals' logarithm.
-const WEIGHT: f64 = 50.0;
+
+/// Bands of lines in which matches are looked for.
+const LINES: usize = 16;
 
 /// Pairs that follow one another, around a frame.
 #[derive(Clone, Copy)]
@@ -78,10 +86,9 @@ pub(super) struct Hypothesis {
 }
 
 impl Hypothesis {
-    /// A hypothesis that nothing speaks for or against yet. While the readout is sought, a path that fits badly means
-    /// little: only after some frames may it be a vibration.
-    pub fn new(direction: ReadoutDirection, signs: [f64; 2], solver: Solver, known: bool) -> Self {
-        Self { direction, signs, solver, score: 0.0, rough: 0.0, since_trial: if known { TRIAL } else { 0 } }
+    /// A hypothesis that nothing speaks for or against yet.
+    pub fn new(direction: ReadoutDirection, signs: [f64; 2], solver: Solver) -> Self {
+        Self { direction, signs, solver, score: 0.0, rough: 0.0, since_trial: TRIAL }
     }
 
     /// Logarithm of the likelihood, up to a constant.
@@ -97,15 +104,53 @@ impl Hypothesis {
         if stretch.pairs.is_empty() {
             return;
         }
-        let settled = iterate(&mut self.solver, stretch, STEPS[usize::from(!starts)]);
+        let settled = if starts && self.solver.readout_deviation() > VAGUE {
+            self.seek(stretch)
+        } else {
+            iterate(&mut self.solver, stretch, STEPS[usize::from(!starts)])
+        };
         self.try_tempo(stretch);
-        let seen = stretch.of_tempo(self.solver.tempo);
         if settled {
-            self.solver.remember(1.0 / seen.pairs.len() as f64);
+            let seen = stretch.of_tempo(self.solver.tempo);
+            self.solver.remember(self.worth(stretch) / seen.pairs.len() as f64);
         }
-        if let Some(sigma) = self.solver.likely_sigma(seen.own()).filter(|sigma| sigma.is_finite()) {
-            self.score -= WEIGHT * self.solver.trust() * sigma.max(self.solver.noise).ln();
-        }
+    }
+
+    /// Share of what a stretch says that counts: as much as the path explains at its frame, and none where so few lines
+    /// show anything that a thing of its own may be all that moves.
+    pub fn worth(&self, stretch: Stretch<'_>) -> f64 {
+        let stretch = stretch.of_tempo(self.solver.tempo);
+        let beside = stretch.beside().filter_map(|index| stretch.pairs.get(index));
+        let breadth = beside.map(|pair| breadth(pair, self.solver.reading)).fold(1.0, f64::min);
+        breadth * explained(&self.solver, stretch)
+    }
+
+    /// Logarithm of the evidence of a pair of the stretch, up to a constant.
+    pub fn evidence(&mut self, stretch: Stretch<'_>) -> Option<f64> {
+        evidence(&mut self.solver, stretch)
+    }
+
+    /// Fits the path from several readout ratios and goes on from the likeliest; whether γ came to rest where no other
+    /// one is nearly as likely.
+    fn seek(&mut self, stretch: Stretch<'_>) -> bool {
+        let pairs = stretch.of_tempo(self.solver.tempo).pairs;
+        let [low, high] = self.solver.limits[0];
+        let ends = ENDS.into_iter().filter(|end| (low..=high).contains(end));
+        let tried = std::iter::once(self.solver.shared[0]).chain(ends).filter_map(|readout| {
+            let mut solver = self.solver.clone();
+            solver.shared[0] = readout;
+            iterate(&mut solver, stretch, STEPS[0]);
+            solver.evidence(pairs).map(|evidence| (evidence, solver))
+        });
+        let mut tried: Vec<(f64, Solver)> = tried.collect();
+        tried.sort_by(|a, b| b.0.total_cmp(&a.0));
+        let mut tried = tried.into_iter();
+        let Some((_, best)) = tried.next() else { return false };
+        self.solver = best;
+        let rests = iterate(&mut self.solver, stretch, SEEKING_STEPS);
+        let Some(evidence) = self.solver.evidence(pairs) else { return false };
+        let apart = |solver: &Solver| (solver.shared[0] - self.solver.shared[0]).abs() > VAGUE;
+        rests && tried.all(|(other, solver)| !apart(&solver) || evidence - other > TOLD)
     }
 
     /// Goes over to another tempo where that is worth it.
@@ -124,24 +169,54 @@ impl Hypothesis {
         self.since_trial = 0;
         let vague = tempo == Tempo::Calm && self.solver.readout_deviation() > VAGUE;
         let starts = if vague { &READOUTS[..] } else { &[] };
-        let trials = starts.iter().map(Some).chain([None]).map(|readout| {
+        let trials = starts.iter().map(Some).chain([None]).filter_map(|readout| {
             let mut other = self.solver.at_tempo(tempo.other());
             let [low, high] = other.limits[0];
             other.shared[0] = readout.map_or(other.shared[0], |readout| readout.clamp(low, high));
             iterate(&mut other, stretch, STEPS[0]);
-            (sigma_of(&other).unwrap_or(f64::INFINITY), other)
+            evidence(&mut other, stretch).map(|evidence| (evidence, other))
         });
-        let Some((others, other)) = trials.min_by(|a, b| a.0.total_cmp(&b.0)) else { return };
-        let (fast, calm) = if tempo == Tempo::Calm { (others, sigma) } else { (sigma, others) };
-        if (fast < WORTH_VIBRATING * calm) == (tempo == Tempo::Calm) {
+        let Some((others, other)) = trials.max_by(|a, b| a.0.total_cmp(&b.0)) else { return };
+        let Some(own) = self.evidence(stretch) else { return };
+        // Per pair: the two tempos look at different numbers of them.
+        let pairs = stretch.of_tempo(Tempo::Calm).pairs.len() as f64;
+        if self.solver.trust().max(other.trust()) * pairs * (others - own) > TOLD {
             self.solver = other;
         }
     }
 }
 
-/// Steps until nothing changes any more at the frame, at most so many; whether that came to pass.
+/// Logarithm of the evidence of a pair of a stretch, up to a constant.
+fn evidence(solver: &mut Solver, stretch: Stretch<'_>) -> Option<f64> {
+    let pairs = stretch.of_tempo(solver.tempo).pairs;
+    solver.evidence(pairs).map(|evidence| evidence / pairs.len().max(1) as f64)
+}
+
+/// How much of the displacements at the frame of a stretch the path explains, 0 to 1.
+pub(super) fn explained(solver: &Solver, stretch: Stretch<'_>) -> f64 {
+    let sigma = stretch.beside().filter_map(|index| solver.sigma(index)).fold(0.0, f64::max);
+    let pairs = stretch.beside().filter_map(|index| stretch.pairs.get(index));
+    let moved = pairs.map(|pair| pair.moved()).fold(0.0, f64::max) * solver.radius * solver.radius;
+    let allowed = (3.0 * solver.noise).powi(2) + 0.25 * moved;
+    (1.0 - 2.0 * sigma * sigma / allowed).clamp(0.0, 1.0)
+}
+
+/// Whether a pair shows enough of the picture's lines to tell a shutter from a thing that moves on its own: 0 up to a
+/// quarter of them, 1 from a half on.
+pub(super) fn breadth(pair: &Pair, reading: Reading) -> f64 {
+    let mut shown = [false; LINES];
+    for one in &pair.matches {
+        let line = reading.place(one.from) * LINES as f64;
+        shown[line.clamp(0.0, LINES as f64 - 1.0) as usize] = true;
+    }
+    let share = shown.iter().filter(|shown| **shown).count() as f64 / LINES as f64;
+    (4.0 * share - 1.0).clamp(0.0, 1.0)
+}
+
+/// Steps until nothing changes any more at the frame, at most so many; whether γ came to rest.
 fn iterate(solver: &mut Solver, stretch: Stretch<'_>, steps: usize) -> bool {
     let stretch = stretch.of_tempo(solver.tempo);
+    let mut rests = false;
     for _ in 0..steps {
         let before = solver.shared[0];
         if !solver.step(stretch.pairs) {
@@ -151,10 +226,14 @@ fn iterate(solver: &mut Solver, stretch: Stretch<'_>, steps: usize) -> bool {
         let change = stretch.beside().map(|index| solver.moved(index)).fold(0.0, f64::max);
         let moved = (solver.shared[0] - before).abs();
         if change < SETTLED * solver.noise && moved < SETTLED_READOUT {
-            solver.cover(stretch.pairs);
-            return true;
+            rests = true;
+            break;
         }
+        // Robust weights may go back and forth for ever, by less than is uncertain anyway.
+        let sigma = stretch.beside().filter_map(|index| solver.sigma(index)).fold(0.0, f64::max);
+        let slack = UNCERTAIN * solver.seen_deviation();
+        rests = change < UNCERTAIN * sigma && moved < SETTLED_READOUT.max(slack);
     }
     solver.cover(stretch.pairs);
-    false
+    rests
 }

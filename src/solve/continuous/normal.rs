@@ -92,6 +92,11 @@ pub(super) struct Normal {
     pub shared_right: SVector<f64, SHARED>,
     /// Variances of the residuals.
     pub scatter: Scatter,
+    /// Coordinates that are independent.
+    pub independent: f64,
+    /// Logarithm of the likelihood of the residuals, up to a constant, for as many matches as are independent. A point
+    /// is followed over two pairs: half of them count by what is left, half by what is new.
+    pub log_likelihood: f64,
     /// Sum of the correspondences' weights.
     weight: f64,
     bands: Vec<Band>,
@@ -112,6 +117,11 @@ impl Normal {
     }
 }
 
+/// Logarithm of Student's t in two dimensions, up to a constant, of a squared distance in units of its scale.
+fn log_student(square: f64) -> f64 {
+    -(FREEDOM + 2.0) / 2.0 * (square / FREEDOM).ln_1p()
+}
+
 impl View<'_> {
     /// Adds up what a pair says, given the one before.
     pub fn normal(&self, left: &Left, out: &mut Normal) {
@@ -121,6 +131,8 @@ impl View<'_> {
     fn normal_with(&self, scatter: Scatter, left: &Left, out: &mut Normal) {
         out.scatter = scatter;
         let worth = (WORTH / left.legs.len() as f64).min(1.0);
+        out.independent = 2.0 * WORTH.min(left.legs.len() as f64);
+        out.log_likelihood = 0.0;
         out.bands.clear();
         out.bands.resize_with(BANDS, Band::default);
         out.shared = SMatrix::zeros();
@@ -128,11 +140,14 @@ impl View<'_> {
         for (leg, before) in left.legs.iter().zip(&left.before) {
             let mut new = scatter.innovation(leg, before.as_ref());
             let stray = leg.residual.norm_squared() / (left.sigma * left.sigma);
+            let likely = log_student(new.square()) + new.weight.determinant().ln() / 2.0;
+            let likely_left = log_student(stray) - 2.0 * left.sigma.ln();
             let unmoved = (STRAY + 2.0) / (STRAY + stray);
             new.weight *= worth * unmoved * unmoved * (FREEDOM + 2.0) / (FREEDOM + new.square());
             if !new.weight.iter().all(|weight| weight.is_finite()) {
                 continue;
             }
+            out.log_likelihood += worth * (likely + likely_left) / 2.0;
             let band = (self.reading.place(leg.m.from).clamp(0.0, 1.0) * (BANDS - 1) as f64).round() as usize;
             let shared = self.add(&new, leg, before.as_ref(), &mut out.bands[band]);
             out.shared += shared.transpose() * new.weight * shared;

@@ -22,6 +22,8 @@ use rayon::prelude::*;
 const MARGIN: f64 = 0.25;
 /// Residuals of up to so many times the least noise are those of the tracker on blurred or compressed footage.
 const TRACKED: f64 = 10.0;
+/// Correlation that what the path leaves may have with what γ and κ do.
+const CONSPIRACY: f64 = 0.1;
 /// Estimates of γ so many deviations apart contradict each other.
 const CONTRADICTION: f64 = 4.0;
 /// The most that γ and κ may change at once.
@@ -190,13 +192,6 @@ impl Solver {
         self.left.get(index).map(|left| left.sigma)
     }
 
-    /// Standard deviation of a coordinate in pair `index` as its likelihood has it: the geometric mean of what is
-    /// left and of what is new, for a point is followed over two pairs.
-    pub fn likely_sigma(&self, index: usize) -> Option<f64> {
-        let new = self.normals.get(index)?.scatter.noise.sqrt();
-        self.sigma(index).map(|left| (left * new).sqrt())
-    }
-
     /// Matches of pair `index` within three deviations of the path, thinned out ones counted.
     pub fn inliers(&self, index: usize) -> usize {
         self.left.get(index).map_or(0, |left| left.inliers)
@@ -223,8 +218,8 @@ impl Solver {
         self.flow.follow(&self.path, [from, to], self.radius);
     }
 
-    /// One step; whether it could be solved.
-    pub fn step(&mut self, pairs: &[&Pair]) -> bool {
+    /// Holds the pairs against the path.
+    fn compare(&mut self, pairs: &[&Pair]) {
         self.cover(pairs);
         let view = View {
             path: &self.path,
@@ -243,6 +238,11 @@ impl Solver {
             view.left(pair, index > 0, left);
             view.normal(left, normal);
         });
+    }
+
+    /// One step; whether it could be solved.
+    pub fn step(&mut self, pairs: &[&Pair]) -> bool {
+        self.compare(pairs);
         let (information, side) = self.assemble();
         if !self.matrix.factorise() {
             return false;
@@ -307,7 +307,7 @@ impl Solver {
                 information[(p, q)] -= dot(&self.border[p], &self.weighted[q]);
             }
         }
-        let trust = self.trust();
+        let trust = self.trust() / self.conspiracy();
         information *= trust;
         side *= trust;
         let mut all = information;
@@ -338,6 +338,28 @@ impl Solver {
         [self.shared[0] - before[0], self.shared[1] - before[1]]
     }
 
+    /// Logarithm of the *evidence*, up to a constant: how likely the pairs are to any path as smooth as this one, by
+    /// Laplace's method (MacKay, as in [`Smoothness`]): ln p(pairs | path) − ½·cᵀPc + ½·ln|P| − ½·ln|N|, c the path's
+    /// coefficients, P the prior's matrix and N all of it. A path that bends to imitate another shutter pays for it.
+    /// `None` where that cannot be told.
+    pub fn evidence(&mut self, pairs: &[&Pair]) -> Option<f64> {
+        self.compare(pairs);
+        self.assemble();
+        let mut prior = Banded::default();
+        let size = self.path.coefficients.len();
+        prior.reset(size, (3 * BLOCK).min(size).saturating_sub(1));
+        let mut side = vec![0.0; size];
+        self.smoothness.add(&self.path, &mut prior, &mut side);
+        if !(self.matrix.factorise() && prior.factorise()) {
+            return None;
+        }
+        let likelihood: f64 = self.normals.iter().map(|normal| normal.log_likelihood).sum();
+        // The prior's right side is −Pc.
+        let energy: f64 = self.path.coefficients.iter().zip(&side).map(|(value, side)| -value * side).sum();
+        let room = prior.half_log_determinant() - self.matrix.half_log_determinant();
+        Some(likelihood - 0.5 * energy + room).filter(|evidence| evidence.is_finite())
+    }
+
     /// How far residuals are the tracker's: what the model cannot explain is alike from pair to pair and says
     /// nothing of γ and κ. The middle one counts, for the path has not been fitted to the pair that came last.
     pub fn trust(&self) -> f64 {
@@ -350,6 +372,20 @@ impl Solver {
     pub fn readout_deviation(&self) -> f64 {
         let information = self.beliefs[0].information() + self.hint.map_or(0.0, |(_, known)| known);
         information.sqrt().recip()
+    }
+
+    /// Standard deviation of γ by this window alone.
+    pub fn seen_deviation(&self) -> f64 {
+        self.seen[0].map_or(f64::INFINITY, |(_, information)| information.sqrt().recip())
+    }
+
+    /// By how much greater than by chance the variances of γ and κ are: what the path leaves beyond the tracker's noise may
+    /// go with what they do to the picture. With the correlation ρ an error of n coordinates, of variance σ² each, adds
+    /// ρ²·n·σ² to the σ² that chance is worth.
+    fn conspiracy(&self) -> f64 {
+        let left =
+            |normal: &Normal| normal.independent * (1.0 - self.noise * self.noise / normal.scatter.noise);
+        1.0 + CONSPIRACY.powi(2) * self.normals.iter().map(left).sum::<f64>()
     }
 
     /// Adds what the window says of γ and κ to the beliefs; `share` of it is new.

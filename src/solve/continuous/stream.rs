@@ -5,7 +5,7 @@
 //! likelier one speaks. Vibrations, too fast for the usual knots, are a hypothesis within each.
 
 use super::camera::{Camera, KAPPA_LIMITS, KNOWN, READOUT_BELIEF};
-use super::hypothesis::{Hypothesis, NOTICEABLE, Stretch};
+use super::hypothesis::{Hypothesis, NOTICEABLE, Stretch, breadth, explained};
 use super::pair::{Pair, Reading};
 use super::running::Running;
 use super::smoothness::Smoothness;
@@ -14,7 +14,7 @@ use crate::correspond::Correspondence;
 use crate::motion::{ResidualField, ResidualMesh, image_centre};
 use crate::readout::{Readout, ReadoutDirection};
 use crate::solve::layer::{Layer, Neighbour};
-use crate::solve::shutter::ShutterEstimator;
+use crate::solve::shutter::{ShutterEstimator, Verdict};
 use nalgebra::{Matrix3, Vector2};
 use std::collections::VecDeque;
 
@@ -125,7 +125,7 @@ impl Continuous {
                 .map(|(mean, deviation)| Running::new(mean, deviation));
             let solver =
                 Solver::new(reading, Tempo::Calm, radius, noise, smoothness, beliefs, [signs, KAPPA_LIMITS]);
-            Hypothesis::new(direction, signs, solver, camera.is_known())
+            Hypothesis::new(direction, signs, solver)
         };
         Self {
             camera,
@@ -167,7 +167,12 @@ impl Continuous {
             }
             last.detail.extend_from_slice(found.grid);
             last.detail.extend_from_slice(found.fine);
-            if let Some(shutter) = &mut self.shutter {
+            let is_broad = |pair: &Pair| {
+                let readings = self.hypotheses.iter().map(|hypothesis| hypothesis.solver.reading);
+                readings.map(|reading| breadth(pair, reading)).all(|breadth| breadth > 0.0)
+            };
+            let is_scene = last.to_next.as_ref().is_some_and(is_broad);
+            if let Some(shutter) = self.shutter.as_mut().filter(|_| is_scene) {
                 shutter.push(found.grid, (stamp - last.stamp) * unit);
                 self.taken += 1;
                 if self.taken.is_multiple_of(HINT_EVERY) {
@@ -185,6 +190,9 @@ impl Continuous {
     /// well that fits.
     fn take_hint(&mut self, unit: f64) {
         let Some(estimate) = self.shutter.as_mut().and_then(ShutterEstimator::estimate) else { return };
+        if estimate.verdict == Verdict::Unknown {
+            return;
+        }
         let (times, covariance) = (estimate.times / unit, estimate.covariance / (unit * unit));
         for hypothesis in &mut self.hypotheses {
             let own = usize::from(hypothesis.direction.is_by_rows());
@@ -255,13 +263,14 @@ impl Continuous {
             }
             hypothesis.settle(stretch, starts);
         }
+        weigh(&mut self.hypotheses, stretch);
+        choose(&mut self.hypotheses);
         self.continues = !pairs.is_empty();
         let mut motion = (!pairs.is_empty()).then(|| self.motion(stretch, stamp));
         self.sigma = motion.as_ref().map_or(f64::INFINITY, |motion| motion.sigma);
         if let Some(motion) = motion.as_mut().filter(|_| self.wants_detail()) {
             motion.field = self.field(own, past > 0, &motion.readout);
         }
-        self.choose();
         self.settled += 1;
         if self.settled > PAST {
             if let Some(mut old) = self.frames.pop_front() {
@@ -281,14 +290,6 @@ impl Continuous {
         self.continues = false;
     }
 
-    /// Puts the likelier axis first and gives up one that is far less likely.
-    fn choose(&mut self) {
-        let likelihood = Hypothesis::likelihood;
-        let Some(best) = self.hypotheses.iter().map(likelihood).max_by(f64::total_cmp) else { return };
-        self.hypotheses.retain(|hypothesis| likelihood(hypothesis) > best - DECISIVE);
-        self.hypotheses.sort_by(|a, b| likelihood(b).total_cmp(&likelihood(a)));
-    }
-
     /// The motion of the frame in a stretch.
     fn motion(&self, stretch: Stretch<'_>, stamp: f64) -> Motion {
         let solver = &self.hypotheses[0].solver;
@@ -305,13 +306,11 @@ impl Continuous {
         };
         let beside = stretch.beside();
         let inliers = beside.clone().map(|index| solver.inliers(index)).max().unwrap_or(0);
-        let sigma = beside.clone().filter_map(|index| solver.sigma(index)).fold(0.0, f64::max);
-        let moved =
-            beside.filter_map(|index| stretch.pairs.get(index)).map(|pair| pair.moved()).fold(0.0, f64::max);
+        let sigma = beside.filter_map(|index| solver.sigma(index)).fold(0.0, f64::max);
         Motion {
             readout,
             homographies: (0..=SHARES).map(homography).collect(),
-            confidence: self.confidence(solver, sigma, moved),
+            confidence: self.confidence(solver, explained(solver, stretch)),
             field: None,
             inliers,
             sigma,
@@ -352,9 +351,7 @@ impl Continuous {
             .ok()
     }
 
-    fn confidence(&self, solver: &Solver, sigma: f64, moved: f64) -> f64 {
-        let allowed = (3.0 * solver.noise).powi(2) + 0.25 * moved * self.radius * self.radius;
-        let explained = (1.0 - 2.0 * sigma * sigma / allowed).clamp(0.0, 1.0);
+    fn confidence(&self, solver: &Solver, explained: f64) -> f64 {
         if self.camera.is_known() {
             return explained;
         }
@@ -386,6 +383,27 @@ impl Continuous {
         let [width, height] = self.size;
         Readout { width, height, direction, time: solver.shared[0].abs() * unit }
     }
+}
+
+/// Adds what a stretch says for and against each hypothesis, as far as its residuals are the tracker's, and it is
+/// worth anything, in the one that fits best.
+fn weigh(hypotheses: &mut [Hypothesis], stretch: Stretch<'_>) {
+    if hypotheses.len() < 2 {
+        return;
+    }
+    let evidence: Option<Vec<f64>> = hypotheses.iter_mut().map(|h| h.evidence(stretch)).collect();
+    let trust = hypotheses.iter().map(|h| h.solver.trust() * h.worth(stretch)).fold(0.0, f64::max);
+    for (hypothesis, evidence) in hypotheses.iter_mut().zip(evidence.into_iter().flatten()) {
+        hypothesis.score += trust * evidence;
+    }
+}
+
+/// Puts the likelier axis first and gives up one that is far less likely.
+fn choose(hypotheses: &mut Vec<Hypothesis>) {
+    let likelihood = Hypothesis::likelihood;
+    let Some(best) = hypotheses.iter().map(likelihood).max_by(f64::total_cmp) else { return };
+    hypotheses.retain(|hypothesis| likelihood(hypothesis) > best - DECISIVE);
+    hypotheses.sort_by(|a, b| likelihood(b).total_cmp(&likelihood(a)));
 }
 
 #[cfg(test)]
