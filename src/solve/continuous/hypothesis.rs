@@ -157,7 +157,7 @@ impl Hypothesis {
     fn try_tempo(&mut self, stretch: Stretch<'_>) {
         self.since_trial += 1;
         let tempo = self.solver.tempo;
-        let sigma_of = |solver: &Solver| solver.sigma(stretch.of_tempo(solver.tempo).own());
+        let sigma_of = |solver: &Solver| solver.surprise(stretch.of_tempo(solver.tempo).own());
         let (Some(sigma), Some(pair)) = (sigma_of(&self.solver), stretch.pairs.get(stretch.own())) else {
             return;
         };

@@ -192,6 +192,11 @@ impl Solver {
         self.left.get(index).map(|left| left.sigma)
     }
 
+    /// Standard deviation of what is new in a coordinate of pair `index`, given the pair before.
+    pub fn surprise(&self, index: usize) -> Option<f64> {
+        self.normals.get(index).map(|normal| normal.scatter.noise.sqrt())
+    }
+
     /// Matches of pair `index` within three deviations of the path, thinned out ones counted.
     pub fn inliers(&self, index: usize) -> usize {
         self.left.get(index).map_or(0, |left| left.inliers)
