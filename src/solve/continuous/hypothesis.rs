@@ -31,6 +31,8 @@ const READOUTS: [f64; 4] = [0.9, 0.5, -0.5, -0.9];
 const VAGUE: f64 = 0.2;
 /// Frames from one trial of another tempo to the next.
 const TRIAL: usize = 15;
+/// Pairs before the frame on which another tempo is tried.
+const TRIAL_PAST: usize = 8;
 
 /// Bands of lines in which matches are looked for.
 const LINES: usize = 16;
@@ -46,7 +48,12 @@ pub(super) struct Stretch<'a> {
 impl<'a> Stretch<'a> {
     /// The part of it that a path of this tempo is fitted to.
     pub fn of_tempo(self, tempo: Tempo) -> Self {
-        let skipped = self.past.saturating_sub(tempo.past());
+        self.with_past(tempo.past())
+    }
+
+    /// The part of it with no more than so many pairs before the frame.
+    fn with_past(self, past: usize) -> Self {
+        let skipped = self.past.saturating_sub(past);
         Self { pairs: self.pairs.get(skipped..).unwrap_or_default(), past: self.past - skipped }
     }
 
@@ -169,18 +176,20 @@ impl Hypothesis {
         self.since_trial = 0;
         let vague = tempo == Tempo::Calm && self.solver.readout_deviation() > VAGUE;
         let starts = if vague { &READOUTS[..] } else { &[] };
+        let short = stretch.with_past(TRIAL_PAST);
         let trials = starts.iter().map(Some).chain([None]).filter_map(|readout| {
             let mut other = self.solver.at_tempo(tempo.other());
             let [low, high] = other.limits[0];
             other.shared[0] = readout.map_or(other.shared[0], |readout| readout.clamp(low, high));
-            iterate(&mut other, stretch, STEPS[0]);
-            evidence(&mut other, stretch).map(|evidence| (evidence, other))
+            iterate(&mut other, short, STEPS[0]);
+            evidence(&mut other, short).map(|evidence| (evidence, other))
         });
-        let Some((others, other)) = trials.max_by(|a, b| a.0.total_cmp(&b.0)) else { return };
-        let Some(own) = self.evidence(stretch) else { return };
+        let Some((others, mut other)) = trials.max_by(|a, b| a.0.total_cmp(&b.0)) else { return };
+        let Some(own) = evidence(&mut self.solver.clone(), short) else { return };
         // Per pair: the two tempos look at different numbers of them.
-        let pairs = stretch.of_tempo(Tempo::Calm).pairs.len() as f64;
+        let pairs = short.of_tempo(Tempo::Calm).pairs.len() as f64;
         if self.solver.trust().max(other.trust()) * pairs * (others - own) > TOLD {
+            iterate(&mut other, stretch, STEPS[0]);
             self.solver = other;
         }
     }
