@@ -383,7 +383,7 @@ impl Continuous {
 /// Adds what a stretch says for and against each hypothesis, as far as its residuals are the tracker's, and it is
 /// worth anything, in the one that fits best.
 fn weigh(hypotheses: &mut [Hypothesis], stretch: Stretch<'_>) {
-    if hypotheses.len() < 2 {
+    if hypotheses.len() < 2 || hypotheses.iter().any(|hypothesis| hypothesis.knows_little(stretch)) {
         return;
     }
     let evidence: Option<Vec<f64>> = hypotheses.iter_mut().map(|h| h.evidence(stretch)).collect();
