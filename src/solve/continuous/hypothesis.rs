@@ -27,10 +27,14 @@ const UNCERTAIN: f64 = 0.5;
 const UNEXPLAINED: f64 = 0.05;
 /// Readout ratios from which a vibration is looked for where the readout is unknown.
 const READOUTS: [f64; 4] = [0.9, 0.5, -0.5, -0.9];
+/// Pairs that tell one readout from another.
+const FEWEST_PAIRS: usize = 4;
 /// A readout ratio that is known worse than this may be anything.
 const VAGUE: f64 = 0.2;
 /// Frames from one trial of another tempo to the next.
 const TRIAL: usize = 15;
+/// Pairs before the frame on which another tempo is tried.
+const TRIAL_PAST: usize = 8;
 
 /// Bands of lines in which matches are looked for.
 const LINES: usize = 16;
@@ -46,7 +50,12 @@ pub(super) struct Stretch<'a> {
 impl<'a> Stretch<'a> {
     /// The part of it that a path of this tempo is fitted to.
     pub fn of_tempo(self, tempo: Tempo) -> Self {
-        let skipped = self.past.saturating_sub(tempo.past());
+        self.with_past(tempo.past())
+    }
+
+    /// The part of it with no more than so many pairs before the frame.
+    fn with_past(self, past: usize) -> Self {
+        let skipped = self.past.saturating_sub(past);
         Self { pairs: self.pairs.get(skipped..).unwrap_or_default(), past: self.past - skipped }
     }
 
@@ -83,12 +92,14 @@ pub(super) struct Hypothesis {
     pub rough: f64,
     /// Frames since another tempo was tried.
     since_trial: usize,
+    /// Whether γ was sought from several starts.
+    sought: bool,
 }
 
 impl Hypothesis {
     /// A hypothesis that nothing speaks for or against yet.
     pub fn new(direction: ReadoutDirection, signs: [f64; 2], solver: Solver) -> Self {
-        Self { direction, signs, solver, score: 0.0, rough: 0.0, since_trial: TRIAL }
+        Self { direction, signs, solver, score: 0.0, rough: 0.0, since_trial: TRIAL, sought: false }
     }
 
     /// Logarithm of the likelihood, up to a constant.
@@ -104,7 +115,11 @@ impl Hypothesis {
         if stretch.pairs.is_empty() {
             return;
         }
-        let settled = if starts && self.solver.readout_deviation() > VAGUE {
+        if self.knows_little(stretch) {
+            iterate(&mut self.solver, stretch, STEPS[usize::from(!starts)]);
+            return;
+        }
+        let settled = if !self.sought && self.solver.readout_deviation() > VAGUE {
             self.seek(stretch)
         } else {
             iterate(&mut self.solver, stretch, STEPS[usize::from(!starts)])
@@ -114,6 +129,13 @@ impl Hypothesis {
             let seen = stretch.of_tempo(self.solver.tempo);
             self.solver.remember(self.worth(stretch) / seen.pairs.len() as f64);
         }
+    }
+
+    /// Whether the readout is sought, and the stretch too short to say anything of it: some path fits a pair or two with
+    /// any shutter.
+    pub fn knows_little(&self, stretch: Stretch<'_>) -> bool {
+        let [low, high] = self.solver.limits[0];
+        low < high && stretch.pairs.len() < FEWEST_PAIRS
     }
 
     /// Share of what a stretch says that counts: as much as the path explains at its frame, and none where so few lines
@@ -133,11 +155,13 @@ impl Hypothesis {
     /// Fits the path from several readout ratios and goes on from the likeliest; whether γ came to rest where no other
     /// one is nearly as likely.
     fn seek(&mut self, stretch: Stretch<'_>) -> bool {
+        self.sought = true;
         let pairs = stretch.of_tempo(self.solver.tempo).pairs;
         let [low, high] = self.solver.limits[0];
         let ends = ENDS.into_iter().filter(|end| (low..=high).contains(end));
         let tried = std::iter::once(self.solver.shared[0]).chain(ends).filter_map(|readout| {
             let mut solver = self.solver.clone();
+            solver.restart();
             solver.shared[0] = readout;
             iterate(&mut solver, stretch, STEPS[0]);
             solver.evidence(pairs).map(|evidence| (evidence, solver))
@@ -169,18 +193,20 @@ impl Hypothesis {
         self.since_trial = 0;
         let vague = tempo == Tempo::Calm && self.solver.readout_deviation() > VAGUE;
         let starts = if vague { &READOUTS[..] } else { &[] };
+        let short = stretch.with_past(TRIAL_PAST);
         let trials = starts.iter().map(Some).chain([None]).filter_map(|readout| {
             let mut other = self.solver.at_tempo(tempo.other());
             let [low, high] = other.limits[0];
             other.shared[0] = readout.map_or(other.shared[0], |readout| readout.clamp(low, high));
-            iterate(&mut other, stretch, STEPS[0]);
-            evidence(&mut other, stretch).map(|evidence| (evidence, other))
+            iterate(&mut other, short, STEPS[0]);
+            evidence(&mut other, short).map(|evidence| (evidence, other))
         });
-        let Some((others, other)) = trials.max_by(|a, b| a.0.total_cmp(&b.0)) else { return };
-        let Some(own) = self.evidence(stretch) else { return };
+        let Some((others, mut other)) = trials.max_by(|a, b| a.0.total_cmp(&b.0)) else { return };
+        let Some(own) = evidence(&mut self.solver.clone(), short) else { return };
         // Per pair: the two tempos look at different numbers of them.
-        let pairs = stretch.of_tempo(Tempo::Calm).pairs.len() as f64;
+        let pairs = short.of_tempo(Tempo::Calm).pairs.len() as f64;
         if self.solver.trust().max(other.trust()) * pairs * (others - own) > TOLD {
+            iterate(&mut other, stretch, STEPS[0]);
             self.solver = other;
         }
     }

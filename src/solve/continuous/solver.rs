@@ -52,7 +52,7 @@ impl Tempo {
     pub const fn past(self) -> usize {
         match self {
             Self::Calm => 4,
-            Self::Vibrating => 8,
+            Self::Vibrating => 24,
         }
     }
 

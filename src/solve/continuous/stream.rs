@@ -19,7 +19,7 @@ use nalgebra::{Matrix3, Vector2};
 use std::collections::VecDeque;
 
 /// Frames before the one that is settled that are remembered.
-const PAST: usize = 8;
+const PAST: usize = 24;
 /// Standard deviation of a coordinate in analysed pixels that the tracker reaches on clean footage.
 const NOISE: f64 = 0.03;
 /// Shares of the readout at which the homographies of a frame are given out, less one.
@@ -388,7 +388,7 @@ impl Continuous {
 /// Adds what a stretch says for and against each hypothesis, as far as its residuals are the tracker's, and it is
 /// worth anything, in the one that fits best.
 fn weigh(hypotheses: &mut [Hypothesis], stretch: Stretch<'_>) {
-    if hypotheses.len() < 2 {
+    if hypotheses.len() < 2 || hypotheses.iter().any(|hypothesis| hypothesis.knows_little(stretch)) {
         return;
     }
     let evidence: Option<Vec<f64>> = hypotheses.iter_mut().map(|h| h.evidence(stretch)).collect();

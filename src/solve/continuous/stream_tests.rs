@@ -261,6 +261,52 @@ fn parallax_tells_the_readout_as_turns_do() {
 }
 
 #[test]
+fn an_unknown_readout_is_acted_upon_from_the_first_frame() {
+    for (gamma, by_rows) in [(0.9, true), (-0.9, true), (0.6, true), (-0.6, false)] {
+        let film = Film::new(gamma, by_rows);
+        let stamps = regular(8);
+        let (motions, _) = film.solved(UNKNOWN, &stamps, 15);
+        let first = motions[0].as_ref().unwrap();
+        assert_eq!(first.readout.direction, film.direction());
+        assert!(first.confidence > 0.5, "γ = {gamma}: {}", first.confidence);
+        let worst = film.worst(&motions, &stamps, 0);
+        assert!(worst < 0.3, "γ = {gamma}: {worst} px");
+    }
+}
+
+#[test]
+fn the_edge_that_is_read_first_shows_in_the_first_window() {
+    for (gamma, by_rows) in [(0.8, true), (-0.8, true), (0.8, false), (-0.8, false)] {
+        let film = Film::new(gamma, by_rows);
+        let camera = Camera { direction: None, ..film.camera() };
+        let (motions, continuous) = film.solved(camera, &regular(6), 16);
+        assert!(motions.iter().flatten().all(|motion| motion.readout.direction == film.direction()));
+        assert_eq!(continuous.hypotheses.len(), 1, "the other three are given up");
+    }
+}
+
+#[test]
+fn what_shows_on_few_lines_says_nothing_of_the_readout() {
+    let film = Film::new(0.9, true);
+    let stamps = regular(30);
+    let mut random = Random(17);
+    let mut continuous = Continuous::new(UNKNOWN, SIZE[0], SIZE[1], 1.0);
+    for k in 0..30 {
+        let pair = (k > 0).then(|| film.pair(stamps[k - 1], stamps[k], &mut random));
+        let pair = pair.map(|mut pair| {
+            pair.retain(|found| {
+                (200.0..280.0).contains(&found.from.y) && (200.0..280.0).contains(&found.from.x)
+            });
+            pair
+        });
+        continuous.push(pair.as_deref().map(|grid| Found { grid, fine: &[] }), stamps[k], PERIOD);
+    }
+    for motion in (0..30).filter_map(|_| continuous.settle()) {
+        assert!(motion.readout_deviation > 0.49 && motion.confidence == 0.0, "{}", motion.readout_deviation);
+    }
+}
+
+#[test]
 fn a_global_shutter_is_left_alone() {
     let film = Film::new(0.0, true);
     let stamps = regular(30);
@@ -290,6 +336,19 @@ fn a_vibration_above_the_frame_rate_is_followed() {
     }
     let share = (left / whole).sqrt();
     assert!(share < 0.25, "{share} of the distortion is left");
+}
+
+#[test]
+fn a_vibration_gives_away_an_unknown_readout_and_its_direction() {
+    // An engine of 1.7 cycles a frame, seen once a frame, looks like any slower swing; within a frame it does not.
+    for gamma in [0.9, -0.9] {
+        let swings = [[(51.0, 0.006), (0.0, 0.0)], [(51.0, 0.006), (1.1, 0.03)], [(0.0, 0.0); 2]];
+        let film = Film { swings, ..Film::new(gamma, true) };
+        let (motions, _) = film.solved(UNKNOWN, &regular(8), 27);
+        let first = motions[0].as_ref().unwrap();
+        assert_eq!(first.readout.direction, film.direction());
+        assert!(first.confidence > 0.5 && first.sigma < 0.3, "{}, {} px", first.confidence, first.sigma);
+    }
 }
 
 #[test]
