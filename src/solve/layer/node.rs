@@ -1,8 +1,16 @@
 //! Residual velocities around a node → the node's velocity.
+//!
+//! Samples are held eight by eight, each quantity by itself, so that every sum over them runs in vectors.
 
 use super::samples::Sample;
 use crate::readout::Readout;
 use nalgebra::Vector2;
+
+/// Samples side by side.
+const LANES: usize = 8;
+
+/// Samples around a node that are looked at, at most.
+const MOST: usize = 96;
 
 /// Reach of a sample's influence, in distances between samples.
 const REACH: f32 = 0.7;
@@ -14,37 +22,84 @@ const ACCELERATION: f32 = 0.3;
 /// Samples around a node that its velocity is looked for among, at most.
 const CANDIDATES: usize = 6;
 
+/// Candidates whose velocities differ by less than this share of what may be the same are one.
+const SAME_CANDIDATE: f32 = 0.3;
+
 /// Nodes (as a distance) from a sample at which a quarter of it is remembered.
 const FORGOTTEN: f32 = 2.5;
 
 /// Samples at hand at which a node believes what they say; fewer are followed in proportion.
 const ENOUGH: f32 = 1.0;
 
-/// The samples around a node, and room for their weights.
-#[derive(Debug, Default)]
-pub(super) struct Surroundings {
-    pub(super) samples: Vec<Sample>,
+/// How near samples must lie to count, and how far their velocities may differ.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Scale {
     /// Pixels from one sample to the next, about.
     pub(super) apart: f32,
     /// Pixels from node to node.
     pub(super) spacing: f32,
     /// Velocities (pixels per readout) that differ by less may be the same.
     pub(super) tolerance: f32,
-    weights: Vec<f32>,
+}
+
+/// Some samples; those that fill up the last group have no trust.
+#[derive(Clone, Copy, Debug, Default)]
+struct Group {
+    x: [f32; LANES],
+    y: [f32; LANES],
+    /// Velocity, pixels per readout.
+    u: [f32; LANES],
+    v: [f32; LANES],
+    trust: [f32; LANES],
+    /// Readouts to the neighbour.
+    ahead: [f32; LANES],
+    /// Trust by distance to the node.
+    weight: [f32; LANES],
+}
+
+/// The samples around a node.
+#[derive(Debug, Default)]
+pub(super) struct Surroundings {
+    groups: [Group; MOST / LANES],
+    /// Groups in use.
+    used: usize,
+    scale: Scale,
 }
 
 impl Surroundings {
+    /// Takes some samples; of more than [`MOST`], some are left out everywhere.
+    pub(super) fn fill<'a>(&mut self, scale: Scale, count: usize, slices: impl Iterator<Item = &'a [Sample]>) {
+        let stride = count.div_ceil(MOST).max(1);
+        let mut taken = 0;
+        for slice in slices {
+            for sample in slice.iter().step_by(stride).take(MOST - taken) {
+                let (group, lane) = (&mut self.groups[taken / LANES], taken % LANES);
+                (group.x[lane], group.y[lane]) = (sample.at.x, sample.at.y);
+                (group.u[lane], group.v[lane]) = (sample.velocity.x, sample.velocity.y);
+                (group.trust[lane], group.ahead[lane]) = (sample.trust, sample.ahead);
+                taken += 1;
+            }
+        }
+        (self.used, self.scale) = (taken.div_ceil(LANES), scale);
+        for empty in taken..self.used * LANES {
+            self.groups[empty / LANES].trust[empty % LANES] = 0.0;
+        }
+    }
+
+    fn groups(&self) -> &[Group] {
+        &self.groups[..self.used]
+    }
+
     /// The velocity at a node (frame pixels), in pixels per readout; zero where there is nothing to go by.
     pub(super) fn velocity(&mut self, readout: &Readout, at: Vector2<f64>) -> Vector2<f32> {
         let share = readout.share(at.x, at.y) as f32;
-        let at = at.cast();
-        self.weigh(at);
+        let present = self.weigh(at.cast());
         let Some(seed) = self.seed() else { return Vector2::zeros() };
-        let wide = self.tolerance + ACCELERATION * seed.velocity.norm();
-        let own = self.mean(seed.ahead, seed.velocity, self.tolerance);
-        let own = self.mean(seed.ahead, own.velocity, self.tolerance);
-        let other = self.mean(-seed.ahead, own.velocity, wide);
-        let other = self.mean(-seed.ahead, other.velocity, self.tolerance);
+        let tolerance = self.scale.tolerance;
+        let wide = tolerance + ACCELERATION * seed.velocity.norm();
+        let [own, other] = self.means(seed.ahead, [seed.velocity; 2], [tolerance, wide]);
+        let around = if other.weight > 0.0 { other.velocity } else { own.velocity };
+        let [own, other] = self.means(seed.ahead, [own.velocity, around], [tolerance; 2]);
         let weight = own.weight + other.weight;
         if weight <= 0.0 {
             return Vector2::zeros();
@@ -55,82 +110,137 @@ impl Surroundings {
         // Wiener's gain: what is as small as its own error is as likely noise.
         let square = velocity.norm_squared();
         let gain = square / (square + variance + f32::MIN_POSITIVE);
-        velocity * gain * self.trust(at)
+        velocity * gain * (present / ENOUGH).min(1.0)
     }
 
-    /// Weighs the samples by their distance to the node.
-    fn weigh(&mut self, at: Vector2<f32>) {
-        let reach = REACH * self.apart;
+    /// Weighs the samples by their distance to the node, and says how many are at hand: less the further they
+    /// are away.
+    fn weigh(&mut self, at: Vector2<f32>) -> f32 {
+        let reach = REACH * self.scale.apart;
         let scale = 0.5 / (reach * reach);
-        let weight = |sample: &Sample| sample.trust * kernel(scale * (sample.at - at).norm_squared());
-        self.weights.clear();
-        self.weights.extend(self.samples.iter().map(weight));
-    }
-
-    /// How far the samples at hand are to be followed, 0 to 1: less the further they are away.
-    fn trust(&self, at: Vector2<f32>) -> f32 {
-        let scale = 1.0 / (FORGOTTEN * self.spacing).powi(2);
-        let near = |sample: &Sample| sample.trust * kernel(scale * (sample.at - at).norm_squared());
-        let present: f32 = self.samples.iter().map(near).sum();
-        (present / ENOUGH).min(1.0)
+        let forgotten = 1.0 / (FORGOTTEN * self.scale.spacing).powi(2);
+        let mut present = [0.0; LANES];
+        for group in &mut self.groups[..self.used] {
+            for i in 0..LANES {
+                let (x, y) = (group.x[i] - at.x, group.y[i] - at.y);
+                let square = x * x + y * y;
+                group.weight[i] = group.trust[i] * kernel(scale * square);
+                present[i] += group.trust[i] * kernel(forgotten * square);
+            }
+        }
+        present.iter().sum()
     }
 
     /// The sample whose velocity most of the others share: the mode.
-    fn seed(&self) -> Option<Sample> {
-        let weighed = || self.samples.iter().zip(&self.weights);
-        let (nearest, most) = weighed().max_by(|a, b| a.1.total_cmp(b.1))?;
-        let apart = |sample: &Sample| (sample.velocity - nearest.velocity).norm_squared();
-        if *most > 0.0 && self.samples.iter().all(|sample| apart(sample) < self.tolerance * self.tolerance) {
+    fn seed(&self) -> Option<Seed> {
+        let mut candidates = [Seed::default(); CANDIDATES];
+        let found = self.heaviest(&mut candidates);
+        let candidates = &candidates[..found];
+        let nearest = candidates.first()?;
+        if self.farthest(nearest.velocity) < self.scale.tolerance * self.scale.tolerance {
             return Some(*nearest);
         }
+        let same = (SAME_CANDIDATE * self.scale.tolerance).powi(2);
         let mut best = (0.0, None);
-        let mut least = f32::INFINITY;
-        for _ in 0..CANDIDATES {
-            let next = weighed().filter(|(_, weight)| **weight < least).max_by(|a, b| a.1.total_cmp(b.1));
-            let Some((sample, weight)) = next else { break };
-            least = *weight;
-            let score = self.agreement(sample);
+        for (index, seed) in candidates.iter().enumerate() {
+            let is_same = |other: &Seed| (other.velocity - seed.velocity).norm_squared() < same;
+            if candidates[..index].iter().any(is_same) {
+                continue;
+            }
+            let score = self.agreement(seed);
             if score > best.0 {
-                best = (score, Some(*sample));
+                best = (score, Some(*seed));
             }
         }
         best.1
     }
 
-    /// Weight of the other samples that move as this one does: what is alone is more likely a mistake.
-    fn agreement(&self, seed: &Sample) -> f32 {
-        let wide = self.tolerance + ACCELERATION * seed.velocity.norm();
-        let (narrow, wide) = (1.0 / (self.tolerance * self.tolerance), 1.0 / (wide * wide));
-        let agrees = |(sample, weight): (&Sample, &f32)| {
-            let scale = if sample.is_on_side_of(seed.ahead) { narrow } else { wide };
-            weight * kernel(scale * (sample.velocity - seed.velocity).norm_squared())
-        };
-        let others =
-            self.samples.iter().zip(&self.weights).filter(|(sample, _)| !std::ptr::eq(*sample, seed));
-        others.map(agrees).sum()
+    /// The samples of greatest weight, in order of it, and how many.
+    fn heaviest(&self, out: &mut [Seed; CANDIDATES]) -> usize {
+        let mut found = 0;
+        for group in self.groups() {
+            for i in 0..LANES {
+                let weight = group.weight[i];
+                if weight <= out[CANDIDATES - 1].weight {
+                    continue;
+                }
+                let place = out.iter().position(|other| weight > other.weight).unwrap_or(CANDIDATES - 1);
+                out[place..].rotate_right(1);
+                let velocity = Vector2::new(group.u[i], group.v[i]);
+                out[place] = Seed { velocity, ahead: group.ahead[i], weight };
+                found = (found + 1).min(CANDIDATES);
+            }
+        }
+        found
     }
 
-    /// The mean of the samples of one neighbour whose velocities are within `tolerance` or so of `around`.
-    fn mean(&self, ahead: f32, around: Vector2<f32>, tolerance: f32) -> Mean {
-        let scale = 1.0 / (tolerance * tolerance);
-        let mut mean = Mean::default();
-        for (sample, weight) in self.samples.iter().zip(&self.weights) {
-            if !sample.is_on_side_of(ahead) {
-                continue;
+    /// The greatest squared distance of a sample's velocity from this one.
+    fn farthest(&self, velocity: Vector2<f32>) -> f32 {
+        let mut farthest = [0.0f32; LANES];
+        for group in self.groups() {
+            for i in 0..LANES {
+                let square = (group.u[i] - velocity.x).powi(2) + (group.v[i] - velocity.y).powi(2);
+                let square = if group.trust[i] > 0.0 { square } else { 0.0 };
+                farthest[i] = if square > farthest[i] { square } else { farthest[i] };
             }
-            let distance = (sample.velocity - around).norm_squared();
-            let weight = weight * kernel(scale * distance);
-            mean.weight += weight;
-            mean.squares += weight * weight;
-            mean.velocity += sample.velocity * weight;
-            mean.spread += weight * distance;
-            mean.ahead = sample.ahead;
         }
-        if mean.weight > 0.0 {
-            mean.velocity /= mean.weight;
-        }
-        mean
+        farthest.into_iter().fold(0.0, f32::max)
     }
+
+    /// Weight of the other samples that move as this one does: what is alone is more likely a mistake.
+    fn agreement(&self, seed: &Seed) -> f32 {
+        let tolerance = self.scale.tolerance;
+        let wide = tolerance + ACCELERATION * seed.velocity.norm();
+        let (narrow, wide) = (1.0 / (tolerance * tolerance), 1.0 / (wide * wide));
+        let mut sums = [0.0; LANES];
+        for group in self.groups() {
+            for i in 0..LANES {
+                let scale = if group.ahead[i] * seed.ahead > 0.0 { narrow } else { wide };
+                let square = (group.u[i] - seed.velocity.x).powi(2) + (group.v[i] - seed.velocity.y).powi(2);
+                sums[i] += group.weight[i] * kernel(scale * square);
+            }
+        }
+        sums.iter().sum::<f32>() - seed.weight
+    }
+
+    /// Means of the samples of the neighbours on the side of `ahead`, and of those on the other side, whose
+    /// velocities are within `tolerance` or so of `around`, one each for the two sides.
+    fn means(&self, ahead: f32, around: [Vector2<f32>; 2], tolerance: [f32; 2]) -> [Mean; 2] {
+        let scale = tolerance.map(|tolerance| 1.0 / (tolerance * tolerance));
+        [0, 1].map(|side| {
+            let (around, scale) = (around[side], scale[side]);
+            let sign = if side == 0 { ahead } else { -ahead };
+            let mut sums = [[0.0; LANES]; 6];
+            for group in self.groups() {
+                for i in 0..LANES {
+                    let (u, v) = (group.u[i] - around.x, group.v[i] - around.y);
+                    let square = u * u + v * v;
+                    let own = if group.ahead[i] * sign > 0.0 { group.weight[i] } else { 0.0 };
+                    let weight = own * kernel(scale * square);
+                    sums[0][i] += weight;
+                    sums[1][i] += weight * weight;
+                    sums[2][i] += weight * u;
+                    sums[3][i] += weight * v;
+                    sums[4][i] += weight * square;
+                    sums[5][i] += weight * group.ahead[i];
+                }
+            }
+            let [weight, squares, u, v, spread, ahead] = sums.map(|sums| sums.iter().sum::<f32>());
+            if weight <= 0.0 {
+                return Mean::default();
+            }
+            let velocity = around + Vector2::new(u, v) / weight;
+            Mean { velocity, weight, squares, spread, ahead: ahead / weight }
+        })
+    }
+}
+
+/// A sample that may speak for its surroundings.
+#[derive(Clone, Copy, Debug, Default)]
+struct Seed {
+    velocity: Vector2<f32>,
+    ahead: f32,
+    weight: f32,
 }
 
 /// Geman and McClure's weight of a squared distance in units of its scale.
@@ -139,7 +249,7 @@ fn kernel(square: f32) -> f32 {
     share * share
 }
 
-/// What the samples of one neighbour say.
+/// What the samples of the neighbours on one side say.
 #[derive(Clone, Copy, Debug, Default)]
 struct Mean {
     velocity: Vector2<f32>,

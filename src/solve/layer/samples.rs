@@ -1,7 +1,7 @@
 //! Residual velocities of one frame, sorted by place.
 
 use super::Neighbour;
-use super::node::Surroundings;
+use super::node::{Scale, Surroundings};
 use crate::readout::Readout;
 use nalgebra::Vector2;
 
@@ -31,13 +31,6 @@ pub(super) struct Sample {
     pub(super) ahead: f32,
 }
 
-impl Sample {
-    /// Whether it comes from a neighbour as this one does: both earlier or both later.
-    pub(super) fn is_on_side_of(&self, ahead: f32) -> bool {
-        (self.ahead > 0.0) == (ahead > 0.0)
-    }
-}
-
 /// The samples of a frame in cells around the nodes of the mesh.
 #[derive(Debug)]
 pub(super) struct Samples {
@@ -49,14 +42,16 @@ pub(super) struct Samples {
     unsorted: Vec<(usize, Sample)>,
     /// Where the samples of each cell start, and one end.
     starts: Vec<usize>,
+    /// Samples above and left of each corner of a cell.
+    sums: Vec<usize>,
     /// By cell, row by row, so that the cells between two of a row are one slice.
     sorted: Vec<Sample>,
 }
 
 impl Samples {
     pub(super) fn new(columns: usize, rows: usize, spacing: f64) -> Self {
-        let (unsorted, starts, sorted) = (Vec::new(), Vec::new(), Vec::new());
-        Self { columns, rows, spacing, tolerance: 0.0, unsorted, starts, sorted }
+        let (unsorted, starts, sums, sorted) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
+        Self { columns, rows, spacing, tolerance: 0.0, unsorted, starts, sums, sorted }
     }
 
     /// Takes the residual velocities of all neighbours.
@@ -121,6 +116,21 @@ impl Samples {
             *place += 1;
         }
         self.starts.pop();
+        self.sum_up();
+    }
+
+    /// Counts the samples above and left of each corner of a cell.
+    fn sum_up(&mut self) {
+        let width = self.columns + 1;
+        self.sums.clear();
+        self.sums.resize(width * (self.rows + 1), 0);
+        for row in 0..self.rows {
+            let first = row * self.columns;
+            for column in 1..width {
+                let in_row = self.starts[first + column] - self.starts[first];
+                self.sums[(row + 1) * width + column] = self.sums[row * width + column] + in_row;
+            }
+        }
     }
 
     /// Velocities (pixels per readout) that differ by less may be the same.
@@ -129,31 +139,39 @@ impl Samples {
     }
 
     /// Whether the samples next to a node may all have this velocity.
-    pub(super) fn agree(&self, column: usize, row: usize, velocity: Vector2<f32>) -> bool {
+    pub(super) fn agree(&self, (column, row): (usize, usize), velocity: Vector2<f32>) -> bool {
         let cell = row * self.columns + column;
         let own = &self.sorted[self.starts[cell]..self.starts[cell + 1]];
         own.iter().all(|sample| (sample.velocity - velocity).norm_squared() < self.tolerance * self.tolerance)
     }
 
     /// Collects the samples in the smallest square of cells around a node that holds enough.
-    pub(super) fn around(&self, column: usize, row: usize, out: &mut Surroundings) {
-        out.samples.clear();
+    pub(super) fn around(&self, (column, row): (usize, usize), out: &mut Surroundings) {
         for reach in 1..=FARTHEST {
             let (left, right) = (column.saturating_sub(reach), (column + reach).min(self.columns - 1));
             let (top, bottom) = (row.saturating_sub(reach), (row + reach).min(self.rows - 1));
-            let slice = |row: usize| {
-                let first = row * self.columns;
-                self.starts[first + left]..self.starts[first + right + 1]
-            };
-            let count: usize = (top..=bottom).map(|row| slice(row).len()).sum();
+            let count = self.count([left, right + 1], [top, bottom + 1]);
             if count < WANTED && reach < FARTHEST {
                 continue;
             }
-            (top..=bottom).for_each(|row| out.samples.extend_from_slice(&self.sorted[slice(row)]));
             let cells = (right - left + 1) * (bottom - top + 1);
-            (out.spacing, out.tolerance) = (self.spacing as f32, self.tolerance);
-            out.apart = (self.spacing * (cells as f64 / count.max(1) as f64).sqrt()) as f32;
+            let scale = Scale {
+                apart: (self.spacing * (cells as f64 / count.max(1) as f64).sqrt()) as f32,
+                spacing: self.spacing as f32,
+                tolerance: self.tolerance,
+            };
+            let slice = |row: usize| {
+                let first = row * self.columns;
+                &self.sorted[self.starts[first + left]..self.starts[first + right + 1]]
+            };
+            out.fill(scale, count, (top..=bottom).map(slice));
             return;
         }
+    }
+
+    /// Samples in a rectangle of cells.
+    fn count(&self, columns: [usize; 2], rows: [usize; 2]) -> usize {
+        let [above, below] = rows.map(|row| columns.map(|column| self.sums[row * (self.columns + 1) + column]));
+        below[1] + above[0] - below[0] - above[1]
     }
 }
