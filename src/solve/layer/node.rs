@@ -9,8 +9,8 @@ use nalgebra::Vector2;
 /// Samples side by side.
 const LANES: usize = 8;
 
-/// Samples around a node that are looked at, at most.
-const MOST: usize = 96;
+/// Samples on one side that are looked at, at most.
+const MOST: usize = 64;
 
 /// Reach of a sample's influence, in distances between samples.
 const REACH: f32 = 0.7;
@@ -51,43 +51,41 @@ struct Group {
     u: [f32; LANES],
     v: [f32; LANES],
     trust: [f32; LANES],
-    /// Readouts to the neighbour.
-    ahead: [f32; LANES],
     /// Trust by distance to the node.
     weight: [f32; LANES],
+}
+
+/// The samples of the neighbours before the frame, or of those after it.
+#[derive(Clone, Copy, Debug, Default)]
+struct Side {
+    groups: [Group; MOST / LANES],
+    count: usize,
+    /// Sum of the readouts to the neighbour.
+    ahead: f32,
 }
 
 /// The samples around a node.
 #[derive(Debug, Default)]
 pub(super) struct Surroundings {
-    groups: [Group; MOST / LANES],
-    /// Groups in use.
-    used: usize,
+    sides: [Side; 2],
     scale: Scale,
 }
 
 impl Surroundings {
     /// Takes some samples; of more than [`MOST`], some are left out everywhere.
-    pub(super) fn fill<'a>(&mut self, scale: Scale, count: usize, slices: impl Iterator<Item = &'a [Sample]>) {
+    pub(super) fn fill<'a>(
+        &mut self,
+        scale: Scale,
+        count: usize,
+        slices: impl Iterator<Item = &'a [Sample]>,
+    ) {
+        self.scale = scale;
+        self.sides.iter_mut().for_each(|side| (side.count, side.ahead) = (0, 0.0));
         let stride = count.div_ceil(MOST).max(1);
-        let mut taken = 0;
-        for slice in slices {
-            for sample in slice.iter().step_by(stride).take(MOST - taken) {
-                let (group, lane) = (&mut self.groups[taken / LANES], taken % LANES);
-                (group.x[lane], group.y[lane]) = (sample.at.x, sample.at.y);
-                (group.u[lane], group.v[lane]) = (sample.velocity.x, sample.velocity.y);
-                (group.trust[lane], group.ahead[lane]) = (sample.trust, sample.ahead);
-                taken += 1;
-            }
+        for sample in slices.flat_map(|slice| slice.iter().step_by(stride)) {
+            self.sides[usize::from(sample.ahead > 0.0)].push(sample);
         }
-        (self.used, self.scale) = (taken.div_ceil(LANES), scale);
-        for empty in taken..self.used * LANES {
-            self.groups[empty / LANES].trust[empty % LANES] = 0.0;
-        }
-    }
-
-    fn groups(&self) -> &[Group] {
-        &self.groups[..self.used]
+        self.sides.iter_mut().for_each(Side::fill_up);
     }
 
     /// The velocity at a node (frame pixels), in pixels per readout; zero where there is nothing to go by.
@@ -97,9 +95,10 @@ impl Surroundings {
         let Some(seed) = self.seed() else { return Vector2::zeros() };
         let tolerance = self.scale.tolerance;
         let wide = tolerance + ACCELERATION * seed.velocity.norm();
-        let [own, other] = self.means(seed.ahead, [seed.velocity; 2], [tolerance, wide]);
-        let around = if other.weight > 0.0 { other.velocity } else { own.velocity };
-        let [own, other] = self.means(seed.ahead, [own.velocity, around], [tolerance; 2]);
+        let [own, other] = [&self.sides[seed.side], &self.sides[1 - seed.side]];
+        let around = own.velocity(seed.velocity, tolerance).unwrap_or(seed.velocity);
+        let beside = other.velocity(around, wide).unwrap_or(around);
+        let [own, other] = [own.mean(around, tolerance), other.mean(beside, tolerance)];
         let weight = own.weight + other.weight;
         if weight <= 0.0 {
             return Vector2::zeros();
@@ -120,7 +119,7 @@ impl Surroundings {
         let scale = 0.5 / (reach * reach);
         let forgotten = 1.0 / (FORGOTTEN * self.scale.spacing).powi(2);
         let mut present = [0.0; LANES];
-        for group in &mut self.groups[..self.used] {
+        for group in self.sides.iter_mut().flat_map(Side::groups_mut) {
             for i in 0..LANES {
                 let (x, y) = (group.x[i] - at.x, group.y[i] - at.y);
                 let square = x * x + y * y;
@@ -128,50 +127,87 @@ impl Surroundings {
                 present[i] += group.trust[i] * kernel(forgotten * square);
             }
         }
-        present.iter().sum()
+        total(present)
     }
 
     /// The sample whose velocity most of the others share: the mode.
     fn seed(&self) -> Option<Seed> {
-        let mut candidates = [Seed::default(); CANDIDATES];
-        let found = self.heaviest(&mut candidates);
-        let candidates = &candidates[..found];
-        let nearest = candidates.first()?;
-        if self.farthest(nearest.velocity) < self.scale.tolerance * self.scale.tolerance {
-            return Some(*nearest);
+        let nearest = self.heaviest(f32::INFINITY)?;
+        let farthest = self.sides.iter().map(|side| side.farthest(nearest.velocity)).fold(0.0, f32::max);
+        if farthest < self.scale.tolerance * self.scale.tolerance {
+            return Some(nearest);
         }
         let same = (SAME_CANDIDATE * self.scale.tolerance).powi(2);
+        let mut candidates = [nearest; CANDIDATES];
         let mut best = (0.0, None);
-        for (index, seed) in candidates.iter().enumerate() {
+        for index in 0..CANDIDATES {
+            let seed = match index.checked_sub(1) {
+                Some(before) => self.heaviest(candidates[before].weight),
+                None => Some(nearest),
+            };
+            let Some(seed) = seed else { break };
+            candidates[index] = seed;
             let is_same = |other: &Seed| (other.velocity - seed.velocity).norm_squared() < same;
             if candidates[..index].iter().any(is_same) {
                 continue;
             }
-            let score = self.agreement(seed);
+            let score = self.agreement(&seed);
             if score > best.0 {
-                best = (score, Some(*seed));
+                best = (score, Some(seed));
             }
         }
         best.1
     }
 
-    /// The samples of greatest weight, in order of it, and how many.
-    fn heaviest(&self, out: &mut [Seed; CANDIDATES]) -> usize {
-        let mut found = 0;
-        for group in self.groups() {
-            for i in 0..LANES {
-                let weight = group.weight[i];
-                if weight <= out[CANDIDATES - 1].weight {
-                    continue;
+    /// The sample of greatest weight under `limit`.
+    fn heaviest(&self, limit: f32) -> Option<Seed> {
+        let mut best = (0.0, None);
+        for (side, samples) in self.sides.iter().enumerate() {
+            for group in samples.groups() {
+                for (lane, &weight) in group.weight.iter().enumerate() {
+                    if weight > best.0 && weight < limit {
+                        best = (weight, Some((side, group, lane)));
+                    }
                 }
-                let place = out.iter().position(|other| weight > other.weight).unwrap_or(CANDIDATES - 1);
-                out[place..].rotate_right(1);
-                let velocity = Vector2::new(group.u[i], group.v[i]);
-                out[place] = Seed { velocity, ahead: group.ahead[i], weight };
-                found = (found + 1).min(CANDIDATES);
             }
         }
-        found
+        let (weight, (side, group, lane)) = (best.0, best.1?);
+        Some(Seed { velocity: Vector2::new(group.u[lane], group.v[lane]), side, weight })
+    }
+
+    /// Weight of the other samples that move as this one does: what is alone is more likely a mistake.
+    fn agreement(&self, seed: &Seed) -> f32 {
+        let tolerance = self.scale.tolerance;
+        let wide = tolerance + ACCELERATION * seed.velocity.norm();
+        let own = self.sides[seed.side].agreement(seed.velocity, tolerance);
+        own + self.sides[1 - seed.side].agreement(seed.velocity, wide) - seed.weight
+    }
+}
+
+impl Side {
+    fn push(&mut self, sample: &Sample) {
+        let Some(group) = self.groups.get_mut(self.count / LANES) else { return };
+        let lane = self.count % LANES;
+        (group.x[lane], group.y[lane]) = (sample.at.x, sample.at.y);
+        (group.u[lane], group.v[lane]) = (sample.velocity.x, sample.velocity.y);
+        group.trust[lane] = sample.trust;
+        self.ahead += sample.ahead;
+        self.count += 1;
+    }
+
+    /// Fills the last group up with nothing.
+    fn fill_up(&mut self) {
+        for empty in self.count..self.count.next_multiple_of(LANES) {
+            self.groups[empty / LANES].trust[empty % LANES] = 0.0;
+        }
+    }
+
+    fn groups(&self) -> &[Group] {
+        &self.groups[..self.count.div_ceil(LANES)]
+    }
+
+    fn groups_mut(&mut self) -> &mut [Group] {
+        &mut self.groups[..self.count.div_ceil(LANES)]
     }
 
     /// The greatest squared distance of a sample's velocity from this one.
@@ -187,59 +223,73 @@ impl Surroundings {
         farthest.into_iter().fold(0.0, f32::max)
     }
 
-    /// Weight of the other samples that move as this one does: what is alone is more likely a mistake.
-    fn agreement(&self, seed: &Seed) -> f32 {
-        let tolerance = self.scale.tolerance;
-        let wide = tolerance + ACCELERATION * seed.velocity.norm();
-        let (narrow, wide) = (1.0 / (tolerance * tolerance), 1.0 / (wide * wide));
+    /// Weight of the samples whose velocities are within `tolerance` or so of this one.
+    fn agreement(&self, velocity: Vector2<f32>, tolerance: f32) -> f32 {
+        let scale = 1.0 / (tolerance * tolerance);
         let mut sums = [0.0; LANES];
         for group in self.groups() {
             for i in 0..LANES {
-                let scale = if group.ahead[i] * seed.ahead > 0.0 { narrow } else { wide };
-                let square = (group.u[i] - seed.velocity.x).powi(2) + (group.v[i] - seed.velocity.y).powi(2);
+                let square = (group.u[i] - velocity.x).powi(2) + (group.v[i] - velocity.y).powi(2);
                 sums[i] += group.weight[i] * kernel(scale * square);
             }
         }
-        sums.iter().sum::<f32>() - seed.weight
+        total(sums)
     }
 
-    /// Means of the samples of the neighbours on the side of `ahead`, and of those on the other side, whose
-    /// velocities are within `tolerance` or so of `around`, one each for the two sides.
-    fn means(&self, ahead: f32, around: [Vector2<f32>; 2], tolerance: [f32; 2]) -> [Mean; 2] {
-        let scale = tolerance.map(|tolerance| 1.0 / (tolerance * tolerance));
-        [0, 1].map(|side| {
-            let (around, scale) = (around[side], scale[side]);
-            let sign = if side == 0 { ahead } else { -ahead };
-            let mut sums = [[0.0; LANES]; 6];
-            for group in self.groups() {
-                for i in 0..LANES {
-                    let (u, v) = (group.u[i] - around.x, group.v[i] - around.y);
-                    let square = u * u + v * v;
-                    let own = if group.ahead[i] * sign > 0.0 { group.weight[i] } else { 0.0 };
-                    let weight = own * kernel(scale * square);
-                    sums[0][i] += weight;
-                    sums[1][i] += weight * weight;
-                    sums[2][i] += weight * u;
-                    sums[3][i] += weight * v;
-                    sums[4][i] += weight * square;
-                    sums[5][i] += weight * group.ahead[i];
-                }
+    /// The mean velocity of the samples that are within `tolerance` or so of `around`.
+    fn velocity(&self, around: Vector2<f32>, tolerance: f32) -> Option<Vector2<f32>> {
+        let scale = 1.0 / (tolerance * tolerance);
+        let mut sums = [[0.0; LANES]; 3];
+        for group in self.groups() {
+            for i in 0..LANES {
+                let (u, v) = (group.u[i] - around.x, group.v[i] - around.y);
+                let weight = group.weight[i] * kernel(scale * (u * u + v * v));
+                sums[0][i] += weight;
+                sums[1][i] += weight * u;
+                sums[2][i] += weight * v;
             }
-            let [weight, squares, u, v, spread, ahead] = sums.map(|sums| sums.iter().sum::<f32>());
-            if weight <= 0.0 {
-                return Mean::default();
+        }
+        let [weight, u, v] = sums.map(total);
+        (weight > 0.0).then(|| around + Vector2::new(u, v) / weight)
+    }
+
+    /// The same mean and what it rests on.
+    fn mean(&self, around: Vector2<f32>, tolerance: f32) -> Mean {
+        let scale = 1.0 / (tolerance * tolerance);
+        let mut sums = [[0.0; LANES]; 5];
+        for group in self.groups() {
+            for i in 0..LANES {
+                let (u, v) = (group.u[i] - around.x, group.v[i] - around.y);
+                let square = u * u + v * v;
+                let weight = group.weight[i] * kernel(scale * square);
+                sums[0][i] += weight;
+                sums[1][i] += weight * u;
+                sums[2][i] += weight * v;
+                sums[3][i] += weight * weight;
+                sums[4][i] += weight * square;
             }
-            let velocity = around + Vector2::new(u, v) / weight;
-            Mean { velocity, weight, squares, spread, ahead: ahead / weight }
-        })
+        }
+        let [weight, u, v, squares, spread] = sums.map(total);
+        if weight <= 0.0 {
+            return Mean::default();
+        }
+        let velocity = around + Vector2::new(u, v) / weight;
+        Mean { velocity, weight, squares, spread, ahead: self.ahead / self.count as f32 }
     }
 }
 
+/// Sum of the lanes: halves are added, so that few additions wait for others.
+fn total(lanes: [f32; LANES]) -> f32 {
+    let half: [f32; LANES / 2] = std::array::from_fn(|i| lanes[i] + lanes[i + LANES / 2]);
+    (half[0] + half[2]) + (half[1] + half[3])
+}
+
 /// A sample that may speak for its surroundings.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Copy, Debug)]
 struct Seed {
     velocity: Vector2<f32>,
-    ahead: f32,
+    /// Index of the side that it is on.
+    side: usize,
     weight: f32,
 }
 

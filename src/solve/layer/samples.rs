@@ -171,7 +171,8 @@ impl Samples {
 
     /// Samples in a rectangle of cells.
     fn count(&self, columns: [usize; 2], rows: [usize; 2]) -> usize {
-        let [above, below] = rows.map(|row| columns.map(|column| self.sums[row * (self.columns + 1) + column]));
+        let [above, below] =
+            rows.map(|row| columns.map(|column| self.sums[row * (self.columns + 1) + column]));
         below[1] + above[0] - below[0] - above[1]
     }
 }
