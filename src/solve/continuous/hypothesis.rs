@@ -48,6 +48,12 @@ impl<'a> Stretch<'a> {
         [self.past.checked_sub(1), Some(self.past)].into_iter().flatten().filter(move |index| *index < count)
     }
 
+    /// Mean square distance by which points moved in the pairs that the frame is in, in squared units of the radius.
+    pub fn moved(self, tempo: Tempo) -> f64 {
+        let stretch = self.of_tempo(tempo);
+        stretch.beside().filter_map(|index| stretch.pairs.get(index)).map(|pair| pair.moved()).fold(0.0, f64::max)
+    }
+
     /// Index of the pair that the frame begins; without lookahead, of the one that it ends.
     pub fn own(self) -> usize {
         self.past.min(self.pairs.len().saturating_sub(1))

@@ -251,10 +251,14 @@ impl Continuous {
             hypothesis.settle(stretch, starts);
         }
         self.continues = !pairs.is_empty();
-        let mut motion = (!pairs.is_empty()).then(|| self.motion(stretch, stamp));
+        let moved = stretch.moved(self.hypotheses[0].solver.tempo);
+        let mut motion = (!pairs.is_empty()).then(|| self.motion(stretch, stamp, moved));
         self.sigma = motion.as_ref().map_or(f64::INFINITY, |motion| motion.sigma);
         if let Some(motion) = motion.as_mut().filter(|_| self.wants_detail()) {
             motion.field = self.field(own, past > 0, &motion.readout);
+            // What the layer explains is explained.
+            let left = motion.sigma.min(self.layer.left());
+            motion.confidence = self.confidence(&self.hypotheses[0].solver, left, moved);
         }
         self.choose();
         self.settled += 1;
@@ -284,8 +288,8 @@ impl Continuous {
         self.hypotheses.sort_by(|a, b| likelihood(b).total_cmp(&likelihood(a)));
     }
 
-    /// The motion of the frame in a stretch.
-    fn motion(&self, stretch: Stretch<'_>, stamp: f64) -> Motion {
+    /// The motion of the frame in a stretch, whose points moved by this much (mean square, squared radii).
+    fn motion(&self, stretch: Stretch<'_>, stamp: f64, moved: f64) -> Motion {
         let solver = &self.hypotheses[0].solver;
         let stretch = stretch.of_tempo(solver.tempo);
         let readout = self.readout(solver);
@@ -300,9 +304,7 @@ impl Continuous {
         };
         let beside = stretch.beside();
         let inliers = beside.clone().map(|index| solver.inliers(index)).max().unwrap_or(0);
-        let sigma = beside.clone().filter_map(|index| solver.sigma(index)).fold(0.0, f64::max);
-        let moved =
-            beside.filter_map(|index| stretch.pairs.get(index)).map(|pair| pair.moved()).fold(0.0, f64::max);
+        let sigma = beside.filter_map(|index| solver.sigma(index)).fold(0.0, f64::max);
         Motion {
             readout,
             homographies: (0..=SHARES).map(homography).collect(),

@@ -67,6 +67,19 @@ pub struct VelocityMesh {
     pub velocities: Vec<Vector2<f32>>,
 }
 
+impl VelocityMesh {
+    /// The velocity at a frame pixel, which lies on the mesh.
+    fn velocity(&self, at: Vector2<f32>) -> Vector2<f32> {
+        let place = at / self.spacing as f32;
+        let (left, top) = (place.x as usize, place.y as usize);
+        let (right, below) = ((left + 1).min(self.columns - 1), (top + 1).min(self.rows - 1));
+        let (x, y) = (place.x - left as f32, place.y - top as f32);
+        let node = |column: usize, row: usize| self.velocities[row * self.columns + column];
+        let mean = |row: usize| node(left, row) * (1.0 - x) + node(right, row) * x;
+        mean(top) * (1.0 - y) + mean(below) * y
+    }
+}
+
 /// Solves the residual velocities of one frame after another.
 #[derive(Debug)]
 pub struct Layer {
@@ -115,6 +128,15 @@ impl Layer {
             step /= 2;
         }
         &self.mesh
+    }
+
+    /// What path and layer together leave of the frame that was solved last: the standard deviation of a
+    /// coordinate in pixels, of the neighbour that fits worse, where most of its points are. Infinite where nothing
+    /// is known.
+    pub fn left(&mut self) -> f64 {
+        let mesh = &self.mesh;
+        let left = [false, true].map(|later| self.samples.variance(later, |at| mesh.velocity(at)));
+        left.into_iter().flatten().reduce(f64::max).map_or(f64::INFINITY, f64::sqrt)
     }
 }
 

@@ -3,6 +3,7 @@
 use super::Neighbour;
 use super::node::{Scale, Surroundings};
 use crate::readout::Readout;
+use crate::solve::median::{MEDIAN_TO_VARIANCE, median};
 use nalgebra::Vector2;
 
 /// Samples that a node asks for.
@@ -46,12 +47,22 @@ pub(super) struct Samples {
     sums: Vec<usize>,
     /// By cell, row by row, so that the cells between two of a row are one slice.
     sorted: Vec<Sample>,
+    squares: Vec<f64>,
 }
 
 impl Samples {
     pub(super) fn new(columns: usize, rows: usize, spacing: f64) -> Self {
-        let (unsorted, starts, sums, sorted) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
-        Self { columns, rows, spacing, tolerance: 0.0, unsorted, starts, sums, sorted }
+        Self {
+            columns,
+            rows,
+            spacing,
+            tolerance: 0.0,
+            unsorted: Vec::new(),
+            starts: Vec::new(),
+            sums: Vec::new(),
+            sorted: Vec::new(),
+            squares: Vec::new(),
+        }
     }
 
     /// Takes the residual velocities of all neighbours.
@@ -131,6 +142,20 @@ impl Samples {
                 self.sums[(row + 1) * width + column] = self.sums[row * width + column] + in_row;
             }
         }
+    }
+
+    /// The variance in squared pixels, from the median, of a coordinate that the neighbours after the frame (or
+    /// those before it) see elsewhere than `velocity` says; `None` without samples.
+    pub(super) fn variance(
+        &mut self,
+        later: bool,
+        velocity: impl Fn(Vector2<f32>) -> Vector2<f32>,
+    ) -> Option<f64> {
+        let samples = self.sorted.iter().filter(|sample| (sample.ahead > 0.0) == later);
+        let square = |sample: &Sample| (sample.velocity - velocity(sample.at)).norm_squared() * sample.ahead.powi(2);
+        self.squares.clear();
+        self.squares.extend(samples.map(|sample| f64::from(square(sample))));
+        (!self.squares.is_empty()).then(|| median(&mut self.squares) * MEDIAN_TO_VARIANCE)
     }
 
     /// Velocities (pixels per readout) that differ by less may be the same.
