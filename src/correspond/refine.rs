@@ -5,6 +5,9 @@
 //!    (`search`), measured forth and back, and kept where neighbours share its motion.
 //! 2. The picture is cut into tiles of the size of such a patch. Where the points of the grid around a tile
 //!    disagree, it is followed from each of their motions, and keeps the one that shows the same picture.
+//! 3. Tiles that were lost that way are followed from where the tiles next to them were found, then those next
+//!    to these, and so on: near things are drawn out so fast across the picture that what is 20 pixels away says
+//!    little.
 //!
 //! A search takes 66 k multiply-adds; a tile a template and about three samplings for each of at most four
 //! motions, 10 k.
@@ -45,6 +48,12 @@ const STARTS: usize = 4;
 
 /// A tile lies this close, in pixels, to where one of the points around has it.
 const MOST_STRAY: f32 = 1.5;
+
+/// A tile lies this close, in pixels, to where one next to it has it.
+const MOST_GROWTH: f32 = 3.0;
+
+/// Tiles, one after another, over which a motion is handed on.
+const GROWTHS: usize = 6;
 
 /// A later start wins over an earlier, nearer one where it leaves this share of what that leaves
 /// unexplained of a patch; a hundredth may be unexplained for any reason.
@@ -97,8 +106,25 @@ pub(super) struct Refinement {
     motions: Vec<Option<Motion>>,
     /// By cell of the grid.
     searched: Vec<Option<Small>>,
-    /// By tile.
-    tiles: Vec<Option<Small>>,
+    tiles: Vec<Tile>,
+}
+
+/// What is known of a tile.
+#[derive(Clone, Copy, Debug, Default)]
+enum Tile {
+    /// The points of the grid around it agree.
+    #[default]
+    Plain,
+    /// None of the motions that were tried shows the same picture.
+    Lost,
+    /// Found after so many motions had been handed on.
+    Found(Small, usize),
+}
+
+impl Tile {
+    fn small(&self) -> Option<&Small> {
+        if let Self::Found(small, _) = self { Some(small) } else { None }
+    }
 }
 
 impl Refinement {
@@ -112,7 +138,7 @@ impl Refinement {
 
     /// What was found last.
     pub(super) fn found(&self) -> impl Iterator<Item = &Small> {
-        self.searched.iter().chain(&self.tiles).flatten()
+        self.searched.iter().flatten().chain(self.tiles.iter().filter_map(Tile::small))
     }
 
     /// Searches the cells of which nothing is known, and adds what was found to what is known.
@@ -145,11 +171,66 @@ impl Refinement {
         let Some(level) = pair.first.first() else { return };
         let across = level.width / COARSE;
         let around = Around::new(&self.known, columns, (level.width, level.height));
-        self.tiles.resize(across * (level.height / COARSE), None);
+        self.tiles.resize(across * (level.height / COARSE), Tile::Plain);
         self.tiles.par_iter_mut().enumerate().with_min_len(64).for_each(|(index, tile)| {
-            *tile = follow_tile(pair, (index % across * COARSE, index / across * COARSE), &around);
+            let corner = tile_corner(index, across);
+            *tile = match around.starts(centre::<COARSE>(corner)) {
+                Starts::Agreed => Tile::Plain,
+                Starts::Few(starts, count) => {
+                    let found = follow_tile(pair, corner, &starts[..count], MOST_STRAY);
+                    found.map_or(Tile::Lost, |small| Tile::Found(small, 0))
+                }
+            };
         });
+        for handed in 0..GROWTHS {
+            let tiles = &self.tiles;
+            let lost = tiles.par_iter().enumerate().with_min_len(256);
+            let grown: Vec<_> = lost
+                .filter(|(_, tile)| matches!(tile, Tile::Lost))
+                .filter_map(|(index, _)| {
+                    let (starts, count) = found_beside(tiles, across, index, handed);
+                    let corner = tile_corner(index, across);
+                    Some((index, follow_tile(pair, corner, &starts[..count], MOST_GROWTH)?))
+                })
+                .collect();
+            if grown.is_empty() {
+                return;
+            }
+            grown.into_iter().for_each(|(index, small)| self.tiles[index] = Tile::Found(small, handed + 1));
+        }
     }
+}
+
+/// The top left pixel of a tile.
+fn tile_corner(index: usize, across: usize) -> Vector2<f32> {
+    Vector2::new((index % across * COARSE) as f32, (index / across * COARSE) as f32)
+}
+
+/// Motions of the four tiles next to one that were found after `handed` motions had been handed on.
+fn found_beside(
+    tiles: &[Tile],
+    across: usize,
+    index: usize,
+    handed: usize,
+) -> ([Vector2<f32>; STARTS], usize) {
+    let column = index % across;
+    let beside = [
+        (column > 0).then(|| index - 1),
+        (column + 1 < across).then_some(index + 1),
+        index.checked_sub(across),
+        Some(index + across),
+    ];
+    let mut starts = [Vector2::zeros(); STARTS];
+    let mut count = 0;
+    for tile in beside.into_iter().flatten().filter_map(|index| tiles.get(index)) {
+        if let Tile::Found(small, after) = tile
+            && *after == handed
+        {
+            starts[count] = small.found.corner - small.from;
+            count += 1;
+        }
+    }
+    (starts, count)
 }
 
 /// Searches the patch around `at` near the shift `expected`, and measures it forth and back.
@@ -195,10 +276,13 @@ fn small_match(pair: &Pair<'_>, from: Vector2<f32>, shift: Vector2<f32>) -> Opti
     is_found.then_some(Small { from, found, texture: template.texture })
 }
 
-/// Follows a tile from the motions of the points around it, where they disagree.
-fn follow_tile(pair: &Pair<'_>, corner: (usize, usize), around: &Around<'_>) -> Option<Small> {
-    let from = Vector2::new(corner.0 as f32, corner.1 as f32);
-    let (starts, count) = around.starts(centre::<COARSE>(from))?;
+/// Follows the tile at `from` from some motions, to at most `most` pixels from where they have it; the nearest
+/// first.
+fn follow_tile(pair: &Pair<'_>, from: Vector2<f32>, starts: &[Vector2<f32>], most: f32) -> Option<Small> {
+    if starts.is_empty() {
+        return None;
+    }
+    let corner = (from.x as usize, from.y as usize);
     let template = CoarseTemplate::new(pair.cpu, pair.first.first()?, corner, TILE_DAMPING)?;
     if template.texture.is_nan() || template.texture < LEAST_TEXTURE {
         return None;
@@ -206,9 +290,9 @@ fn follow_tile(pair: &Pair<'_>, corner: (usize, usize), around: &Around<'_>) -> 
     let second = pair.second.first()?;
     let unexplained = |found: &Match| 1.0 - found.correlation * found.correlation + TOLERANCE;
     let mut best: Option<Match> = None;
-    for start in &starts[..count] {
+    for start in starts {
         let Some(found) = template.find(second, from + start, TILE_EFFORT) else { continue };
-        let is_near = (found.corner - from - start).norm() <= MOST_STRAY;
+        let is_near = (found.corner - from - start).norm() <= most;
         let is_better = best.is_none_or(|best| unexplained(&found) < CLEARLY_BETTER * unexplained(&best));
         if is_near && is_better {
             best = Some(found);
@@ -227,6 +311,14 @@ struct Around<'a> {
     cell: Vector2<f32>,
 }
 
+/// What the points of the grid say of a tile.
+enum Starts {
+    /// The nearest four agree.
+    Agreed,
+    /// Distinct motions, the nearest first, and how many; none where nothing is known.
+    Few([Vector2<f32>; STARTS], usize),
+}
+
 /// Points of the grid around a tile along one axis.
 const SIDE: usize = 4;
 
@@ -237,14 +329,15 @@ impl<'a> Around<'a> {
         Self { known, columns, rows, cell }
     }
 
-    /// Distinct motions of the 4 × 4 points around a point, carried to it, the nearest first, and how many;
-    /// `None` where the nearest four agree.
-    fn starts(&self, at: Vector2<f32>) -> Option<([Vector2<f32>; STARTS], usize)> {
+    /// Distinct motions of the 4 × 4 points around a point, carried to it, the nearest first.
+    fn starts(&self, at: Vector2<f32>) -> Starts {
         let (motions, count) = self.motions(at);
         let motions = &motions[..count];
-        let (_, first) = motions.first()?;
-        if motions.iter().take(4).all(|(_, motion)| (motion - first).norm() < DISAGREEMENT) {
-            return None;
+        let agrees = |motion: Vector2<f32>| {
+            motions.first().is_some_and(|(_, first)| (motion - first).norm() < DISAGREEMENT)
+        };
+        if count > 0 && motions.iter().take(4).all(|(_, motion)| agrees(*motion)) {
+            return Starts::Agreed;
         }
         let mut starts = [Vector2::zeros(); STARTS];
         let mut count = 0;
@@ -255,7 +348,7 @@ impl<'a> Around<'a> {
                 count += 1;
             }
         }
-        Some((starts, count))
+        Starts::Few(starts, count)
     }
 
     /// Motions of the 4 × 4 points around a point, carried to it, by distance, and how many there are.

@@ -51,7 +51,11 @@ impl<'a> Stretch<'a> {
     /// Mean square distance by which points moved in the pairs that the frame is in, in squared units of the radius.
     pub fn moved(self, tempo: Tempo) -> f64 {
         let stretch = self.of_tempo(tempo);
-        stretch.beside().filter_map(|index| stretch.pairs.get(index)).map(|pair| pair.moved()).fold(0.0, f64::max)
+        stretch
+            .beside()
+            .filter_map(|index| stretch.pairs.get(index))
+            .map(|pair| pair.moved())
+            .fold(0.0, f64::max)
     }
 
     /// Index of the pair that the frame begins; without lookahead, of the one that it ends.

@@ -2,6 +2,7 @@
 
 use super::Neighbour;
 use super::node::{Scale, Surroundings};
+use crate::correspond::Correspondence;
 use crate::readout::Readout;
 use crate::solve::median::{MEDIAN_TO_VARIANCE, median};
 use nalgebra::Vector2;
@@ -16,8 +17,12 @@ const FARTHEST: usize = 5;
 /// one analysed pixel.
 const SAME_MOTION: f64 = 0.125;
 
-/// Texture (squared grey levels) of a patch whose place counts half.
+/// Texture (squared grey levels) of a patch whose place counts half, where it is seen without noise.
 const WEAK_TEXTURE: f32 = 4.0;
+
+/// What noise adds to the texture of a patch, as a share of the squared difference of two patches: the central
+/// difference of two noisy pixels has half the variance of one, and so have two patches twice that.
+const NOISE_IN_TEXTURE: f32 = 0.25;
 
 /// A residual velocity.
 #[derive(Clone, Copy, Debug)]
@@ -30,6 +35,13 @@ pub(super) struct Sample {
     pub(super) trust: f32,
     /// Readouts from the frame to the neighbour; negative for the frame before.
     pub(super) ahead: f32,
+}
+
+/// How far a correspondence is to be believed: less where there is little texture, or as much noise.
+fn trust(correspondence: &Correspondence) -> f32 {
+    let noise = NOISE_IN_TEXTURE * correspondence.residual * correspondence.residual;
+    let texture = (correspondence.texture - noise).max(0.0);
+    texture / (texture + noise + WEAK_TEXTURE)
 }
 
 /// The samples of a frame in cells around the nodes of the mesh.
@@ -92,7 +104,7 @@ impl Samples {
                 let (Some(cell), true) = (self.cell(here), velocity.iter().all(|v| v.is_finite())) else {
                     continue;
                 };
-                let trust = correspondence.texture / (correspondence.texture + WEAK_TEXTURE);
+                let trust = trust(correspondence);
                 let sample = Sample { at: here.cast(), velocity: velocity.cast(), trust, ahead };
                 self.unsorted.push((cell, sample));
             }
@@ -152,7 +164,8 @@ impl Samples {
         velocity: impl Fn(Vector2<f32>) -> Vector2<f32>,
     ) -> Option<f64> {
         let samples = self.sorted.iter().filter(|sample| (sample.ahead > 0.0) == later);
-        let square = |sample: &Sample| (sample.velocity - velocity(sample.at)).norm_squared() * sample.ahead.powi(2);
+        let square =
+            |sample: &Sample| (sample.velocity - velocity(sample.at)).norm_squared() * sample.ahead.powi(2);
         self.squares.clear();
         self.squares.extend(samples.map(|sample| f64::from(square(sample))));
         (!self.squares.is_empty()).then(|| median(&mut self.squares) * MEDIAN_TO_VARIANCE)
