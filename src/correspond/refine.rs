@@ -3,8 +3,9 @@
 //!
 //! 1. For each cell in which nothing was found a patch of its middle is searched for exhaustively
 //!    (`search`), measured forth and back, and kept where neighbours share its motion.
-//! 2. The picture is cut into tiles of the size of such a patch. Where the points of the grid around a tile
-//!    disagree, it is followed from each of their motions, and keeps the one that shows the same picture.
+//! 2. The picture is cut into tiles of the size of such a patch. Where points of the grid around a tile are
+//!    missing or disagree, it is followed from each of their motions, and keeps the one that shows the same
+//!    picture.
 //! 3. Tiles that were lost that way are followed from where the tiles next to them were found, then those next
 //!    to these, and so on: near things are drawn out so fast across the picture that what is 20 pixels away says
 //!    little.
@@ -40,6 +41,9 @@ const MOST_RETURN_ERROR: f32 = 0.7;
 /// Motions at a tile further apart than this, in pixels, disagree.
 const DISAGREEMENT: f32 = 1.0;
 
+/// Points of the grid further than this from a tile, in cells, do not tell what it does.
+const BESIDE: f32 = 1.5;
+
 /// Motions closer than this, in pixels, are one to try.
 const SAME_START: f32 = 0.7;
 
@@ -53,7 +57,7 @@ const MOST_STRAY: f32 = 1.5;
 const MOST_GROWTH: f32 = 3.0;
 
 /// Tiles, one after another, over which a motion is handed on.
-const GROWTHS: usize = 6;
+const GROWTHS: usize = 16;
 
 /// A later start wins over an earlier, nearer one where it leaves this share of what that leaves
 /// unexplained of a patch; a hundredth may be unexplained for any reason.
@@ -112,7 +116,7 @@ pub(super) struct Refinement {
 /// What is known of a tile.
 #[derive(Clone, Copy, Debug, Default)]
 enum Tile {
-    /// The points of the grid around it agree.
+    /// There are points of the grid all around it, and they agree.
     #[default]
     Plain,
     /// None of the motions that were tried shows the same picture.
@@ -313,7 +317,7 @@ struct Around<'a> {
 
 /// What the points of the grid say of a tile.
 enum Starts {
-    /// The nearest four agree.
+    /// Four points are near, and agree.
     Agreed,
     /// Distinct motions, the nearest first, and how many; none where nothing is known.
     Few([Vector2<f32>; STARTS], usize),
@@ -333,11 +337,13 @@ impl<'a> Around<'a> {
     fn starts(&self, at: Vector2<f32>) -> Starts {
         let (motions, count) = self.motions(at);
         let motions = &motions[..count];
-        let agrees = |motion: Vector2<f32>| {
-            motions.first().is_some_and(|(_, first)| (motion - first).norm() < DISAGREEMENT)
-        };
-        if count > 0 && motions.iter().take(4).all(|(_, motion)| agrees(*motion)) {
-            return Starts::Agreed;
+        if let [first, second, third, fourth, ..] = motions {
+            let agrees = |(distance, motion): &(f32, Vector2<f32>)| {
+                *distance < BESIDE && (motion - first.1).norm() < DISAGREEMENT
+            };
+            if [first, second, third, fourth].into_iter().all(agrees) {
+                return Starts::Agreed;
+            }
         }
         let mut starts = [Vector2::zeros(); STARTS];
         let mut count = 0;
