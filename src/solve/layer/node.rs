@@ -13,7 +13,7 @@ const LANES: usize = 8;
 const MOST: usize = 64;
 
 /// Reach of a sample's influence, in distances between samples.
-const REACH: f32 = 0.7;
+const REACH: f32 = 0.5;
 
 /// From one neighbour to the other a velocity may change by this share and still be the same thing's:
 /// cameras accelerate.

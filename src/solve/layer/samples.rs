@@ -8,7 +8,7 @@ use crate::solve::median::{MEDIAN_TO_VARIANCE, median};
 use nalgebra::Vector2;
 
 /// Samples that a node asks for.
-const WANTED: usize = 10;
+const WANTED: usize = 7;
 
 /// Cells (a mesh spacing wide) around a node within which it looks for them.
 const FARTHEST: usize = 5;
