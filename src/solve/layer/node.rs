@@ -120,11 +120,11 @@ impl Surroundings {
         let forgotten = 1.0 / (FORGOTTEN * self.scale.spacing).powi(2);
         let mut present = [0.0; LANES];
         for group in self.sides.iter_mut().flat_map(Side::groups_mut) {
-            for i in 0..LANES {
+            for (i, present) in present.iter_mut().enumerate() {
                 let (x, y) = (group.x[i] - at.x, group.y[i] - at.y);
                 let square = x * x + y * y;
                 group.weight[i] = group.trust[i] * kernel(scale * square);
-                present[i] += group.trust[i] * kernel(forgotten * square);
+                *present += group.trust[i] * kernel(forgotten * square);
             }
         }
         total(present)
@@ -214,10 +214,10 @@ impl Side {
     fn farthest(&self, velocity: Vector2<f32>) -> f32 {
         let mut farthest = [0.0f32; LANES];
         for group in self.groups() {
-            for i in 0..LANES {
+            for (i, farthest) in farthest.iter_mut().enumerate() {
                 let square = (group.u[i] - velocity.x).powi(2) + (group.v[i] - velocity.y).powi(2);
                 let square = if group.trust[i] > 0.0 { square } else { 0.0 };
-                farthest[i] = if square > farthest[i] { square } else { farthest[i] };
+                *farthest = if square > *farthest { square } else { *farthest };
             }
         }
         farthest.into_iter().fold(0.0, f32::max)
@@ -228,9 +228,9 @@ impl Side {
         let scale = 1.0 / (tolerance * tolerance);
         let mut sums = [0.0; LANES];
         for group in self.groups() {
-            for i in 0..LANES {
+            for (i, sum) in sums.iter_mut().enumerate() {
                 let square = (group.u[i] - velocity.x).powi(2) + (group.v[i] - velocity.y).powi(2);
-                sums[i] += group.weight[i] * kernel(scale * square);
+                *sum += group.weight[i] * kernel(scale * square);
             }
         }
         total(sums)
@@ -241,9 +241,9 @@ impl Side {
         let scale = 1.0 / (tolerance * tolerance);
         let mut sums = [[0.0; LANES]; 3];
         for group in self.groups() {
-            for i in 0..LANES {
+            for (i, weight) in group.weight.iter().enumerate() {
                 let (u, v) = (group.u[i] - around.x, group.v[i] - around.y);
-                let weight = group.weight[i] * kernel(scale * (u * u + v * v));
+                let weight = weight * kernel(scale * (u * u + v * v));
                 sums[0][i] += weight;
                 sums[1][i] += weight * u;
                 sums[2][i] += weight * v;
@@ -258,10 +258,10 @@ impl Side {
         let scale = 1.0 / (tolerance * tolerance);
         let mut sums = [[0.0; LANES]; 5];
         for group in self.groups() {
-            for i in 0..LANES {
+            for (i, weight) in group.weight.iter().enumerate() {
                 let (u, v) = (group.u[i] - around.x, group.v[i] - around.y);
                 let square = u * u + v * v;
-                let weight = group.weight[i] * kernel(scale * square);
+                let weight = weight * kernel(scale * square);
                 sums[0][i] += weight;
                 sums[1][i] += weight * u;
                 sums[2][i] += weight * v;

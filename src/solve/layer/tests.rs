@@ -105,6 +105,28 @@ fn what_is_only_noise_is_damped() {
 }
 
 #[test]
+fn what_is_left_is_what_path_and_layer_do_not_explain() {
+    let parted = |at: Vector2<f64>| Vector2::new(if at.x < 320.0 { 0.0 } else { 400.0 }, 0.0);
+    let [before, together] = [-PERIOD, PERIOD]
+        .map(|interval| seen(grid(32, 24), interval, |at, from, to| parted(at) * (to - from)));
+    let scattered = seen(grid(32, 24), PERIOD, |at, _, _| {
+        let phase = at.x * 12.9898 + at.y * 78.233;
+        Vector2::new((phase.sin() * 43_758.545).fract(), (phase.cos() * 24_634.634).fract()) * 40.0
+    });
+    let mut layer = Layer::new(640, 480, 1.0);
+    let mut left = |neighbours: &[Neighbour<'_>]| {
+        layer.solve(&readout(READOUT), neighbours, |point, _, _| point);
+        layer.left()
+    };
+    let before = Neighbour { correspondences: &before, interval: -PERIOD };
+    let after = |correspondences| Neighbour { correspondences, interval: PERIOD };
+    // A coordinate of a path that stands still is up to 16 px wrong.
+    assert!(left(&[before, after(&together)]) < 0.05);
+    assert!(left(&[before, after(&scattered)]) > 10.0);
+    assert_eq!(left(&[]), f64::INFINITY);
+}
+
+#[test]
 fn it_fades_where_nothing_was_found() {
     let velocity = Vector2::new(400.0, 0.0);
     let after = seen(grid(32, 24).filter(|at| at.x < 300.0), PERIOD, |_, from, to| velocity * (to - from));
