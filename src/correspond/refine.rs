@@ -3,8 +3,12 @@
 //!
 //! 1. For each cell in which nothing was found a patch of its middle is searched for exhaustively
 //!    (`search`), measured forth and back, and kept where neighbours share its motion.
-//! 2. The picture is cut into tiles of the size of such a patch. Where the points of the grid around a tile
-//!    disagree, it is followed from each of their motions, and keeps the one that shows the same picture.
+//! 2. The picture is cut into tiles of the size of such a patch. Where points of the grid around a tile are
+//!    missing or disagree, it is followed from each of their motions, and keeps the one that shows the same
+//!    picture.
+//! 3. Tiles that were lost that way are followed from where the tiles next to them were found, then those next
+//!    to these, and so on: near things are drawn out so fast across the picture that what is 20 pixels away says
+//!    little.
 //!
 //! A search takes 66 k multiply-adds; a tile a template and about three samplings for each of at most four
 //! motions, 10 k.
@@ -37,6 +41,9 @@ const MOST_RETURN_ERROR: f32 = 0.7;
 /// Motions at a tile further apart than this, in pixels, disagree.
 const DISAGREEMENT: f32 = 1.0;
 
+/// Points of the grid further than this from a tile, in cells, do not tell what it does.
+const BESIDE: f32 = 1.5;
+
 /// Motions closer than this, in pixels, are one to try.
 const SAME_START: f32 = 0.7;
 
@@ -45,6 +52,12 @@ const STARTS: usize = 4;
 
 /// A tile lies this close, in pixels, to where one of the points around has it.
 const MOST_STRAY: f32 = 1.5;
+
+/// A tile lies this close, in pixels, to where one next to it has it.
+const MOST_GROWTH: f32 = 3.0;
+
+/// Tiles, one after another, over which a motion is handed on.
+const GROWTHS: usize = 16;
 
 /// A later start wins over an earlier, nearer one where it leaves this share of what that leaves
 /// unexplained of a patch; a hundredth may be unexplained for any reason.
@@ -97,8 +110,25 @@ pub(super) struct Refinement {
     motions: Vec<Option<Motion>>,
     /// By cell of the grid.
     searched: Vec<Option<Small>>,
-    /// By tile.
-    tiles: Vec<Option<Small>>,
+    tiles: Vec<Tile>,
+}
+
+/// What is known of a tile.
+#[derive(Clone, Copy, Debug, Default)]
+enum Tile {
+    /// There are points of the grid all around it, and they agree.
+    #[default]
+    Plain,
+    /// None of the motions that were tried shows the same picture.
+    Lost,
+    /// Found after so many motions had been handed on.
+    Found(Small, usize),
+}
+
+impl Tile {
+    fn small(&self) -> Option<&Small> {
+        if let Self::Found(small, _) = self { Some(small) } else { None }
+    }
 }
 
 impl Refinement {
@@ -112,7 +142,7 @@ impl Refinement {
 
     /// What was found last.
     pub(super) fn found(&self) -> impl Iterator<Item = &Small> {
-        self.searched.iter().chain(&self.tiles).flatten()
+        self.searched.iter().flatten().chain(self.tiles.iter().filter_map(Tile::small))
     }
 
     /// Searches the cells of which nothing is known, and adds what was found to what is known.
@@ -145,11 +175,66 @@ impl Refinement {
         let Some(level) = pair.first.first() else { return };
         let across = level.width / COARSE;
         let around = Around::new(&self.known, columns, (level.width, level.height));
-        self.tiles.resize(across * (level.height / COARSE), None);
+        self.tiles.resize(across * (level.height / COARSE), Tile::Plain);
         self.tiles.par_iter_mut().enumerate().with_min_len(64).for_each(|(index, tile)| {
-            *tile = follow_tile(pair, (index % across * COARSE, index / across * COARSE), &around);
+            let corner = tile_corner(index, across);
+            *tile = match around.starts(centre::<COARSE>(corner)) {
+                Starts::Agreed => Tile::Plain,
+                Starts::Few(starts, count) => {
+                    let found = follow_tile(pair, corner, &starts[..count], MOST_STRAY);
+                    found.map_or(Tile::Lost, |small| Tile::Found(small, 0))
+                }
+            };
         });
+        for handed in 0..GROWTHS {
+            let tiles = &self.tiles;
+            let lost = tiles.par_iter().enumerate().with_min_len(256);
+            let grown: Vec<_> = lost
+                .filter(|(_, tile)| matches!(tile, Tile::Lost))
+                .filter_map(|(index, _)| {
+                    let (starts, count) = found_beside(tiles, across, index, handed);
+                    let corner = tile_corner(index, across);
+                    Some((index, follow_tile(pair, corner, &starts[..count], MOST_GROWTH)?))
+                })
+                .collect();
+            if grown.is_empty() {
+                return;
+            }
+            grown.into_iter().for_each(|(index, small)| self.tiles[index] = Tile::Found(small, handed + 1));
+        }
     }
+}
+
+/// The top left pixel of a tile.
+fn tile_corner(index: usize, across: usize) -> Vector2<f32> {
+    Vector2::new((index % across * COARSE) as f32, (index / across * COARSE) as f32)
+}
+
+/// Motions of the four tiles next to one that were found after `handed` motions had been handed on.
+fn found_beside(
+    tiles: &[Tile],
+    across: usize,
+    index: usize,
+    handed: usize,
+) -> ([Vector2<f32>; STARTS], usize) {
+    let column = index % across;
+    let beside = [
+        (column > 0).then(|| index - 1),
+        (column + 1 < across).then_some(index + 1),
+        index.checked_sub(across),
+        Some(index + across),
+    ];
+    let mut starts = [Vector2::zeros(); STARTS];
+    let mut count = 0;
+    for tile in beside.into_iter().flatten().filter_map(|index| tiles.get(index)) {
+        if let Tile::Found(small, after) = tile
+            && *after == handed
+        {
+            starts[count] = small.found.corner - small.from;
+            count += 1;
+        }
+    }
+    (starts, count)
 }
 
 /// Searches the patch around `at` near the shift `expected`, and measures it forth and back.
@@ -195,10 +280,13 @@ fn small_match(pair: &Pair<'_>, from: Vector2<f32>, shift: Vector2<f32>) -> Opti
     is_found.then_some(Small { from, found, texture: template.texture })
 }
 
-/// Follows a tile from the motions of the points around it, where they disagree.
-fn follow_tile(pair: &Pair<'_>, corner: (usize, usize), around: &Around<'_>) -> Option<Small> {
-    let from = Vector2::new(corner.0 as f32, corner.1 as f32);
-    let (starts, count) = around.starts(centre::<COARSE>(from))?;
+/// Follows the tile at `from` from some motions, to at most `most` pixels from where they have it; the nearest
+/// first.
+fn follow_tile(pair: &Pair<'_>, from: Vector2<f32>, starts: &[Vector2<f32>], most: f32) -> Option<Small> {
+    if starts.is_empty() {
+        return None;
+    }
+    let corner = (from.x as usize, from.y as usize);
     let template = CoarseTemplate::new(pair.cpu, pair.first.first()?, corner, TILE_DAMPING)?;
     if template.texture.is_nan() || template.texture < LEAST_TEXTURE {
         return None;
@@ -206,12 +294,15 @@ fn follow_tile(pair: &Pair<'_>, corner: (usize, usize), around: &Around<'_>) -> 
     let second = pair.second.first()?;
     let unexplained = |found: &Match| 1.0 - found.correlation * found.correlation + TOLERANCE;
     let mut best: Option<Match> = None;
-    for start in &starts[..count] {
+    for start in starts {
         let Some(found) = template.find(second, from + start, TILE_EFFORT) else { continue };
-        let is_near = (found.corner - from - start).norm() <= MOST_STRAY;
+        let is_near = (found.corner - from - start).norm() <= most;
         let is_better = best.is_none_or(|best| unexplained(&found) < CLEARLY_BETTER * unexplained(&best));
         if is_near && is_better {
             best = Some(found);
+        }
+        if best.is_some_and(|best| CLEARLY_BETTER * unexplained(&best) <= TOLERANCE) {
+            break;
         }
     }
     let found = best.filter(|best| best.correlation >= LEAST_CORRELATION)?;
@@ -227,6 +318,14 @@ struct Around<'a> {
     cell: Vector2<f32>,
 }
 
+/// What the points of the grid say of a tile.
+enum Starts {
+    /// Four points are near, and agree.
+    Agreed,
+    /// Distinct motions, the nearest first, and how many; none where nothing is known.
+    Few([Vector2<f32>; STARTS], usize),
+}
+
 /// Points of the grid around a tile along one axis.
 const SIDE: usize = 4;
 
@@ -237,14 +336,17 @@ impl<'a> Around<'a> {
         Self { known, columns, rows, cell }
     }
 
-    /// Distinct motions of the 4 × 4 points around a point, carried to it, the nearest first, and how many;
-    /// `None` where the nearest four agree.
-    fn starts(&self, at: Vector2<f32>) -> Option<([Vector2<f32>; STARTS], usize)> {
+    /// Distinct motions of the 4 × 4 points around a point, carried to it, the nearest first.
+    fn starts(&self, at: Vector2<f32>) -> Starts {
         let (motions, count) = self.motions(at);
         let motions = &motions[..count];
-        let (_, first) = motions.first()?;
-        if motions.iter().take(4).all(|(_, motion)| (motion - first).norm() < DISAGREEMENT) {
-            return None;
+        if let [first, second, third, fourth, ..] = motions {
+            let agrees = |(distance, motion): &(f32, Vector2<f32>)| {
+                *distance < BESIDE && (motion - first.1).norm() < DISAGREEMENT
+            };
+            if [first, second, third, fourth].into_iter().all(agrees) {
+                return Starts::Agreed;
+            }
         }
         let mut starts = [Vector2::zeros(); STARTS];
         let mut count = 0;
@@ -255,7 +357,7 @@ impl<'a> Around<'a> {
                 count += 1;
             }
         }
-        Some((starts, count))
+        Starts::Few(starts, count)
     }
 
     /// Motions of the 4 × 4 points around a point, carried to it, by distance, and how many there are.
@@ -263,12 +365,16 @@ impl<'a> Around<'a> {
         let mut motions = [(0.0, Vector2::zeros()); SIDE * SIDE];
         let mut count = 0;
         let place = at.add_scalar(0.5).component_div(&self.cell).map(|place| (place - 0.5).floor() as isize);
+        // Outside the outermost points nothing is missing.
+        let most =
+            Vector2::new(self.columns as f32, self.rows as f32).add_scalar(-0.5).component_mul(&self.cell);
+        let between = at.sup(&(0.5 * self.cell)).inf(&most);
         for index in 0..SIDE * SIDE {
             let (i, j) = (place.x - 1 + (index % SIDE) as isize, place.y - 1 + (index / SIDE) as isize);
             let inside = (0..self.columns as isize).contains(&i) && (0..self.rows as isize).contains(&j);
             let cell = inside.then(|| j as usize * self.columns + i as usize);
             if let Some(local) = cell.and_then(|cell| self.known.get(cell).copied().flatten()) {
-                let distance = (local.motion.at - at).component_div(&self.cell).norm();
+                let distance = (local.motion.at - between).component_div(&self.cell).norm();
                 motions[count] = (distance, local.motion.carried(at, &local.slope));
                 count += 1;
             }
@@ -279,94 +385,5 @@ impl<'a> Around<'a> {
 }
 
 #[cfg(test)]
-mod tests {
-    use crate::correspond::{Correspondence, Pyramid, Sampler};
-    use crate::plane::{Luma, Plane, PlaneLayout, SampleFormat};
-    use nalgebra::Vector2;
-
-    const WIDTH: usize = 640;
-    const HEIGHT: usize = 480;
-
-    /// Waves of many lengths and directions.
-    fn texture(x: f64, y: f64, kind: f64) -> f64 {
-        let wave = |i: f64| {
-            let (sin, cos) = (2.4 * i + kind).sin_cos();
-            (4.0 + i)
-                * (std::f64::consts::TAU * (cos * x + sin * y) / (9.0 * 1.35f64.powf(i)) + i * kind).sin()
-        };
-        128.0 + (0..9).map(|i| wave(f64::from(i))).sum::<f64>()
-    }
-
-    /// A block of 120 × 100 pixels before a background that stands still; true inside the block.
-    fn inside(at: Vector2<f64>, block: Vector2<f64>) -> bool {
-        let place = at - block;
-        place.x >= 0.0 && place.y >= 0.0 && place.x < 120.0 && place.y < 100.0
-    }
-
-    fn frame(block: Vector2<f64>) -> Vec<u8> {
-        let grey = |index: usize| {
-            let at = Vector2::new((index % WIDTH) as f64, (index / WIDTH) as f64);
-            let place = at - block;
-            let grey =
-                if inside(at, block) { texture(place.x, place.y, 1.7) } else { texture(at.x, at.y, 0.3) };
-            grey.clamp(0.0, 255.0) as u8
-        };
-        (0..WIDTH * HEIGHT).map(grey).collect()
-    }
-
-    /// What the grid found, and what the refinement added.
-    fn found(first: &[u8], second: &[u8]) -> (Vec<Correspondence>, Vec<Correspondence>) {
-        let mut sampler = Sampler::new(WIDTH, HEIGHT, 32, 24);
-        let pyramid = |data: &[u8]| {
-            let layout = PlaneLayout::packed(WIDTH, HEIGHT, SampleFormat::U8);
-            let mut pyramid = Pyramid::new();
-            sampler.build(&Luma::from(Plane::new(data, layout).unwrap()), &mut pyramid);
-            pyramid
-        };
-        let (first, second) = (pyramid(first), pyramid(second));
-        let mut out = Vec::new();
-        sampler.correspond(&first, &second, |at| at, &mut out);
-        let grid = out.clone();
-        sampler.refine(&first, &second, &mut out);
-        let added = out.split_off(grid.len());
-        (grid, added)
-    }
-
-    #[test]
-    fn a_block_that_flies_by_is_found_with_its_edges() {
-        let (block, shift) = (Vector2::new(230.0, 170.0), Vector2::new(52.0, -21.0));
-        let (_, added) = found(&frame(block), &frame(block + shift));
-        // Patches that lie on one side of the edge in both frames.
-        let corners = [(-4.0, -4.0), (4.0, -4.0), (-4.0, 4.0), (4.0, 4.0)].map(|(x, y)| Vector2::new(x, y));
-        let touches = |at, block| corners.iter().filter(|corner| inside(at + *corner, block)).count();
-        let truth = |at| match (touches(at, block), touches(at, block + shift)) {
-            (4, _) => Some(shift),
-            (0, 0) => Some(Vector2::zeros()),
-            _ => None,
-        };
-        let judged: Vec<_> =
-            added.iter().filter_map(|p| Some((p.to - p.from - truth(p.from)?).norm())).collect();
-        let wrong = judged.iter().filter(|error| **error > 1.0).count();
-        let of_block = added.iter().filter(|point| inside(point.from, block)).count();
-        // The block covers 187 tiles; its inner ones follow from the grid's points.
-        assert!(of_block > 40, "{of_block} on the block");
-        assert!(wrong * 10 < judged.len(), "{wrong} of {} wrong", judged.len());
-    }
-
-    #[test]
-    fn one_motion_needs_no_refinement() {
-        let whole = |shift: f64| -> Vec<u8> {
-            let grey = |i: usize| texture((i % WIDTH) as f64 - shift, (i / WIDTH) as f64, 0.3);
-            (0..WIDTH * HEIGHT).map(|i| grey(i).clamp(0.0, 255.0) as u8).collect()
-        };
-        let (grid, added) = found(&whole(0.0), &whole(3.5));
-        assert!(grid.len() > 700 && added.len() < 60, "{} {}", grid.len(), added.len());
-    }
-
-    #[test]
-    fn empty_pyramids_add_nothing() {
-        let mut out = Vec::new();
-        Sampler::new(WIDTH, HEIGHT, 32, 24).refine(&Pyramid::new(), &Pyramid::new(), &mut out);
-        assert!(out.is_empty());
-    }
-}
+#[path = "refine_tests.rs"]
+mod tests;

@@ -65,6 +65,12 @@ impl<'a> Stretch<'a> {
         [self.past.checked_sub(1), Some(self.past)].into_iter().flatten().filter(move |index| *index < count)
     }
 
+    /// Mean square distance by which points moved in the pairs that the frame is in, in squared units of the radius.
+    pub fn moved(self) -> f64 {
+        let beside = self.beside().filter_map(|index| self.pairs.get(index));
+        beside.map(|pair| pair.moved()).fold(0.0, f64::max)
+    }
+
     /// Index of the pair that the frame begins; without lookahead, of the one that it ends.
     pub fn own(self) -> usize {
         self.past.min(self.pairs.len().saturating_sub(1))
@@ -144,7 +150,8 @@ impl Hypothesis {
         let stretch = stretch.of_tempo(self.solver.tempo);
         let beside = stretch.beside().filter_map(|index| stretch.pairs.get(index));
         let breadth = beside.map(|pair| breadth(pair, self.solver.reading)).fold(1.0, f64::min);
-        breadth * explained(&self.solver, stretch)
+        let surprise = stretch.beside().filter_map(|index| self.solver.surprise(index)).fold(0.0, f64::max);
+        breadth * self.solver.explained(surprise, stretch.moved())
     }
 
     /// Logarithm of the evidence of a pair of the stretch, up to a constant.
@@ -216,15 +223,6 @@ impl Hypothesis {
 fn evidence(solver: &mut Solver, stretch: Stretch<'_>) -> Option<f64> {
     let pairs = stretch.of_tempo(solver.tempo).pairs;
     solver.evidence(pairs).map(|evidence| evidence / pairs.len().max(1) as f64)
-}
-
-/// How much of the displacements at the frame of a stretch the path explains, 0 to 1.
-pub(super) fn explained(solver: &Solver, stretch: Stretch<'_>) -> f64 {
-    let sigma = stretch.beside().filter_map(|index| solver.sigma(index)).fold(0.0, f64::max);
-    let pairs = stretch.beside().filter_map(|index| stretch.pairs.get(index));
-    let moved = pairs.map(|pair| pair.moved()).fold(0.0, f64::max) * solver.radius * solver.radius;
-    let allowed = (3.0 * solver.noise).powi(2) + 0.25 * moved;
-    (1.0 - 2.0 * sigma * sigma / allowed).clamp(0.0, 1.0)
 }
 
 /// Whether a pair shows enough of the picture's lines to tell a shutter from a thing that moves on its own: 0 up to a

@@ -197,6 +197,13 @@ impl Solver {
         self.normals.get(index).map(|normal| normal.scatter.noise.sqrt())
     }
 
+    /// How much of displacements of so much (mean square, squared radii) is explained where `sigma` is left of a coordinate
+    /// in pixels, 0 to 1.
+    pub fn explained(&self, sigma: f64, moved: f64) -> f64 {
+        let allowed = (3.0 * self.noise).powi(2) + 0.25 * moved * self.radius * self.radius;
+        (1.0 - 2.0 * sigma * sigma / allowed).clamp(0.0, 1.0)
+    }
+
     /// Matches of pair `index` within three deviations of the path, thinned out ones counted.
     pub fn inliers(&self, index: usize) -> usize {
         self.left.get(index).map_or(0, |left| left.inliers)

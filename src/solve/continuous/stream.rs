@@ -5,7 +5,7 @@
 //! likelier one speaks. Vibrations, too fast for the usual knots, are a hypothesis within each.
 
 use super::camera::{Camera, KAPPA_LIMITS, KNOWN, READOUT_BELIEF};
-use super::hypothesis::{Hypothesis, NOTICEABLE, Stretch, breadth, explained};
+use super::hypothesis::{Hypothesis, NOTICEABLE, Stretch, breadth};
 use super::pair::{Pair, Reading};
 use super::running::Running;
 use super::smoothness::Smoothness;
@@ -266,10 +266,15 @@ impl Continuous {
         weigh(&mut self.hypotheses, stretch);
         choose(&mut self.hypotheses);
         self.continues = !pairs.is_empty();
-        let mut motion = (!pairs.is_empty()).then(|| self.motion(stretch, stamp));
+        let moved = stretch.moved();
+        let mut motion = (!pairs.is_empty()).then(|| self.motion(stretch, stamp, moved));
         self.sigma = motion.as_ref().map_or(f64::INFINITY, |motion| motion.sigma);
         if let Some(motion) = motion.as_mut().filter(|_| self.wants_detail()) {
             motion.field = self.field(own, past > 0, &motion.readout);
+            // What the layer explains is explained.
+            let left = motion.sigma.min(self.layer.left());
+            let solver = &self.hypotheses[0].solver;
+            motion.confidence = self.confidence(solver, solver.explained(left, moved));
         }
         self.settled += 1;
         if self.settled > PAST {
@@ -290,8 +295,8 @@ impl Continuous {
         self.continues = false;
     }
 
-    /// The motion of the frame in a stretch.
-    fn motion(&self, stretch: Stretch<'_>, stamp: f64) -> Motion {
+    /// The motion of the frame in a stretch, whose points moved by this much (mean square, squared radii).
+    fn motion(&self, stretch: Stretch<'_>, stamp: f64, moved: f64) -> Motion {
         let solver = &self.hypotheses[0].solver;
         let stretch = stretch.of_tempo(solver.tempo);
         let readout = self.readout(solver);
@@ -310,7 +315,7 @@ impl Continuous {
         Motion {
             readout,
             homographies: (0..=SHARES).map(homography).collect(),
-            confidence: self.confidence(solver, explained(solver, stretch)),
+            confidence: self.confidence(solver, solver.explained(sigma, moved)),
             field: None,
             inliers,
             sigma,

@@ -19,9 +19,10 @@
 //! most of its surroundings share (the mode, not the mean), in sharper surroundings the denser the samples
 //! lie.
 //!
-//! That takes some thousand operations a node, and away from edges neighbours say the same: every second
-//! node of every second row is solved first, and those between only where their neighbours, or the samples
-//! next to them, disagree.
+//! That takes some thousand operations a node, and away from edges neighbours say the same: every fourth
+//! node of every fourth row is solved first, and those halfway between only where their neighbours, or the
+//! samples next to them, disagree; then those halfway between these. Of the 8349 nodes of a 1080p frame some
+//! two thousand are solved in a scene full of edges.
 
 mod node;
 mod samples;
@@ -38,8 +39,11 @@ use samples::Samples;
 /// Analysed pixels from node to node.
 const SPACING: f64 = 8.0;
 
+/// Times that the mesh that is solved first is halved.
+const HALVINGS: usize = 2;
+
 /// Velocities that differ by less than this share of what may be the same are interpolated.
-const ALIKE: f32 = 0.1;
+const ALIKE: f32 = 0.4;
 
 /// The correspondences of a frame with a neighbour in time.
 #[derive(Clone, Copy, Debug)]
@@ -65,10 +69,15 @@ pub struct VelocityMesh {
 }
 
 impl VelocityMesh {
-    /// The frame pixel of a node by its index.
-    fn node(&self, index: usize) -> Vector2<f64> {
-        let columns = self.columns.max(1);
-        Vector2::new((index % columns) as f64, (index / columns) as f64) * self.spacing
+    /// The velocity at a frame pixel, which lies on the mesh.
+    fn velocity(&self, at: Vector2<f32>) -> Vector2<f32> {
+        let place = at / self.spacing as f32;
+        let (left, top) = (place.x as usize, place.y as usize);
+        let (right, below) = ((left + 1).min(self.columns - 1), (top + 1).min(self.rows - 1));
+        let (x, y) = (place.x - left as f32, place.y - top as f32);
+        let node = |column: usize, row: usize| self.velocities[row * self.columns + column];
+        let mean = |row: usize| node(left, row) * (1.0 - x) + node(right, row) * x;
+        mean(top) * (1.0 - y) + mean(below) * y
     }
 }
 
@@ -77,8 +86,8 @@ impl VelocityMesh {
 pub struct Layer {
     mesh: VelocityMesh,
     samples: Samples,
-    /// Velocities at every second node of every second row.
-    coarse: Vec<Vector2<f32>>,
+    /// The same mesh with every second node of the next one, the coarsest first.
+    coarser: [VelocityMesh; HALVINGS],
 }
 
 impl Layer {
@@ -86,12 +95,17 @@ impl Layer {
     /// ([`Sampler::pixel_scale`](crate::correspond::Sampler::pixel_scale)).
     pub fn new(width: usize, height: usize, pixel_scale: f64) -> Self {
         let spacing = SPACING * pixel_scale;
-        let nodes = |length: usize| (length.saturating_sub(1) as f64 / spacing).ceil() as usize + 1;
-        let (columns, rows) = (nodes(width), nodes(height));
-        let velocities = vec![Vector2::zeros(); columns * rows];
-        let mesh = VelocityMesh { columns, rows, spacing, velocities };
-        let coarse = vec![Vector2::zeros(); (columns / 2 + 1) * (rows / 2 + 1)];
-        Self { samples: Samples::new(columns, rows, spacing), mesh, coarse }
+        let coarsest = spacing * (1 << HALVINGS) as f64;
+        let cells = |length: usize| (length.saturating_sub(1) as f64 / coarsest).ceil() as usize;
+        let (across, down) = (cells(width), cells(height));
+        let mesh = |halvings: usize| {
+            let (columns, rows) = ((across << halvings) + 1, (down << halvings) + 1);
+            let velocities = vec![Vector2::zeros(); columns * rows];
+            VelocityMesh { columns, rows, spacing: coarsest / (1 << halvings) as f64, velocities }
+        };
+        let finest = mesh(HALVINGS);
+        let samples = Samples::new(finest.columns, finest.rows, spacing);
+        Self { mesh: finest, samples, coarser: std::array::from_fn(mesh) }
     }
 
     /// The residual velocities of a frame, given its neighbours in time.
@@ -106,44 +120,69 @@ impl Layer {
         carry: impl Fn(Vector2<f64>, f64, f64) -> Vector2<f64>,
     ) -> &VelocityMesh {
         self.samples.fill(readout, neighbours, carry);
-        let (columns, rows) = (self.mesh.columns, self.mesh.rows);
-        let mut velocities = std::mem::take(&mut self.mesh.velocities);
-        let (mesh, samples) = (&self.mesh, &self.samples);
-        let solve = |column: usize, row: usize, surroundings: &mut Surroundings| {
-            samples.around(column, row, surroundings);
-            surroundings.velocity(readout, mesh.node(row * columns + column))
-        };
-        let width = columns / 2 + 1;
-        self.coarse.par_chunks_mut(width).enumerate().for_each(|(row, velocities)| {
-            let mut surroundings = Surroundings::default();
-            let row = (2 * row).min(rows.saturating_sub(1));
-            for (column, velocity) in velocities.iter_mut().enumerate() {
-                *velocity = solve((2 * column).min(columns.saturating_sub(1)), row, &mut surroundings);
-            }
-        });
-        let coarse = &self.coarse;
-        velocities.par_chunks_mut(columns.max(1)).enumerate().for_each(|(row, velocities)| {
-            let mut surroundings = Surroundings::default();
-            let [above, below] = beside(row, rows);
-            for (column, velocity) in velocities.iter_mut().enumerate() {
-                let [left, right] = beside(column, columns);
-                let corners = [(left, above), (right, above), (left, below), (right, below)];
-                let corners = corners.map(|(column, row)| coarse[row * width + column]);
-                let mean = corners.iter().sum::<Vector2<f32>>() / 4.0;
-                let alike = ALIKE * samples.tolerance();
-                let is_plain = corners.iter().all(|corner| (corner - mean).norm_squared() <= alike * alike)
-                    && samples.agree(column, row, mean);
-                let is_solved = left == right && above == below;
-                *velocity = if is_plain || is_solved { mean } else { solve(column, row, &mut surroundings) };
-            }
-        });
-        self.mesh.velocities = velocities;
+        let samples = &self.samples;
+        let mut step = 1 << HALVINGS;
+        let mut coarser: Option<&VelocityMesh> = None;
+        for mesh in self.coarser.iter_mut().chain([&mut self.mesh]) {
+            solve_mesh(mesh, coarser, &Nodes { readout, samples, step });
+            coarser = Some(mesh);
+            step /= 2;
+        }
         &self.mesh
+    }
+
+    /// What path and layer together leave of the frame that was solved last: the standard deviation of a
+    /// coordinate in pixels, of the neighbour that fits worse, where most of its points are. Infinite where nothing
+    /// is known.
+    pub fn left(&mut self) -> f64 {
+        let mesh = &self.mesh;
+        let left = [false, true].map(|later| self.samples.variance(later, |at| mesh.velocity(at)));
+        left.into_iter().flatten().reduce(f64::max).map_or(f64::INFINITY, f64::sqrt)
     }
 }
 
-/// The nodes of the coarse mesh, in which every second of `count` is and the last, on both sides of a node.
-fn beside(node: usize, count: usize) -> [usize; 2] {
-    let is_coarse = node.is_multiple_of(2) || node + 1 == count;
-    [if is_coarse { node.div_ceil(2) } else { node / 2 }, node.div_ceil(2)]
+/// What the nodes of a mesh are solved from.
+struct Nodes<'a> {
+    readout: &'a Readout,
+    samples: &'a Samples,
+    /// Cells of the samples from node to node.
+    step: usize,
+}
+
+/// Solves the nodes of a mesh that the mesh of twice its spacing does not tell.
+fn solve_mesh(mesh: &mut VelocityMesh, coarser: Option<&VelocityMesh>, nodes: &Nodes<'_>) {
+    let &mut VelocityMesh { columns, spacing, .. } = mesh;
+    let &Nodes { readout, samples, step } = nodes;
+    let rows = mesh.velocities.par_chunks_mut(columns).enumerate();
+    rows.for_each_init(Surroundings::default, |surroundings, (row, velocities)| {
+        for (column, velocity) in velocities.iter_mut().enumerate() {
+            let cell = (column * step, row * step);
+            let told = coarser.and_then(|coarser| told(coarser, (column, row), samples, cell));
+            *velocity = told.unwrap_or_else(|| {
+                samples.around(cell, surroundings);
+                surroundings.velocity(readout, Vector2::new(column as f64, row as f64) * spacing)
+            });
+        }
+    });
+}
+
+/// The velocity of a node as a mesh of twice the spacing has it; `None` where the nodes beside it there, or
+/// the samples around it, disagree.
+fn told(
+    coarser: &VelocityMesh,
+    (column, row): (usize, usize),
+    samples: &Samples,
+    cell: (usize, usize),
+) -> Option<Vector2<f32>> {
+    let at = |column: usize, row: usize| coarser.velocities[row * coarser.columns + column];
+    let (left, right) = (column / 2, column.div_ceil(2));
+    let (above, below) = (row / 2, row.div_ceil(2));
+    if left == right && above == below {
+        return Some(at(left, above));
+    }
+    let corners = [at(left, above), at(right, above), at(left, below), at(right, below)];
+    let mean = corners.iter().sum::<Vector2<f32>>() / 4.0;
+    let alike = ALIKE * samples.tolerance();
+    let are_alike = corners.iter().all(|corner| (corner - mean).norm_squared() <= alike * alike);
+    (are_alike && samples.agree(cell, mean)).then_some(mean)
 }

@@ -1,12 +1,14 @@
 //! Residual velocities of one frame, sorted by place.
 
 use super::Neighbour;
-use super::node::Surroundings;
+use super::node::{Scale, Surroundings};
+use crate::correspond::Correspondence;
 use crate::readout::Readout;
+use crate::solve::median::{MEDIAN_TO_VARIANCE, median};
 use nalgebra::Vector2;
 
 /// Samples that a node asks for.
-const WANTED: usize = 10;
+const WANTED: usize = 7;
 
 /// Cells (a mesh spacing wide) around a node within which it looks for them.
 const FARTHEST: usize = 5;
@@ -15,8 +17,12 @@ const FARTHEST: usize = 5;
 /// one analysed pixel.
 const SAME_MOTION: f64 = 0.125;
 
-/// Texture (squared grey levels) of a patch whose place counts half.
+/// Texture (squared grey levels) of a patch whose place counts half, where it is seen without noise.
 const WEAK_TEXTURE: f32 = 4.0;
+
+/// What noise adds to the texture of a patch, as a share of the squared difference of two patches: the central
+/// difference of two noisy pixels has half the variance of one, and so have two patches twice that.
+const NOISE_IN_TEXTURE: f32 = 0.25;
 
 /// A residual velocity.
 #[derive(Clone, Copy, Debug)]
@@ -31,11 +37,11 @@ pub(super) struct Sample {
     pub(super) ahead: f32,
 }
 
-impl Sample {
-    /// Whether it comes from a neighbour as this one does: both earlier or both later.
-    pub(super) fn is_on_side_of(&self, ahead: f32) -> bool {
-        (self.ahead > 0.0) == (ahead > 0.0)
-    }
+/// How far a correspondence is to be believed: less where there is little texture, or as much noise.
+fn trust(correspondence: &Correspondence) -> f32 {
+    let noise = NOISE_IN_TEXTURE * correspondence.residual * correspondence.residual;
+    let texture = (correspondence.texture - noise).max(0.0);
+    texture / (texture + noise + WEAK_TEXTURE)
 }
 
 /// The samples of a frame in cells around the nodes of the mesh.
@@ -49,14 +55,26 @@ pub(super) struct Samples {
     unsorted: Vec<(usize, Sample)>,
     /// Where the samples of each cell start, and one end.
     starts: Vec<usize>,
+    /// Samples above and left of each corner of a cell.
+    sums: Vec<usize>,
     /// By cell, row by row, so that the cells between two of a row are one slice.
     sorted: Vec<Sample>,
+    squares: Vec<f64>,
 }
 
 impl Samples {
     pub(super) fn new(columns: usize, rows: usize, spacing: f64) -> Self {
-        let (unsorted, starts, sorted) = (Vec::new(), Vec::new(), Vec::new());
-        Self { columns, rows, spacing, tolerance: 0.0, unsorted, starts, sorted }
+        Self {
+            columns,
+            rows,
+            spacing,
+            tolerance: 0.0,
+            unsorted: Vec::new(),
+            starts: Vec::new(),
+            sums: Vec::new(),
+            sorted: Vec::new(),
+            squares: Vec::new(),
+        }
     }
 
     /// Takes the residual velocities of all neighbours.
@@ -86,7 +104,7 @@ impl Samples {
                 let (Some(cell), true) = (self.cell(here), velocity.iter().all(|v| v.is_finite())) else {
                     continue;
                 };
-                let trust = correspondence.texture / (correspondence.texture + WEAK_TEXTURE);
+                let trust = trust(correspondence);
                 let sample = Sample { at: here.cast(), velocity: velocity.cast(), trust, ahead };
                 self.unsorted.push((cell, sample));
             }
@@ -121,6 +139,36 @@ impl Samples {
             *place += 1;
         }
         self.starts.pop();
+        self.sum_up();
+    }
+
+    /// Counts the samples above and left of each corner of a cell.
+    fn sum_up(&mut self) {
+        let width = self.columns + 1;
+        self.sums.clear();
+        self.sums.resize(width * (self.rows + 1), 0);
+        for row in 0..self.rows {
+            let first = row * self.columns;
+            for column in 1..width {
+                let in_row = self.starts[first + column] - self.starts[first];
+                self.sums[(row + 1) * width + column] = self.sums[row * width + column] + in_row;
+            }
+        }
+    }
+
+    /// The variance in squared pixels, from the median, of a coordinate that the neighbours after the frame (or
+    /// those before it) see elsewhere than `velocity` says; `None` without samples.
+    pub(super) fn variance(
+        &mut self,
+        later: bool,
+        velocity: impl Fn(Vector2<f32>) -> Vector2<f32>,
+    ) -> Option<f64> {
+        let samples = self.sorted.iter().filter(|sample| (sample.ahead > 0.0) == later);
+        let square =
+            |sample: &Sample| (sample.velocity - velocity(sample.at)).norm_squared() * sample.ahead.powi(2);
+        self.squares.clear();
+        self.squares.extend(samples.map(|sample| f64::from(square(sample))));
+        (!self.squares.is_empty()).then(|| median(&mut self.squares) * MEDIAN_TO_VARIANCE)
     }
 
     /// Velocities (pixels per readout) that differ by less may be the same.
@@ -129,31 +177,40 @@ impl Samples {
     }
 
     /// Whether the samples next to a node may all have this velocity.
-    pub(super) fn agree(&self, column: usize, row: usize, velocity: Vector2<f32>) -> bool {
+    pub(super) fn agree(&self, (column, row): (usize, usize), velocity: Vector2<f32>) -> bool {
         let cell = row * self.columns + column;
         let own = &self.sorted[self.starts[cell]..self.starts[cell + 1]];
         own.iter().all(|sample| (sample.velocity - velocity).norm_squared() < self.tolerance * self.tolerance)
     }
 
     /// Collects the samples in the smallest square of cells around a node that holds enough.
-    pub(super) fn around(&self, column: usize, row: usize, out: &mut Surroundings) {
-        out.samples.clear();
+    pub(super) fn around(&self, (column, row): (usize, usize), out: &mut Surroundings) {
         for reach in 1..=FARTHEST {
             let (left, right) = (column.saturating_sub(reach), (column + reach).min(self.columns - 1));
             let (top, bottom) = (row.saturating_sub(reach), (row + reach).min(self.rows - 1));
-            let slice = |row: usize| {
-                let first = row * self.columns;
-                self.starts[first + left]..self.starts[first + right + 1]
-            };
-            let count: usize = (top..=bottom).map(|row| slice(row).len()).sum();
+            let count = self.count([left, right + 1], [top, bottom + 1]);
             if count < WANTED && reach < FARTHEST {
                 continue;
             }
-            (top..=bottom).for_each(|row| out.samples.extend_from_slice(&self.sorted[slice(row)]));
             let cells = (right - left + 1) * (bottom - top + 1);
-            (out.spacing, out.tolerance) = (self.spacing as f32, self.tolerance);
-            out.apart = (self.spacing * (cells as f64 / count.max(1) as f64).sqrt()) as f32;
+            let scale = Scale {
+                apart: (self.spacing * (cells as f64 / count.max(1) as f64).sqrt()) as f32,
+                spacing: self.spacing as f32,
+                tolerance: self.tolerance,
+            };
+            let slice = |row: usize| {
+                let first = row * self.columns;
+                &self.sorted[self.starts[first + left]..self.starts[first + right + 1]]
+            };
+            out.fill(scale, count, (top..=bottom).map(slice));
             return;
         }
+    }
+
+    /// Samples in a rectangle of cells.
+    fn count(&self, columns: [usize; 2], rows: [usize; 2]) -> usize {
+        let [above, below] =
+            rows.map(|row| columns.map(|column| self.sums[row * (self.columns + 1) + column]));
+        below[1] + above[0] - below[0] - above[1]
     }
 }

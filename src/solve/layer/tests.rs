@@ -38,6 +38,11 @@ fn seen(
     points.map(see).collect()
 }
 
+/// The frame pixel of a node by its index.
+fn place(mesh: &VelocityMesh, index: usize) -> Vector2<f64> {
+    Vector2::new((index % mesh.columns) as f64, (index / mesh.columns) as f64) * mesh.spacing
+}
+
 /// The layer over a global path that stands still.
 fn solved(
     cells: (usize, usize),
@@ -66,7 +71,7 @@ fn an_edge_stays_an_edge() {
     let velocity = |at: Vector2<f64>| Vector2::new(if at.x < 320.0 { 0.0 } else { 400.0 }, 0.0);
     let mesh = solved((80, 60), |at, from, to| velocity(at) * (to - from));
     for (index, found) in mesh.velocities.iter().enumerate() {
-        let at = mesh.node(index);
+        let at = place(&mesh, index);
         if (at.x - 320.0).abs() > mesh.spacing {
             assert!((found.cast() - velocity(at) * READOUT).norm() < 0.15, "{at} {found}");
         }
@@ -78,7 +83,7 @@ fn acceleration_counts_from_the_exposure_to_the_middle() {
     let acceleration = Vector2::new(4000.0, 0.0);
     let mesh = solved((32, 24), |_, from, to| acceleration * (to * to - from * from) / 2.0);
     for (index, found) in mesh.velocities.iter().enumerate() {
-        let exposed = readout(READOUT).offset(0.0, mesh.node(index).y);
+        let exposed = readout(READOUT).offset(0.0, place(&mesh, index).y);
         let expected = acceleration * (exposed + READOUT / 2.0) / 2.0;
         // A plain mean of both neighbours is wrong by 0.9 in the first row and the last.
         assert!((found.cast() - expected * READOUT).norm() < 0.2, "{found} {expected}");
@@ -97,6 +102,28 @@ fn what_is_only_noise_is_damped() {
     // Each of the two coordinates has a standard deviation of 0.2/√3 px in PERIOD.
     let single = 0.2 * (2.0f64 / 3.0).sqrt() * READOUT / PERIOD;
     assert!(rms < 0.4 * single, "{rms} of {single}");
+}
+
+#[test]
+fn what_is_left_is_what_path_and_layer_do_not_explain() {
+    let parted = |at: Vector2<f64>| Vector2::new(if at.x < 320.0 { 0.0 } else { 400.0 }, 0.0);
+    let [before, together] = [-PERIOD, PERIOD]
+        .map(|interval| seen(grid(32, 24), interval, |at, from, to| parted(at) * (to - from)));
+    let scattered = seen(grid(32, 24), PERIOD, |at, _, _| {
+        let phase = at.x * 12.9898 + at.y * 78.233;
+        Vector2::new((phase.sin() * 43_758.545).fract(), (phase.cos() * 24_634.634).fract()) * 40.0
+    });
+    let mut layer = Layer::new(640, 480, 1.0);
+    let mut left = |neighbours: &[Neighbour<'_>]| {
+        layer.solve(&readout(READOUT), neighbours, |point, _, _| point);
+        layer.left()
+    };
+    let before = Neighbour { correspondences: &before, interval: -PERIOD };
+    let after = |correspondences| Neighbour { correspondences, interval: PERIOD };
+    // A coordinate of a path that stands still is up to 16 px wrong.
+    assert!(left(&[before, after(&together)]) < 0.05);
+    assert!(left(&[before, after(&scattered)]) > 10.0);
+    assert_eq!(left(&[]), f64::INFINITY);
 }
 
 #[test]
