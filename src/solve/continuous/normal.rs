@@ -26,8 +26,6 @@ const GROUPS: usize = 24;
 pub(super) const SHARED: usize = 2;
 /// Degrees of freedom of Student's t, as which residuals are distributed.
 const FREEDOM: f64 = 4.0;
-/// What leaves so many times the usual variance weighs a quarter: it moves on its own (Geman and McClure's weight).
-const STRAY: f64 = 8.0;
 /// However many correspondences a pair has, they are worth no more than so many independent ones:
 /// what the path does not explain is alike in neighbours.
 const WORTH: f64 = 25.0;
@@ -139,11 +137,10 @@ impl View<'_> {
         out.shared_right = SVector::zeros();
         for (leg, before) in left.legs.iter().zip(&left.before) {
             let mut new = scatter.innovation(leg, before.as_ref());
-            let stray = leg.residual.norm_squared() / (left.sigma * left.sigma);
             let likely = log_student(new.square()) + new.weight.determinant().ln() / 2.0;
-            let likely_left = log_student(stray) - 2.0 * left.sigma.ln();
-            let unmoved = (STRAY + 2.0) / (STRAY + stray);
-            new.weight *= worth * unmoved * unmoved * (FREEDOM + 2.0) / (FREEDOM + new.square());
+            let strays = leg.residual.norm_squared() / (left.sigma * left.sigma);
+            let likely_left = log_student(strays) - 2.0 * left.sigma.ln();
+            new.weight *= worth * (FREEDOM + 2.0) / (FREEDOM + new.square());
             if !new.weight.iter().all(|weight| weight.is_finite()) {
                 continue;
             }

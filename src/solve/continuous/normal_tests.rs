@@ -171,12 +171,11 @@ fn the_normal_equations_are_those_of_the_residuals() {
         let pair = setting.pair(1.0);
         let (left, normal) = setting.sums(&pair);
         let residuals = setting.residuals(&pair);
-        // Student's t with four degrees of freedom, weight (4 + 2)/(4 + r²/σ²)/σ², times that of what is not astray,
-        // a pair being worth 25.
+        // Student's t with four degrees of freedom: weight (4 + 2)/(4 + r²/σ²)/σ², a pair being worth 25.
         let variance = left.sigma * left.sigma;
         let weight = |r: &Vector2<f64>| {
             let square = r.norm_squared() / variance;
-            25.0 / 300.0 / variance * 6.0 / (4.0 + square) * (10.0 / (8.0 + square)).powi(2)
+            25.0 / 300.0 / variance * 6.0 / (4.0 + square)
         };
         let sum = |a: &[Vector2<f64>], b: &[Vector2<f64>]| -> f64 {
             residuals.iter().zip(a.iter().zip(b)).map(|(r, (a, b))| weight(r) * a.dot(b)).sum()
@@ -234,9 +233,9 @@ fn the_normal_equations_of_tracks_are_those_of_what_is_new() {
         both.zip(&news).map(|((now, before), new)| now - new.share * before).collect()
     };
     let weighted = |a: &[Vector2<f64>], b: &[Vector2<f64>]| -> f64 {
-        // All residuals are next to nothing: 6/4 of Student's t, (10/8)² of Geman and McClure, a pair being worth 25.
+        // All residuals are next to nothing: 6/4 of Student's t, a pair being worth 25.
         let terms = a.iter().zip(b).zip(&news).map(|((a, b), new)| a.dot(&(new.weight * b)));
-        25.0 / 300.0 * 1.5 * 1.25 * 1.25 * terms.sum::<f64>()
+        25.0 / 300.0 * 1.5 * terms.sum::<f64>()
     };
     for a in DIRECTIONS {
         let along = slopes(a);

@@ -375,9 +375,18 @@ impl Solver {
     /// How far residuals are the tracker's: what the model cannot explain is alike from pair to pair and says
     /// nothing of γ and κ. The middle one counts, for the path has not been fitted to the pair that came last.
     pub fn trust(&self) -> f64 {
-        let mut noises: Vec<f64> = self.normals.iter().map(|normal| normal.scatter.noise).collect();
-        let least = (TRACKED * self.noise).powi(2);
-        if noises.is_empty() { 1.0 } else { (least / median(&mut noises)).min(1.0) }
+        self.trust_of(self.normals.iter().map(|normal| normal.scatter.noise))
+    }
+
+    /// The same of what is left, which says as little of the reading axis and the tempo.
+    pub fn trust_in_left(&self) -> f64 {
+        self.trust_of(self.left.iter().map(|left| left.sigma * left.sigma))
+    }
+
+    fn trust_of(&self, variances: impl Iterator<Item = f64>) -> f64 {
+        let mut variances: Vec<f64> = variances.collect();
+        let tracked = (TRACKED * self.noise).powi(2);
+        if variances.is_empty() { 1.0 } else { (tracked / median(&mut variances)).min(1.0) }
     }
 
     /// Standard deviation of γ by all that is known.

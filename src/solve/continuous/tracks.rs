@@ -20,7 +20,7 @@ const DEPTHS: f64 = 0.5;
 /// What λ may be.
 const NEAREST: f64 = 3.0;
 /// Residuals of so many times the variance that parallax lets expect are something else: what moves on its own.
-const PLAUSIBLE: f64 = 1.5;
+const PLAUSIBLE: f64 = 4.0;
 /// Rounds in which the noise is told from the parallax.
 const ROUNDS: usize = 3;
 
