@@ -212,7 +212,7 @@ impl Hypothesis {
         let Some(own) = evidence(&mut self.solver.clone(), short) else { return };
         // Per pair: the two tempos look at different numbers of them.
         let pairs = short.of_tempo(Tempo::Calm).pairs.len() as f64;
-        if self.solver.trust_in_left().max(other.trust_in_left()) * pairs * (others - own) > TOLD {
+        if self.solver.trust_in_evidence().max(other.trust_in_evidence()) * pairs * (others - own) > TOLD {
             iterate(&mut other, stretch, STEPS[0]);
             self.solver = other;
         }

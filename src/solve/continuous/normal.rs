@@ -92,8 +92,7 @@ pub(super) struct Normal {
     pub scatter: Scatter,
     /// Coordinates that are independent.
     pub independent: f64,
-    /// Logarithm of the likelihood of the residuals, up to a constant, for as many matches as are independent. A point
-    /// is followed over two pairs: half of them count by what is left, half by what is new.
+    /// Logarithm of the likelihood of what is new, up to a constant, for as many matches as are independent.
     pub log_likelihood: f64,
     /// Sum of the correspondences' weights.
     weight: f64,
@@ -138,13 +137,11 @@ impl View<'_> {
         for (leg, before) in left.legs.iter().zip(&left.before) {
             let mut new = scatter.innovation(leg, before.as_ref());
             let likely = log_student(new.square()) + new.weight.determinant().ln() / 2.0;
-            let strays = leg.residual.norm_squared() / (left.sigma * left.sigma);
-            let likely_left = log_student(strays) - 2.0 * left.sigma.ln();
             new.weight *= worth * (FREEDOM + 2.0) / (FREEDOM + new.square());
             if !new.weight.iter().all(|weight| weight.is_finite()) {
                 continue;
             }
-            out.log_likelihood += worth * (likely + likely_left) / 2.0;
+            out.log_likelihood += worth * likely;
             let band = (self.reading.place(leg.m.from).clamp(0.0, 1.0) * (BANDS - 1) as f64).round() as usize;
             let shared = self.add(&new, leg, before.as_ref(), &mut out.bands[band]);
             out.shared += shared.transpose() * new.weight * shared;

@@ -378,9 +378,11 @@ impl Solver {
         self.trust_of(self.normals.iter().map(|normal| normal.scatter.noise))
     }
 
-    /// The same of what is left, which says as little of the reading axis and the tempo.
-    pub fn trust_in_left(&self) -> f64 {
-        self.trust_of(self.left.iter().map(|left| left.sigma * left.sigma))
+    /// The same for hypotheses of another kind, the reading axis and the tempo: parallax that is left says something of
+    /// them, but less the more there is of it.
+    pub fn trust_in_evidence(&self) -> f64 {
+        let left = self.trust_of(self.left.iter().map(|left| left.sigma * left.sigma));
+        (self.trust() * left).sqrt()
     }
 
     fn trust_of(&self, variances: impl Iterator<Item = f64>) -> f64 {

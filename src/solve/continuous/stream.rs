@@ -397,7 +397,8 @@ fn weigh(hypotheses: &mut [Hypothesis], stretch: Stretch<'_>) {
         return;
     }
     let evidence: Option<Vec<f64>> = hypotheses.iter_mut().map(|h| h.evidence(stretch)).collect();
-    let trust = hypotheses.iter().map(|h| h.solver.trust_in_left() * h.worth(stretch)).fold(0.0, f64::max);
+    let trust =
+        hypotheses.iter().map(|h| h.solver.trust_in_evidence() * h.worth(stretch)).fold(0.0, f64::max);
     for (hypothesis, evidence) in hypotheses.iter_mut().zip(evidence.into_iter().flatten()) {
         hypothesis.score += trust * evidence;
     }
