@@ -21,7 +21,8 @@ const TOLD: f64 = 5.0;
 const SETTLED: f64 = 0.3;
 /// Or γ by less than this.
 const SETTLED_READOUT: f64 = 0.01;
-/// What a window says of γ is believed where the last step changed no more than this share of what is uncertain anyway.
+/// What a window says of γ is believed where the last step moved points by less than they scatter, and γ by no more than
+/// this share of what is uncertain of it anyway.
 const UNCERTAIN: f64 = 0.5;
 /// A path that leaves more than this share of the mean squared displacement is tried at another tempo.
 const UNEXPLAINED: f64 = 0.05;
@@ -256,7 +257,7 @@ fn iterate(solver: &mut Solver, stretch: Stretch<'_>, steps: usize) -> bool {
         // Robust weights may go back and forth for ever, by less than is uncertain anyway.
         let sigma = stretch.beside().filter_map(|index| solver.sigma(index)).fold(0.0, f64::max);
         let slack = UNCERTAIN * solver.seen_deviation();
-        rests = change < UNCERTAIN * sigma && moved < SETTLED_READOUT.max(slack);
+        rests = change < sigma && moved < SETTLED_READOUT.max(slack);
     }
     solver.cover(stretch.pairs);
     rests
