@@ -13,10 +13,9 @@
 //! A search takes 66 k multiply-adds; a tile a template and about three samplings for each of at most four
 //! motions, 10 k.
 
-use super::Correspondence;
 use super::field::{Motion, Neighbourhood};
 use super::grid::{Grid, centre};
-use super::sampler::{LEAST_TEXTURE, Pair, level_scale, to_full, to_level};
+use super::sampler::{LEAST_TEXTURE, Pair, Patch, level_scale, to_level};
 use super::search::best_shift;
 use super::tracker::{COARSE, CoarseTemplate, Effort, FINE, Match};
 use nalgebra::{Matrix2, Vector2};
@@ -79,28 +78,8 @@ pub(super) struct Local {
     pub(super) slope: Matrix2<f32>,
 }
 
-/// A small patch that was found, analysed pixels.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Small {
-    from: Vector2<f32>,
-    found: Match,
-    texture: f32,
-}
-
-impl Small {
-    fn motion(&self) -> Motion {
-        Motion { at: centre::<COARSE>(self.from), shift: self.found.corner - self.from }
-    }
-
-    pub(super) fn to_full(self, scale: f64) -> Correspondence {
-        Correspondence {
-            from: to_full(centre::<COARSE>(self.from), scale),
-            to: to_full(centre::<COARSE>(self.found.corner), scale),
-            texture: self.texture,
-            residual: self.found.residual,
-        }
-    }
-}
+/// A small patch that was found.
+type Small = Patch<COARSE>;
 
 /// What small patches found in a pair of frames.
 #[derive(Debug, Default)]

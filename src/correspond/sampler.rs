@@ -169,7 +169,7 @@ impl Sampler {
                 fine_match(&pair, corner, at, own, &around)
             });
         });
-        out.extend(self.found.iter().flatten().map(|found| found.to_full(scale)));
+        out.extend(self.found.iter().flatten().map(|found| found.patch.to_full(scale)));
     }
 
     /// Measures further correspondences of the pair that [`correspond`](Self::correspond) was last
@@ -205,28 +205,39 @@ impl Sampler {
     }
 }
 
-/// A point that passed, in analysed pixels.
+/// A patch of `N` × `N` pixels that was found, in analysed pixels.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Patch<const N: usize> {
+    pub(super) from: Vector2<f32>,
+    pub(super) found: Match,
+    pub(super) texture: f32,
+}
+
+impl<const N: usize> Patch<N> {
+    pub(super) fn motion(&self) -> Motion {
+        Motion { at: centre::<N>(self.from), shift: self.found.corner - self.from }
+    }
+
+    fn to_full(self, scale: f64) -> Correspondence {
+        Correspondence {
+            from: to_full(centre::<N>(self.from), scale),
+            to: to_full(centre::<N>(self.found.corner), scale),
+            texture: self.texture,
+            residual: self.found.residual,
+        }
+    }
+}
+
+/// A point that passed.
 #[derive(Clone, Copy, Debug)]
 struct Found {
-    from: Vector2<f32>,
-    found: Match,
-    texture: f32,
+    patch: Patch<FINE>,
     distortion: Matrix2<f32>,
 }
 
 impl Found {
     fn local(self) -> Local {
-        let motion = Motion { at: centre::<FINE>(self.from), shift: self.found.corner - self.from };
-        Local { motion, slope: self.distortion - Matrix2::identity() }
-    }
-
-    fn to_full(self, scale: f64) -> Correspondence {
-        Correspondence {
-            from: to_full(centre::<FINE>(self.from), scale),
-            to: to_full(centre::<FINE>(self.found.corner), scale),
-            texture: self.texture,
-            residual: self.found.residual,
-        }
+        Local { motion: self.patch.motion(), slope: self.distortion - Matrix2::identity() }
     }
 }
 
@@ -273,7 +284,7 @@ fn expected_shift(
     if shift.iter().all(|value| value.is_finite()) { shift } else { Vector2::zeros() }
 }
 
-pub(super) fn to_full(at: Vector2<f32>, scale: f64) -> Vector2<f64> {
+fn to_full(at: Vector2<f32>, scale: f64) -> Vector2<f64> {
     at.map(f64::from).add_scalar(0.5) * scale - Vector2::repeat(0.5)
 }
 
@@ -424,9 +435,7 @@ fn fine_match(
     let is_alone = supporters < FEWEST_SUPPORTERS.min(around.cells() - 1);
     let error = return_error(&pair.reversed(), from, found.corner, agreed.distortion)?;
     (!is_alone && error <= MOST_RETURN_ERROR).then_some(Found {
-        from,
-        found,
-        texture: template.texture,
+        patch: Patch { from, found, texture: template.texture },
         distortion: agreed.distortion,
     })
 }
