@@ -7,11 +7,10 @@ use crate::solve::median::median;
 
 /// Residuals of less than so many times the least noise are nothing but noise.
 pub(super) const NOTICEABLE: f64 = 4.0;
-/// Steps to the first path, and to each one after it, at most.
+/// Steps to the first path, and to each one after it, at most. As many as to the first where γ has not come to rest: while it
+/// is far off, the splines bend to imitate the shutter, and learn to be straight again only as it comes nearer. Not all
+/// at once, for a live stream does not wait.
 const STEPS: [usize; 2] = [12, 4];
-/// Steps from the best start where the readout is sought: while γ is far off, the splines bend to imitate the shutter,
-/// and learn to be straight again only as γ comes nearer.
-const SEEKING_STEPS: usize = 40;
 /// Readout ratios beside the one in hand from which a vague one is sought: the ends, as what is in between is reached.
 const ENDS: [f64; 2] = [0.9, -0.9];
 /// A readout ratio, or a tempo, is told from another where its evidence is greater by a factor of e to this power.
@@ -101,12 +100,23 @@ pub(super) struct Hypothesis {
     since_trial: usize,
     /// Whether γ was sought from several starts.
     sought: bool,
+    /// Whether γ has come to rest since.
+    rests: bool,
 }
 
 impl Hypothesis {
     /// A hypothesis that nothing speaks for or against yet.
     pub fn new(direction: ReadoutDirection, signs: [f64; 2], solver: Solver) -> Self {
-        Self { direction, signs, solver, score: 0.0, rough: 0.0, since_trial: TRIAL, sought: false }
+        Self {
+            direction,
+            signs,
+            solver,
+            score: 0.0,
+            rough: 0.0,
+            since_trial: TRIAL,
+            sought: false,
+            rests: true,
+        }
     }
 
     /// Logarithm of the likelihood, up to a constant.
@@ -126,10 +136,12 @@ impl Hypothesis {
             iterate(&mut self.solver, stretch, STEPS[usize::from(!starts)]);
             return;
         }
-        let settled = if !self.sought && self.solver.readout_deviation() > VAGUE {
+        let settled = if !self.sought && self.solver.readout_deviation() > VAGUE && self.moves(stretch) {
             self.seek(stretch)
         } else {
-            iterate(&mut self.solver, stretch, STEPS[usize::from(!starts)])
+            let rests = iterate(&mut self.solver, stretch, STEPS[usize::from(!starts && self.rests)]);
+            self.rests |= rests;
+            rests
         };
         self.try_tempo(stretch);
         if settled {
@@ -145,14 +157,24 @@ impl Hypothesis {
         low < high && stretch.pairs.len() < FEWEST_PAIRS
     }
 
+    /// Whether anything moves at the frame of a stretch that may tell a readout or a tempo.
+    fn moves(&self, stretch: Stretch<'_>) -> bool {
+        let moved = stretch.moved().sqrt() * self.solver.radius;
+        moved > NOTICEABLE * self.solver.noise && self.breadth(stretch) > 0.0
+    }
+
+    /// Whether the pairs of the frame show enough of the lines, 0 to 1.
+    fn breadth(&self, stretch: Stretch<'_>) -> f64 {
+        let beside = stretch.beside().filter_map(|index| stretch.pairs.get(index));
+        beside.map(|pair| breadth(pair, self.solver.reading)).fold(1.0, f64::min)
+    }
+
     /// Share of what a stretch says that counts: as much as the path explains at its frame, and none where so few lines
     /// show anything that a thing of its own may be all that moves.
     pub fn worth(&self, stretch: Stretch<'_>) -> f64 {
         let stretch = stretch.of_tempo(self.solver.tempo);
-        let beside = stretch.beside().filter_map(|index| stretch.pairs.get(index));
-        let breadth = beside.map(|pair| breadth(pair, self.solver.reading)).fold(1.0, f64::min);
         let surprise = stretch.beside().filter_map(|index| self.solver.surprise(index)).fold(0.0, f64::max);
-        breadth * self.solver.explained(surprise, stretch.moved())
+        self.breadth(stretch) * self.solver.explained(surprise, stretch.moved())
     }
 
     /// Logarithm of the evidence of a pair of the stretch, up to a constant.
@@ -161,7 +183,7 @@ impl Hypothesis {
     }
 
     /// Fits the path from several readout ratios and goes on from the likeliest; whether γ came to rest where no other
-    /// one is nearly as likely.
+    /// one is nearly as likely. Later windows go on where it did not.
     fn seek(&mut self, stretch: Stretch<'_>) -> bool {
         self.sought = true;
         let pairs = stretch.of_tempo(self.solver.tempo).pairs;
@@ -179,10 +201,10 @@ impl Hypothesis {
         let mut tried = tried.into_iter();
         let Some((_, best)) = tried.next() else { return false };
         self.solver = best;
-        let rests = iterate(&mut self.solver, stretch, SEEKING_STEPS);
+        self.rests = iterate(&mut self.solver, stretch, STEPS[0]);
         let Some(evidence) = self.solver.evidence(pairs) else { return false };
         let apart = |solver: &Solver| (solver.shared[0] - self.solver.shared[0]).abs() > VAGUE;
-        rests && tried.all(|(other, solver)| !apart(&solver) || evidence - other > TOLD)
+        self.rests && tried.all(|(other, solver)| !apart(&solver) || evidence - other > TOLD)
     }
 
     /// Goes over to another tempo where that is worth it.
@@ -195,7 +217,8 @@ impl Hypothesis {
         };
         let moved = pair.moved() * self.solver.radius * self.solver.radius;
         let wanted = tempo == Tempo::Vibrating || 2.0 * sigma * sigma > UNEXPLAINED * moved;
-        if self.since_trial < TRIAL || !wanted || sigma < NOTICEABLE * self.solver.noise {
+        let is_due = self.since_trial >= TRIAL && wanted && self.moves(stretch);
+        if !is_due || sigma < NOTICEABLE * self.solver.noise {
             return;
         }
         self.since_trial = 0;
