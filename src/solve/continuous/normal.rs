@@ -34,7 +34,7 @@ type Fields = SMatrix<f64, 2, GENERATORS>;
 type Square = SMatrix<f64, GENERATORS, GENERATORS>;
 
 /// The sums of a band, by leg: the pair's own, the one before.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 struct Band {
     weight: f64,
     /// Weighted exposure times: of the first end of the leg before, of its second, which is the first of the pair's own,
@@ -48,21 +48,6 @@ struct Band {
     across: Square,
     right: [SVector<f64, GENERATORS>; 2],
     shared: [SMatrix<f64, GENERATORS, SHARED>; 2],
-}
-
-impl Default for Band {
-    fn default() -> Self {
-        Self {
-            weight: 0.0,
-            times: [0.0; 3],
-            linked: 0.0,
-            own: Square::zeros(),
-            before: Square::zeros(),
-            across: Square::zeros(),
-            right: [SVector::zeros(); 2],
-            shared: [SMatrix::zeros(); 2],
-        }
-    }
 }
 
 /// Coefficients side by side: those of the turns at a knot, or of the other generators in a block.
