@@ -96,8 +96,8 @@ impl Surroundings {
         let tolerance = self.scale.tolerance;
         let wide = tolerance + ACCELERATION * seed.velocity.norm();
         let [own, other] = [&self.sides[seed.side], &self.sides[1 - seed.side]];
-        let around = own.velocity(seed.velocity, tolerance).unwrap_or(seed.velocity);
-        let beside = other.velocity(around, wide).unwrap_or(around);
+        let around = own.mean(seed.velocity, tolerance).velocity_or(seed.velocity);
+        let beside = other.mean(around, wide).velocity_or(around);
         let [own, other] = [own.mean(around, tolerance), other.mean(beside, tolerance)];
         let weight = own.weight + other.weight;
         if weight <= 0.0 {
@@ -236,24 +236,8 @@ impl Side {
         total(sums)
     }
 
-    /// The mean velocity of the samples that are within `tolerance` or so of `around`.
-    fn velocity(&self, around: Vector2<f32>, tolerance: f32) -> Option<Vector2<f32>> {
-        let scale = 1.0 / (tolerance * tolerance);
-        let mut sums = [[0.0; LANES]; 3];
-        for group in self.groups() {
-            for (i, weight) in group.weight.iter().enumerate() {
-                let (u, v) = (group.u[i] - around.x, group.v[i] - around.y);
-                let weight = weight * kernel(scale * (u * u + v * v));
-                sums[0][i] += weight;
-                sums[1][i] += weight * u;
-                sums[2][i] += weight * v;
-            }
-        }
-        let [weight, u, v] = sums.map(total);
-        (weight > 0.0).then(|| around + Vector2::new(u, v) / weight)
-    }
-
-    /// The same mean and what it rests on.
+    /// The mean velocity of the samples that are within `tolerance` or so of `around`, and what it rests on; no weight
+    /// where there are none.
     fn mean(&self, around: Vector2<f32>, tolerance: f32) -> Mean {
         let scale = 1.0 / (tolerance * tolerance);
         let mut sums = [[0.0; LANES]; 5];
@@ -309,6 +293,12 @@ struct Mean {
     /// Sum of weighted squared deviations.
     spread: f32,
     ahead: f32,
+}
+
+impl Mean {
+    fn velocity_or(&self, other: Vector2<f32>) -> Vector2<f32> {
+        if self.weight > 0.0 { self.velocity } else { other }
+    }
 }
 
 /// The mean velocity from a node's exposure, at share `share`, to the middle of the readout.
