@@ -142,10 +142,11 @@ fn qos_events_go_on_upstream() {
 #[test]
 fn a_live_pipeline_drops_nothing() {
     init();
-    // Without the latency of 8 frames (267 ms) every frame would come more than 150 ms late.
+    // Without the latency of 8 frames (800 ms) every frame would come more than 400 ms late; few frames a second, so that
+    // a machine with other work keeps up.
     let pipeline = gst::parse::launch(
-        "videotestsrc is-live=true num-buffers=45 ! video/x-raw,width=160,height=120,framerate=30/1 \
-         ! rsrectify lookahead=8 ! fakesink name=sink sync=true qos=true max-lateness=150000000",
+        "videotestsrc is-live=true num-buffers=25 ! video/x-raw,width=160,height=120,framerate=10/1 \
+         ! rsrectify lookahead=8 ! fakesink name=sink sync=true qos=true max-lateness=400000000",
     )
     .unwrap()
     .downcast::<gst::Pipeline>()
@@ -155,5 +156,5 @@ fn a_live_pipeline_drops_nothing() {
     let stats = sink.property::<gst::Structure>("stats");
     let counts = (stats.get::<u64>("rendered").unwrap(), stats.get::<u64>("dropped").unwrap());
     pipeline.set_state(gst::State::Null).unwrap();
-    assert_eq!(counts, (45, 0));
+    assert_eq!(counts, (25, 0));
 }
