@@ -1,139 +1,145 @@
 //! Symmetric positive definite matrices with a band, and their Cholesky factors.
 //!
-//! A pair of frames depends on the coefficients of a few blocks, so that the matrix of n unknowns has a
-//! band of width b ≪ n: n·b²/2 multiply-adds to factorise, n·b² for the inverse inside the band.
+//! A pair of frames depends on the coefficients of a few blocks only. The band is as wide in each row as that
+//! needs (*variable-band* or *skyline* storage: A. George, J. W. Liu, *Computer Solution of Large Sparse Positive
+//! Definite Systems*, 1981, chapter 4): a row of the turns, which have a say for one block, reaches back less far
+//! than one of the other generators, which have it for four. A factor fills no more than the band of its
+//! matrix. With bᵢ entries in row i before the diagonal it takes Σ bᵢ²/2 multiply-adds, the inverse inside the band
+//! at most four times as many.
 
-/// The lower band of a symmetric matrix, row by row: entry (i, j), i − band ≤ j ≤ i, at
-/// i·(band + 1) + j + band − i.
+/// The lower band of a symmetric matrix, row by row.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Banded {
-    size: usize,
-    band: usize,
+    /// Column of the first entry of each row.
+    first: Vec<usize>,
+    /// Where each row's last entry, the one on the diagonal, lies among the values.
+    diagonal: Vec<usize>,
     values: Vec<f64>,
-    /// Room for two columns.
-    scratch: Vec<f64>,
 }
 
 impl Banded {
-    /// Makes this a matrix of zeros.
-    pub fn reset(&mut self, size: usize, band: usize) {
-        self.size = size;
-        self.band = band;
-        self.values.clear();
-        self.values.resize(size * (band + 1), 0.0);
-    }
-
-    /// Entries (i, i − band) to (i, i).
-    fn row(&self, i: usize) -> &[f64] {
-        &self.values[i * (self.band + 1)..(i + 1) * (self.band + 1)]
-    }
-
-    /// Adds to the entry (i, j), j ≤ i ≤ j + band.
-    pub fn add(&mut self, i: usize, j: usize, value: f64) {
-        self.values[i * (self.band + 1) + j + self.band - i] += value;
-    }
-
-    /// Adds a symmetric block, row by row, whose first entry lies at (first, first).
-    pub fn add_block(&mut self, first: usize, size: usize, block: &[f64]) {
-        for i in 0..size {
-            let row = (first + i) * (self.band + 1) + self.band - i;
-            let own = &mut self.values[row..=row + i];
-            for (value, part) in own.iter_mut().zip(&block[i * size..=i * size + i]) {
-                *value += part;
-            }
+    /// Makes this a matrix of zeros whose rows begin at these columns, none of them beyond the diagonal.
+    pub fn reset(&mut self, first: impl IntoIterator<Item = usize>) {
+        self.first.clear();
+        self.diagonal.clear();
+        let mut count = 0;
+        for (i, first) in first.into_iter().enumerate() {
+            self.first.push(first.min(i));
+            count += i - first.min(i);
+            self.diagonal.push(count);
+            count += 1;
         }
+        self.values.clear();
+        self.values.resize(count, 0.0);
+    }
+
+    fn size(&self) -> usize {
+        self.first.len()
+    }
+
+    /// Where row i begins among the values.
+    fn start(&self, i: usize) -> usize {
+        self.diagonal[i] - (i - self.first[i])
+    }
+
+    /// Entries (i, first) to (i, i).
+    fn row(&self, i: usize) -> &[f64] {
+        &self.values[self.start(i)..=self.diagonal[i]]
+    }
+
+    /// Adds to the entry (i, j) or (j, i), which must lie in the band.
+    pub fn add(&mut self, i: usize, j: usize, value: f64) {
+        let (i, j) = (i.max(j), i.min(j));
+        self.values[self.diagonal[i] - (i - j)] += value;
     }
 
     pub fn at(&self, i: usize, j: usize) -> f64 {
         let (i, j) = (i.max(j), i.min(j));
-        if i - j > self.band { 0.0 } else { self.values[i * (self.band + 1) + j + self.band - i] }
+        if j < self.first[i] { 0.0 } else { self.values[self.diagonal[i] - (i - j)] }
     }
 
     /// Replaces the matrix by its Cholesky factor L; false where it is not positive definite.
     pub fn factorise(&mut self) -> bool {
-        let (band, width) = (self.band, self.band + 1);
-        for i in 0..self.size {
-            let first = i.saturating_sub(band);
-            let (before, rest) = self.values.split_at_mut(i * width);
-            let row = &mut rest[..width];
-            for j in first..=i {
-                let start = first.max(j.saturating_sub(band));
-                let count = j - start;
-                let own = start + band - i;
-                if j == i {
-                    let sum = row[band] - dot(&row[own..own + count], &row[own..own + count]);
-                    if !(sum > 0.0 && sum.is_finite()) {
-                        return false;
-                    }
-                    row[band] = sum.sqrt();
-                } else {
-                    let other = &before[j * width..(j + 1) * width];
-                    let theirs = start + band - j;
-                    let sum = row[j + band - i] - dot(&row[own..own + count], &other[theirs..theirs + count]);
-                    row[j + band - i] = sum / other[band];
-                }
+        for i in 0..self.size() {
+            let first = self.first[i];
+            let (before, rest) = self.values.split_at_mut(self.diagonal[i] - (i - first));
+            let row = &mut rest[..=i - first];
+            for j in first..i {
+                let other = &before[self.diagonal[j] - (j - self.first[j])..=self.diagonal[j]];
+                let start = first.max(self.first[j]);
+                let (own, theirs) = (&row[start - first..j - first], &other[start - self.first[j]..]);
+                let sum = row[j - first] - dot(own, &theirs[..own.len()]);
+                row[j - first] = sum / theirs[own.len()];
             }
+            let sum = row[i - first] - dot(&row[..i - first], &row[..i - first]);
+            if !(sum > 0.0 && sum.is_finite()) {
+                return false;
+            }
+            row[i - first] = sum.sqrt();
         }
         true
     }
 
     /// Half the logarithm of the determinant of L·Lᵀ, this being L.
     pub fn half_log_determinant(&self) -> f64 {
-        (0..self.size).map(|i| self.row(i)[self.band].ln()).sum()
+        self.diagonal.iter().map(|place| self.values[*place].ln()).sum()
     }
 
     /// Solves L·Lᵀ·x = b in place, this being L.
     pub fn solve(&self, b: &mut [f64]) {
-        let band = self.band;
-        for i in 0..self.size {
-            let first = i.saturating_sub(band);
-            let row = self.row(i);
-            let sum = dot(&row[first + band - i..band], &b[first..i]);
-            b[i] = (b[i] - sum) / row[band];
+        for i in 0..self.size() {
+            let sum = dot(&self.row(i)[..i - self.first[i]], &b[self.first[i]..i]);
+            b[i] = (b[i] - sum) / self.values[self.diagonal[i]];
         }
-        for i in (0..self.size).rev() {
-            let first = i.saturating_sub(band);
-            let row = self.row(i);
-            b[i] /= row[band];
-            let x = b[i];
-            for (value, factor) in b[first..i].iter_mut().zip(&row[first + band - i..band]) {
+        for i in (0..self.size()).rev() {
+            let x = b[i] / self.values[self.diagonal[i]];
+            b[i] = x;
+            for (value, factor) in b[self.first[i]..i].iter_mut().zip(self.row(i)) {
                 *value -= factor * x;
             }
         }
     }
 
+    /// The last row that reaches back to each column.
+    fn last(&self) -> Vec<usize> {
+        let mut last = vec![0; self.size()];
+        self.first.iter().enumerate().for_each(|(i, first)| last[*first] = i);
+        let mut most = 0;
+        last.iter_mut().for_each(|last| {
+            most = most.max(*last);
+            *last = most;
+        });
+        last
+    }
+
     /// The entries of (L·Lᵀ)⁻¹ inside the band, this being L: Takahashi's recursion.
     ///
     /// Column j of the inverse Z is Z_ij = (δ_ij / L_jj − Σ_{k > j} Z_ik L_kj) / L_jj for i ≥ j: a product of the
-    /// part of Z that is known already with column j of L. That part is symmetric and only its lower half is
-    /// kept, so that each row of it serves twice, as a row and as a column, and is read in order.
+    /// part of Z that is known already with column j of L. Where L_ij lies outside the band, row i is left
+    /// out. The known part is symmetric and only its lower half is kept, so that each row of it serves twice, as a
+    /// row and as a column, and is read in order.
     pub fn inverse_band(&self, out: &mut Banded) {
-        out.reset(self.size, self.band);
-        let (n, band, width) = (self.size, self.band, self.band + 1);
-        let mut scratch = std::mem::take(&mut out.scratch);
-        scratch.resize(2 * band, 0.0);
-        let (column, sums) = scratch.split_at_mut(band);
-        for j in (0..n).rev() {
-            let count = band.min(n - 1 - j);
-            let diagonal = self.values[j * width + band];
-            let (column, sums) = (&mut column[..count], &mut sums[..count]);
-            for (k, value) in column.iter_mut().enumerate() {
-                *value = self.values[(j + 1 + k) * width + band - 1 - k];
+        out.reset(self.first.iter().copied());
+        let (mut column, mut sums) = (Vec::new(), Vec::new());
+        for (j, last) in self.last().into_iter().enumerate().rev() {
+            let diagonal = self.values[self.diagonal[j]];
+            let below = j + 1..last + 1;
+            column.clear();
+            column.extend(below.clone().map(|i| self.at(i, j)));
+            sums.clear();
+            sums.resize(column.len(), 0.0);
+            for i in below.clone().filter(|i| self.first[*i] <= j) {
+                let k = i - below.start;
+                let row = &out.values[out.diagonal[i] - k..=out.diagonal[i]];
+                let sum = dot_and_add(&row[..k], &column[..k], &mut sums[..k], column[k]);
+                sums[k] += sum + row[k] * column[k];
             }
-            sums.fill(0.0);
-            for i in 0..count {
-                let row = &out.values[(j + 1 + i) * width + band - i..][..=i];
-                let (below, above) = (&column[..i], &mut sums[..i]);
-                let sum = dot_and_add(&row[..i], below, above, column[i]);
-                sums[i] += sum + row[i] * column[i];
+            let above = dot(&column, &sums);
+            for (i, sum) in below.zip(&sums).filter(|(i, _)| self.first[*i] <= j) {
+                out.values[out.diagonal[i] - (i - j)] = -sum / diagonal;
             }
-            let above = dot(column, sums);
-            for (i, sum) in sums.iter().enumerate() {
-                out.values[(j + 1 + i) * width + band - 1 - i] = -sum / diagonal;
-            }
-            out.values[j * width + band] = (1.0 + above) / (diagonal * diagonal);
+            out.values[out.diagonal[j]] = (1.0 + above) / (diagonal * diagonal);
         }
-        out.scratch = scratch;
     }
 }
 
@@ -174,28 +180,44 @@ mod tests {
     use crate::solve::random::Random;
     use nalgebra::{DMatrix, DVector};
 
-    /// A random positive definite matrix with this band, as both see it: B·Bᵀ + 1/10 with B lower
-    /// triangular of the same band.
-    fn random(size: usize, band: usize, seed: u64) -> (Banded, DMatrix<f64>) {
+    /// A random positive definite matrix, as both see it: B·Bᵀ + 1/10 with B lower triangular. Rows reach back as far as
+    /// `band`, or, where it is `ragged`, every third one only a third as far.
+    fn random(size: usize, band: usize, ragged: bool, seed: u64) -> (Banded, DMatrix<f64>) {
         let mut random = Random(seed);
         let mut uniform = || random.uniform() - 0.5;
-        let lower =
-            DMatrix::from_fn(size, size, |i, j| if j <= i && i - j <= band { uniform() } else { 0.0 });
-        let dense = &lower * lower.transpose() + DMatrix::identity(size, size) / 10.0;
+        let first = |i: usize| i.saturating_sub(if ragged && i % 3 == 1 { band / 3 } else { band });
+        let lower = DMatrix::from_fn(size, size, |i, j| if j <= i && j >= first(i) { uniform() } else { 0.0 });
+        let mut dense = &lower * lower.transpose() + DMatrix::identity(size, size) / 10.0;
+        if ragged {
+            // The product fills more than the band; what it loses is made up for on the diagonal.
+            dense = DMatrix::from_fn(size, size, |i, j| {
+                let inside = i.min(j) >= first(i.max(j));
+                if i == j { band as f64 } else { dense[(i, j)] * f64::from(u8::from(inside)) }
+            });
+        }
         let mut banded = Banded::default();
-        banded.reset(size, band);
+        banded.reset((0..size).map(first));
         for i in 0..size {
-            (i.saturating_sub(band)..=i).for_each(|j| banded.add(i, j, dense[(i, j)]));
+            (first(i)..=i).for_each(|j| banded.add(i, j, dense[(i, j)]));
         }
         (banded, dense)
     }
 
-    const SHAPES: [(usize, usize); 6] = [(1, 0), (5, 0), (6, 5), (40, 1), (61, 13), (90, 50)];
+    const SHAPES: [(usize, usize, bool); 8] = [
+        (1, 0, false),
+        (5, 0, false),
+        (6, 5, false),
+        (40, 1, false),
+        (61, 13, false),
+        (90, 50, false),
+        (61, 13, true),
+        (90, 50, true),
+    ];
 
     #[test]
     fn the_factor_solves_as_a_dense_one_does() {
-        for (seed, (size, band)) in SHAPES.into_iter().enumerate() {
-            let (mut banded, dense) = random(size, band, seed as u64);
+        for (seed, (size, band, ragged)) in SHAPES.into_iter().enumerate() {
+            let (mut banded, dense) = random(size, band, ragged, seed as u64);
             assert!(banded.factorise());
             let b = DVector::from_fn(size, |i, _| (i as f64 * 1.3).sin());
             let expected = dense.cholesky().unwrap().solve(&b);
@@ -208,15 +230,16 @@ mod tests {
 
     #[test]
     fn the_inverse_is_the_dense_one_s_inside_the_band() {
-        for (seed, (size, band)) in SHAPES.into_iter().enumerate() {
-            let (mut banded, dense) = random(size, band, 100 + seed as u64);
+        for (seed, (size, band, ragged)) in SHAPES.into_iter().enumerate() {
+            let (mut banded, dense) = random(size, band, ragged, 100 + seed as u64);
             assert!(banded.factorise());
             let expected = dense.try_inverse().unwrap();
             let mut inverse = Banded::default();
             banded.inverse_band(&mut inverse);
             for i in 0..size {
                 for j in 0..size {
-                    let value = if i.abs_diff(j) <= band { expected[(i, j)] } else { 0.0 };
+                    let inside = i.min(j) >= banded.first[i.max(j)];
+                    let value = if inside { expected[(i, j)] } else { 0.0 };
                     assert!(
                         (inverse.at(i, j) - value).abs() < 1e-9 * expected.amax(),
                         "{size} {band}: {i} {j}"
@@ -227,21 +250,22 @@ mod tests {
     }
 
     #[test]
-    fn a_block_is_added_entry_by_entry() {
+    fn rows_reach_back_as_far_as_they_were_made_to() {
         let mut banded = Banded::default();
-        banded.reset(5, 2);
-        banded.add_block(1, 3, &[1.0, 2.0, 3.0, 2.0, 4.0, 5.0, 3.0, 5.0, 6.0]);
-        banded.add(3, 3, 10.0);
-        let dense = DMatrix::from_fn(5, 5, |i, j| banded.at(i, j));
+        banded.reset([0, 0, 2, 1]);
+        banded.add(1, 0, 2.0);
+        banded.add(1, 3, 4.0);
+        banded.add(3, 3, 5.0);
+        banded.add(3, 3, 6.0);
+        let dense = DMatrix::from_fn(4, 4, |i, j| banded.at(i, j));
         let expected = DMatrix::from_row_slice(
-            5,
-            5,
-            &[
-                0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 2.0, 3.0, 0.0, 0.0, 2.0, 4.0, 5.0, 0.0, 0.0, 3.0, 5.0,
-                16.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0,
-            ],
+            4,
+            4,
+            &[0.0, 2.0, 0.0, 0.0, 2.0, 0.0, 0.0, 4.0, 0.0, 0.0, 0.0, 0.0, 0.0, 4.0, 0.0, 11.0],
         );
         assert_eq!(dense, expected);
+        assert_eq!(banded.values.len(), 1 + 2 + 1 + 3);
+        assert_eq!(banded.last(), [1, 3, 3, 3]);
     }
 
     #[test]
@@ -249,7 +273,7 @@ mod tests {
         // Eigenvalues 3 and −1; a zero matrix; what is not a number.
         for [diagonal, beside] in [[1.0, 2.0], [0.0, 0.0], [f64::NAN, 0.0], [f64::INFINITY, 0.0]] {
             let mut banded = Banded::default();
-            banded.reset(2, 1);
+            banded.reset([0, 0]);
             banded.add(0, 0, diagonal);
             banded.add(1, 1, diagonal);
             banded.add(1, 0, beside);

@@ -3,9 +3,12 @@
 use super::flow::Flow;
 use super::pair::{Match, Pair, Reading};
 use super::path::SplinePath;
-use crate::motion::generators::{TURNS, fields};
+use crate::motion::generators::{GENERATORS, TURNS, fields};
 use crate::solve::median::{MEDIAN_TO_VARIANCE, median};
 use nalgebra::Vector2;
+
+/// Generators other than the turns.
+const OTHERS: usize = GENERATORS - TURNS;
 
 /// What a pair is held against.
 pub(super) struct View<'a> {
@@ -30,6 +33,8 @@ pub(super) struct Leg {
     pub times: [f64; 2],
     /// What the path leaves of it, in pixels.
     pub residual: Vector2<f64>,
+    /// What the paths of yaw and pitch move it by, in pixels.
+    pub turned: Vector2<f64>,
     /// What the generators other than the turns move it by, in pixels: at twice the inverse depth, so much again.
     pub parallax: Vector2<f64>,
 }
@@ -58,13 +63,14 @@ impl View<'_> {
     fn leg(&self, stamps: [f64; 2], m: &Match) -> Leg {
         let times = self.times(stamps, m);
         let [from, to] = times;
-        let fields = fields((m.from + m.to) / 2.0, self.path.kappa);
         let moved = self.flow.values(to) - self.flow.values(from);
+        let fields = fields((m.from + m.to) / 2.0, self.path.kappa);
         Leg {
             m: *m,
             times,
             residual: (m.to - self.flow.carry(m.from, from, to)) * self.radius,
-            parallax: (TURNS..moved.len()).map(|j| fields.column(j) * moved[j]).sum(),
+            turned: moved.xy(),
+            parallax: fields.fixed_columns::<OTHERS>(TURNS) * moved.fixed_rows::<OTHERS>(TURNS),
         }
     }
 

@@ -9,6 +9,8 @@
 //! | `left` | what a path leaves of them |
 //! | `tracks` | what is new in a residual, given the one of the same point in the pair before |
 //! | `normal` | what a pair says of the path, γ and κ: normal equations |
+//! | `sums` | what the matches of a pair that are exposed at about the same time add up to |
+//! | `equations` | the same over the coefficients of the path |
 //! | `smoothness` | the prior on second differences, its strength by MacKay's evidence |
 //! | `banded` | banded Cholesky factors, and the inverse inside the band |
 //! | `running` | what was seen so far of a number that belongs to the camera |
@@ -29,6 +31,7 @@
 
 mod banded;
 mod camera;
+mod equations;
 mod flow;
 mod hypothesis;
 mod left;
@@ -40,6 +43,7 @@ mod smoothness;
 mod solver;
 mod spline;
 mod stream;
+mod sums;
 mod tracks;
 
 pub use camera::Camera;

@@ -2,7 +2,7 @@
 
 use super::super::flow::Flow;
 use super::super::pair::{Match, Pair, Reading, Track};
-use super::super::path::SplinePath;
+use super::super::path::{BLOCK, SplinePath, ratio};
 use super::*;
 use crate::correspond::Correspondence;
 use nalgebra::Vector2;
@@ -141,24 +141,26 @@ const DIRECTIONS: [Direction; 4] =
 
 /// Product of the normal equations' matrix with two directions, and of their right side with one.
 fn forms(setting: &Setting, normal: &Normal, a: Direction, b: Direction) -> (f64, f64) {
-    let own = |seed: usize| setting.wobble(seed)[normal.first..normal.first + normal.size].to_vec();
+    let equations = &normal.equations;
+    let own = |seed: usize| -> Vec<f64> {
+        let wobble = setting.wobble(seed);
+        equations.places.iter().map(|place| wobble[*place]).collect()
+    };
     let dot = |a: &[f64], b: &[f64]| -> f64 { a.iter().zip(b).map(|(a, b)| a * b).sum() };
     let index = |direction: Direction| usize::from(matches!(direction, Direction::Kappa));
     let matrix = match (a, b) {
         (Direction::Path(a), Direction::Path(b)) => {
             let (a, b) = (own(a), own(b));
-            // Of the symmetric matrix only the lower triangle is there.
-            let entry = |i: usize, j: usize| normal.matrix[i.max(j) * normal.size + i.min(j)];
-            let cells = (0..normal.size).flat_map(|i| (0..normal.size).map(move |j| (i, j)));
-            cells.map(|(i, j)| a[i] * entry(i, j) * b[j]).sum()
+            let cells = (0..a.len()).flat_map(|i| (0..a.len()).map(move |j| (i, j)));
+            cells.map(|(i, j)| a[i] * equations.entry(i, j) * b[j]).sum()
         }
         (Direction::Path(seed), other) | (other, Direction::Path(seed)) => {
-            dot(&normal.border[index(other)], &own(seed))
+            dot(&equations.sides[1 + index(other)], &own(seed))
         }
         (a, b) => normal.shared[(index(a), index(b))],
     };
     let right = match a {
-        Direction::Path(seed) => dot(&normal.right, &own(seed)),
+        Direction::Path(seed) => dot(&equations.sides[0], &own(seed)),
         other => normal.shared_right[index(other)],
     };
     (matrix, right)

@@ -65,6 +65,15 @@ impl Smoothness {
         })
     }
 
+    /// Moves the columns at which the rows of a matrix begin back to where the prior needs them.
+    pub fn reach(path: &SplinePath, first: &mut [usize]) {
+        for [a, b, c] in (0..GENERATORS).flat_map(|j| Self::triples(path, j)) {
+            for row in [b, c] {
+                first[row] = first[row].min(a);
+            }
+        }
+    }
+
     /// Adds the prior to normal equations about the path as it is.
     pub fn add(&self, path: &SplinePath, matrix: &mut Banded, right: &mut [f64]) {
         let c = &path.coefficients;
@@ -115,6 +124,11 @@ mod tests {
     use crate::motion::generators::Model;
     use crate::solve::random::Random;
 
+    /// Room for all that the prior adds.
+    fn band(size: usize) -> impl Iterator<Item = usize> {
+        (0..size).map(|row| row.saturating_sub(3 * BLOCK))
+    }
+
     /// What is learnt of coefficients of which each was measured with deviation `noise`.
     fn learnt(truth: &SplinePath, noise: f64, random: &mut Random) -> Smoothness {
         let measured: Vec<f64> =
@@ -123,7 +137,7 @@ mod tests {
         let mut path = SplinePath { coefficients: measured.clone(), ..truth.clone() };
         let (mut matrix, mut covariance) = (Banded::default(), Banded::default());
         for _ in 0..60 {
-            matrix.reset(measured.len(), 3 * BLOCK);
+            matrix.reset(band(measured.len()));
             let off = |(value, measured): (&f64, &f64)| (measured - value) / (noise * noise);
             let mut right: Vec<f64> = path.coefficients.iter().zip(&measured).map(off).collect();
             (0..measured.len()).for_each(|place| matrix.add(place, place, 1.0 / (noise * noise)));
@@ -165,7 +179,7 @@ mod tests {
         let smoothness = Smoothness::new(Model::Translation.generators(), 1.0);
         let path = SplinePath { base: 0, coefficients: vec![0.0; 4 * BLOCK], kappa: 0.0 };
         let mut matrix = Banded::default();
-        matrix.reset(path.coefficients.len(), 3 * BLOCK);
+        matrix.reset(band(path.coefficients.len()));
         smoothness.add(&path, &mut matrix, &mut vec![0.0; path.coefficients.len()]);
         let stiffness = |j: usize| matrix.at(path.place(j, 1) as usize, path.place(j, 1) as usize);
         // Yaw is part of the model, roll and scale are not.
@@ -180,7 +194,7 @@ mod tests {
         let energy = |path: &SplinePath| {
             let mut matrix = Banded::default();
             let mut right = vec![0.0; path.coefficients.len()];
-            matrix.reset(right.len(), 3 * BLOCK);
+            matrix.reset(band(right.len()));
             smoothness.add(path, &mut matrix, &mut right);
             -path.coefficients.iter().zip(&right).map(|(x, r)| x * r).sum::<f64>()
         };

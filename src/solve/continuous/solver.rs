@@ -8,11 +8,12 @@
 use super::banded::Banded;
 use super::flow::Flow;
 use super::left::{Left, View};
-use super::normal::{Normal, SHARED};
+use super::normal::Normal;
 use super::pair::{Pair, Reading};
-use super::path::{BLOCK, SplinePath};
+use super::path::SplinePath;
 use super::running::Running;
 use super::smoothness::Smoothness;
+use super::sums::SHARED;
 use crate::solve::median::median;
 use nalgebra::{SMatrix, SVector};
 use rayon::prelude::*;
@@ -278,23 +279,24 @@ impl Solver {
         self.normals.get(index).map_or(0.0, |normal| normal.moved(&self.right))
     }
 
+    /// The columns at which the rows of the path's matrix begin.
+    fn band(&self) -> Vec<usize> {
+        let mut first: Vec<usize> = (0..self.path.coefficients.len()).collect();
+        Smoothness::reach(&self.path, &mut first);
+        self.normals.iter().for_each(|normal| normal.equations.reach(&mut first));
+        first
+    }
+
     /// Adds up the normal equations; those of γ and κ.
     fn assemble(&mut self) -> (SMatrix<f64, SHARED, SHARED>, SVector<f64, SHARED>) {
-        let size = self.path.coefficients.len();
-        let widest = self.normals.iter().map(|normal| normal.size).max().unwrap_or(0);
-        self.matrix.reset(size, widest.max(3 * BLOCK).min(size).saturating_sub(1));
+        self.matrix.reset(self.band());
         for values in self.border.iter_mut().chain([&mut self.right]) {
             values.clear();
-            values.resize(size, 0.0);
+            values.resize(self.path.coefficients.len(), 0.0);
         }
         let (mut information, mut side) = (SMatrix::zeros(), SVector::zeros());
         for normal in &self.normals {
-            self.matrix.add_block(normal.first, normal.size, &normal.matrix);
-            let add = |sum: &mut Vec<f64>, part: &Vec<f64>| {
-                sum[normal.first..].iter_mut().zip(part).for_each(|(sum, part)| *sum += part);
-            };
-            add(&mut self.right, &normal.right);
-            self.border.iter_mut().zip(&normal.border).for_each(|(sum, part)| add(sum, part));
+            normal.equations.add_to(&mut self.matrix, &mut self.right, &mut self.border);
             information += normal.shared;
             side += normal.shared_right;
         }
@@ -359,7 +361,9 @@ impl Solver {
         self.assemble();
         let mut prior = Banded::default();
         let size = self.path.coefficients.len();
-        prior.reset(size, (3 * BLOCK).min(size).saturating_sub(1));
+        let mut first: Vec<usize> = (0..size).collect();
+        Smoothness::reach(&self.path, &mut first);
+        prior.reset(first);
         let mut side = vec![0.0; size];
         self.smoothness.add(&self.path, &mut prior, &mut side);
         if !(self.matrix.factorise() && prior.factorise()) {

@@ -115,7 +115,13 @@ mod tests {
 
     fn leg(residual: [f64; 2], parallax: [f64; 2]) -> Leg {
         let m = Match { from: Vector2::zeros(), to: Vector2::zeros() };
-        Leg { m, times: [0.0, 1.0], residual: residual.into(), parallax: parallax.into() }
+        Leg {
+            m,
+            times: [0.0, 1.0],
+            residual: residual.into(),
+            turned: Vector2::zeros(),
+            parallax: parallax.into(),
+        }
     }
 
     #[test]
