@@ -186,7 +186,8 @@ mod tests {
         let mut random = Random(seed);
         let mut uniform = || random.uniform() - 0.5;
         let first = |i: usize| i.saturating_sub(if ragged && i % 3 == 1 { band / 3 } else { band });
-        let lower = DMatrix::from_fn(size, size, |i, j| if j <= i && j >= first(i) { uniform() } else { 0.0 });
+        let lower =
+            DMatrix::from_fn(size, size, |i, j| if j <= i && j >= first(i) { uniform() } else { 0.0 });
         let mut dense = &lower * lower.transpose() + DMatrix::identity(size, size) / 10.0;
         if ragged {
             // The product fills more than the band; what it loses is made up for on the diagonal.

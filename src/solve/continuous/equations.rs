@@ -2,8 +2,8 @@
 //!
 //! Each leg of a band is the difference of the path at two *ends*, and the path at an end is a sum of four coefficients
 //! of each generator. So a band's sums, 8 × 8 numbers for two ends, go to 32 × 32 cells, each times two splines'
-//! weights. The coefficients are sorted into turns and others, knot by knot, for four knots of either to lie side by
-//! side: 12 and 20 cells of a row in one go.
+//! weights. The coefficients of a pair are sorted into those of turns and the others, knot by knot, so that the
+//! four knots of either lie side by side.
 
 use super::banded::Banded;
 use super::path::{BLOCK, SplinePath, ratio};
@@ -11,8 +11,12 @@ use super::spline;
 use super::sums::{Band, Row, SHARED, SIDES};
 use crate::motion::generators::{GENERATORS, TURNS};
 
-/// The other generators.
+/// Generators other than the turns.
 const OTHERS: usize = GENERATORS - TURNS;
+/// Coefficients that have a say at an instant: four knots of the turns, then four of the others.
+const SAY: usize = 4 * GENERATORS;
+/// Those of the turns.
+const TURNING: usize = 4 * TURNS;
 /// Two ends of a band, 0 the first end of the leg before, and by what the sums of the own leg, those across, and those of the
 /// leg before count for them. Half of what an end has with itself, as the transposed is added in the end.
 const ENDS: [([usize; 2], [f64; 3]); 6] = [
@@ -26,37 +30,52 @@ const ENDS: [([usize; 2], [f64; 3]); 6] = [
 /// How either leg counts for the right side of an end.
 const LEGS: [[f64; 2]; 3] = [[0.0, -1.0], [-1.0, 1.0], [1.0, 0.0]];
 
-/// The four knots of the turns, or of the others, that have a say at an end.
-#[derive(Clone, Copy, Default)]
-struct Knots {
-    /// Of the first coefficient, among those of the pair.
-    index: usize,
-    weights: [f64; 4],
-}
+/// Numbers for two ends' coefficients, row by row.
+type Tile = [[f64; SAY]; SAY];
 
-/// The coefficients that have a say at an end.
-#[derive(Clone, Copy, Default)]
+/// An end of a band.
+#[derive(Clone, Copy, Debug)]
 struct End {
-    turns: Knots,
-    others: Knots,
+    /// Where its coefficients begin among the pair's: those of the turns, those of the others.
+    places: [usize; 2],
+    /// Weights of the turns' knots and of the others'.
+    turns: [f64; 4],
+    others: [f64; 4],
 }
 
 impl End {
-    /// Rows of a generator's coefficients and their weights.
-    fn rows(&self, generator: usize) -> [(usize, f64); 4] {
-        let (knots, step, first) = if generator < TURNS {
-            (self.turns, TURNS, generator)
-        } else {
-            (self.others, OTHERS, generator - TURNS)
-        };
-        std::array::from_fn(|k| (knots.index + k * step + first, knots.weights[k]))
+    /// A number for each generator, times the weights of its coefficients.
+    fn spread(&self, values: &Row) -> [f64; SAY] {
+        let mut all = [0.0; SAY];
+        let (turns, others) = all.split_at_mut(TURNING);
+        for (cells, weight) in turns.as_chunks_mut::<TURNS>().0.iter_mut().zip(self.turns) {
+            cells.iter_mut().zip(&values[..TURNS]).for_each(|(cell, value)| *cell = weight * value);
+        }
+        for (cells, weight) in others.as_chunks_mut::<OTHERS>().0.iter_mut().zip(self.others) {
+            cells.iter_mut().zip(&values[TURNS..]).for_each(|(cell, value)| *cell = weight * value);
+        }
+        all
+    }
+
+    /// Generator and weight of each coefficient.
+    fn coefficients(&self) -> impl Iterator<Item = (usize, f64)> {
+        let turns = self.turns.into_iter().flat_map(|weight| (0..TURNS).map(move |j| (j, weight)));
+        turns.chain(self.others.into_iter().flat_map(|weight| (TURNS..GENERATORS).map(move |j| (j, weight))))
+    }
+
+    /// Adds to what is kept for each of a pair's coefficients.
+    fn add(&self, to: &mut [f64], values: &[f64; SAY]) {
+        let (turns, others) = values.split_at(TURNING);
+        for (place, values) in self.places.into_iter().zip([turns, others]) {
+            to[place..].iter_mut().zip(values).for_each(|(sum, value)| *sum += value);
+        }
     }
 }
 
 /// The normal equations of a pair.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Equations {
-    /// Place of each coefficient that the pair depends on among those of the path.
+    /// Place of each coefficient that the pair depends on among those of the path: those of turns, then the others.
     pub places: Vec<usize>,
     /// Right side, and columns of the shared unknowns.
     pub sides: [Vec<f64>; SIDES],
@@ -66,13 +85,28 @@ pub(super) struct Equations {
     first: [i64; 2],
     /// Coefficients of turns.
     turns: usize,
+    ends: Vec<[Option<End>; 3]>,
 }
 
-/// Adds `factor` times each value.
-fn add<const N: usize>(cells: &mut [f64], values: &[f64; N], factor: f64) {
-    if let Some(cells) = cells.first_chunk_mut::<N>() {
-        cells.iter_mut().zip(values).for_each(|(cell, value)| *cell += factor * value);
+/// Adds what a band's sums, by their factors, say of two ends.
+fn add_sums(tile: &mut Tile, band: &Band, [own, across, before]: [f64; 3], rows: &End, columns: &End) {
+    let mut wide = [[0.0; SAY]; GENERATORS];
+    for (j, wide) in wide.iter_mut().enumerate() {
+        let mut sums = band.own[j];
+        for (sum, (one, other)) in sums.iter_mut().zip(band.across[j].iter().zip(&band.before[j])) {
+            *sum = own * *sum + across * one + before * other;
+        }
+        *wide = columns.spread(&sums);
     }
+    for (cells, (j, weight)) in tile.iter_mut().zip(rows.coefficients()) {
+        add_scaled(cells, &wide[j], weight);
+    }
+}
+
+/// Adds `factor` times the values. By itself the compiler puts this in vectors; inside the loop above it does not.
+#[inline(never)]
+fn add_scaled(cells: &mut [f64; SAY], values: &[f64; SAY], factor: f64) {
+    cells.iter_mut().zip(values).for_each(|(cell, value)| *cell += factor * value);
 }
 
 /// Blocks at which a band's ends are exposed, within what the path covers.
@@ -93,7 +127,8 @@ impl Equations {
             times.fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], t| [low.min(t), high.max(t)]);
         self.places.clear();
         for (kind, generators) in [0..TURNS, TURNS..GENERATORS].into_iter().enumerate() {
-            let [first, last] = [low, high].map(|time| spline::values(time * ratio(generators.start) as f64).first);
+            let [first, last] =
+                [low, high].map(|time| spline::values(time * ratio(generators.start) as f64).first);
             self.first[kind] = first;
             self.turns = if kind == 0 { 0 } else { self.places.len() };
             let knots = first..last.saturating_add(4);
@@ -101,7 +136,9 @@ impl Equations {
             self.places.extend(places.filter_map(|place| usize::try_from(place).ok()));
         }
         let size = self.places.len();
-        for (values, len) in self.sides.iter_mut().map(|side| (side, size)).chain([(&mut self.half, size * size)]) {
+        for (values, len) in
+            self.sides.iter_mut().map(|side| (side, size)).chain([(&mut self.half, size * size)])
+        {
             values.clear();
             values.resize(len, 0.0);
         }
@@ -110,50 +147,74 @@ impl Equations {
     /// Makes these the equations of bands.
     pub fn fill(&mut self, bands: &[Band], path: &SplinePath) {
         self.reset(bands, path);
-        bands.iter().for_each(|band| self.spread(band, path));
+        let mut ends = std::mem::take(&mut self.ends);
+        ends.clear();
+        ends.extend(bands.iter().map(|band| {
+            let mut ends = [None; 3];
+            times(band, path).for_each(|(end, time)| ends[end] = Some(self.end(time)));
+            ends
+        }));
+        for (band, ends) in bands.iter().zip(&ends) {
+            self.add_sides(band, ends);
+        }
+        for (pair, factors) in ENDS {
+            self.add_tiles(bands, &ends, pair, factors);
+        }
+        self.ends = ends;
     }
 
     fn end(&self, time: f64) -> End {
-        let [turns, others] = [(0, TURNS, 0), (TURNS, OTHERS, self.turns)].map(|(generator, step, start)| {
-            let support = spline::values(time * ratio(generator) as f64);
-            let knot = support.first - self.first[usize::from(generator > 0)];
-            Knots { index: start + usize::try_from(knot).unwrap_or(0) * step, weights: support.weights }
-        });
-        End { turns, others }
+        let [turns, others] = [0, TURNS].map(|generator| spline::values(time * ratio(generator) as f64));
+        let knot =
+            |first: i64, support: &spline::Support| usize::try_from(support.first - first).unwrap_or(0);
+        End {
+            places: [knot(self.first[0], &turns) * TURNS, self.turns + knot(self.first[1], &others) * OTHERS],
+            turns: turns.weights,
+            others: others.weights,
+        }
     }
 
-    /// Spreads a band's sums over the coefficients.
-    fn spread(&mut self, band: &Band, path: &SplinePath) {
-        let size = self.places.len();
-        let mut ends = [None; 3];
-        times(band, path).for_each(|(end, time)| ends[end] = Some(self.end(time)));
-        for ([row, column], factors) in ENDS {
-            let (Some(row), Some(column)) = (ends[row], ends[column]) else { continue };
-            for j in 0..GENERATORS {
-                let [own, across, before] = factors;
-                let sums: Row = std::array::from_fn(|k| {
-                    own * band.own[j][k] + across * band.across[j][k] + before * band.before[j][k]
-                });
-                let turns: [f64; 4 * TURNS] =
-                    std::array::from_fn(|k| column.turns.weights[k / TURNS] * sums[k % TURNS]);
-                let others: [f64; 4 * OTHERS] =
-                    std::array::from_fn(|k| column.others.weights[k / OTHERS] * sums[TURNS + k % OTHERS]);
-                for (row, weight) in row.rows(j) {
-                    let cells = &mut self.half[row * size..(row + 1) * size];
-                    add(&mut cells[column.turns.index..], &turns, weight);
-                    add(&mut cells[column.others.index..], &others, weight);
-                }
+    /// Adds the right sides of a band.
+    fn add_sides(&mut self, band: &Band, ends: &[Option<End>; 3]) {
+        for (end, legs) in ends.iter().zip(LEGS).filter_map(|(end, legs)| Some((end.as_ref()?, legs))) {
+            for (index, side) in self.sides.iter_mut().enumerate() {
+                let [own, before]: [&Row; 2] = [0, 1].map(|leg| &band.sides[leg][index]);
+                let sums: Row = std::array::from_fn(|j| legs[0] * own[j] + legs[1] * before[j]);
+                end.add(side, &end.spread(&sums));
             }
         }
-        for (end, [own, before]) in ends.iter().zip(LEGS) {
-            let Some(end) = end else { continue };
-            for (side, sums) in self.sides.iter_mut().zip(0..) {
-                let sums: [&Row; 2] = [0, 1].map(|leg| &band.sides[leg][sums]);
-                for j in 0..GENERATORS {
-                    let sum = own * sums[0][j] + before * sums[1][j];
-                    end.rows(j).into_iter().for_each(|(row, weight)| side[row] += weight * sum);
-                }
+    }
+
+    /// Adds what bands say of two of their ends. Bands that have the same coefficients there are added up before.
+    fn add_tiles(
+        &mut self,
+        bands: &[Band],
+        ends: &[[Option<End>; 3]],
+        [row, column]: [usize; 2],
+        factors: [f64; 3],
+    ) {
+        let mut tile = [[0.0; SAY]; SAY];
+        let mut last: Option<[&End; 2]> = None;
+        for (band, ends) in bands.iter().zip(ends) {
+            let (Some(rows), Some(columns)) = (&ends[row], &ends[column]) else { continue };
+            if let Some(last) =
+                last.filter(|last| last.map(|end| end.places) != [rows.places, columns.places])
+            {
+                self.add_tile(&tile, last);
+                tile = [[0.0; SAY]; SAY];
             }
+            add_sums(&mut tile, band, factors, rows, columns);
+            last = Some([rows, columns]);
+        }
+        last.into_iter().for_each(|last| self.add_tile(&tile, last));
+    }
+
+    fn add_tile(&mut self, tile: &Tile, [rows, columns]: [&End; 2]) {
+        let size = self.places.len();
+        let (turns, others) = tile.split_at(TURNING);
+        for (place, tile) in rows.places.into_iter().zip([turns, others]) {
+            let cells = self.half[place * size..].chunks_exact_mut(size);
+            cells.zip(tile).for_each(|(cells, values)| columns.add(cells, values));
         }
     }
 

@@ -7,7 +7,7 @@
 
 use super::path::SplinePath;
 use crate::motion::generators::{GENERATORS, flow_matrix};
-use nalgebra::{Matrix3, SVector, Vector2};
+use nalgebra::{Matrix3, Vector2};
 
 /// Blocks between nodes: half a knot spacing of the turns.
 const STEP: f64 = 0.125;
@@ -18,9 +18,47 @@ struct Node {
     forward: [Matrix3<f64>; 2],
     /// H⁻¹ and its slope.
     back: [Matrix3<f64>; 2],
+    /// Rates of the generators in pixels a block.
     rates: [f64; GENERATORS],
-    /// Paths of the generators.
+    /// Paths of the generators in pixels, up to constants.
     values: [f64; GENERATORS],
+}
+
+/// The path at an instant: the nodes before and after it, and how far it lies after the first, in steps; beyond the
+/// last node or before the first one where it lies there.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Instant<'a> {
+    nodes: &'a [Node; 2],
+    step: f64,
+}
+
+impl Instant<'_> {
+    /// The homography from the first instant of all to this one.
+    fn until(self) -> Matrix3<f64> {
+        hermite(&self.nodes[0].forward, &self.nodes[1].forward, self.step)
+    }
+
+    /// The homography from this instant back to the first.
+    fn back(self) -> Matrix3<f64> {
+        hermite(&self.nodes[0].back, &self.nodes[1].back, self.step)
+    }
+
+    /// Where a point seen now is at another instant.
+    pub fn carry(self, point: Vector2<f64>, to: Self) -> Vector2<f64> {
+        let seen = to.until() * (self.back() * point.push(1.0));
+        seen.xy() / seen.z
+    }
+
+    /// Rates of the generators in pixels a block, to half a step.
+    pub fn rates(&self) -> &[f64; GENERATORS] {
+        &self.nodes[usize::from(self.step >= 0.5)].rates
+    }
+
+    /// Paths of the generators in pixels, up to constants.
+    pub fn values(self) -> [f64; GENERATORS] {
+        let [a, b] = [&self.nodes[0].values, &self.nodes[1].values];
+        std::array::from_fn(|j| a[j] + (b[j] - a[j]) * self.step)
+    }
 }
 
 /// The homographies of a path between two instants, in units of the radius.
@@ -66,41 +104,28 @@ impl Flow {
         at >= 0.0 && at <= self.nodes.len() as f64 - 1.0
     }
 
-    /// Node before an instant and how far the instant lies after it, in steps; beyond the last node
-    /// or before the first one where it lies there.
-    fn interval(&self, time: f64) -> Option<(&[Node; 2], f64)> {
+    /// The path at an instant; `None` where none was followed.
+    pub fn at(&self, time: f64) -> Option<Instant<'_>> {
         let at = time / STEP - self.first;
         let last = self.nodes.len().checked_sub(2)?;
         let index = (at.max(0.0) as usize).min(last);
-        let pair = self.nodes.get(index..index + 2)?.first_chunk::<2>()?;
-        Some((pair, at - index as f64))
+        let nodes = self.nodes.get(index..index + 2)?.first_chunk::<2>()?;
+        Some(Instant { nodes, step: at - index as f64 })
     }
 
     /// The homography from the first instant to `time`.
     pub fn until(&self, time: f64) -> Matrix3<f64> {
-        self.interval(time).map_or_else(Matrix3::identity, |([a, b], s)| hermite(&a.forward, &b.forward, s))
+        self.at(time).map_or_else(Matrix3::identity, Instant::until)
     }
 
     /// The homography from `time` back to the first instant.
     pub fn back(&self, time: f64) -> Matrix3<f64> {
-        self.interval(time).map_or_else(Matrix3::identity, |([a, b], s)| hermite(&a.back, &b.back, s))
+        self.at(time).map_or_else(Matrix3::identity, Instant::back)
     }
 
     /// Where a point seen at `from` is at `to`.
     pub fn carry(&self, point: Vector2<f64>, from: f64, to: f64) -> Vector2<f64> {
-        let seen = self.until(to) * (self.back(from) * point.push(1.0));
-        seen.xy() / seen.z
-    }
-
-    /// Rates of the generators in pixels a block, to half a step.
-    pub fn rates(&self, time: f64) -> [f64; GENERATORS] {
-        self.interval(time).map_or([0.0; GENERATORS], |([a, b], s)| if s < 0.5 { a.rates } else { b.rates })
-    }
-
-    /// Paths of the generators in pixels, up to constants.
-    pub fn values(&self, time: f64) -> SVector<f64, GENERATORS> {
-        let Some(([a, b], s)) = self.interval(time) else { return SVector::zeros() };
-        SVector::from(a.values) * (1.0 - s) + SVector::from(b.values) * s
+        self.at(from).zip(self.at(to)).map_or(point, |(from, to)| from.carry(point, to))
     }
 }
 
@@ -110,10 +135,12 @@ const GAUSS: f64 = 0.288_675_134_594_812_9;
 /// The cubic with these values and slopes at 0 and 1.
 fn hermite(a: &[Matrix3<f64>; 2], b: &[Matrix3<f64>; 2], s: f64) -> Matrix3<f64> {
     let (s2, s3) = (s * s, s * s * s);
-    a[0] * (1.0 - 3.0 * s2 + 2.0 * s3)
-        + a[1] * (s - 2.0 * s2 + s3)
-        + b[0] * (3.0 * s2 - 2.0 * s3)
-        + b[1] * (s3 - s2)
+    let weights = [1.0 - 3.0 * s2 + 2.0 * s3, s - 2.0 * s2 + s3, 3.0 * s2 - 2.0 * s3, s3 - s2];
+    let mut sum = Matrix3::zeros();
+    for (k, cell) in sum.iter_mut().enumerate() {
+        *cell = weights[0] * a[0][k] + weights[1] * a[1][k] + weights[2] * b[0][k] + weights[3] * b[1][k];
+    }
+    sum
 }
 
 /// The exponential of a small matrix, to the fourth order.
@@ -127,7 +154,7 @@ mod tests {
     use super::super::path::BLOCK;
     use super::*;
     use crate::motion::generators::fields;
-    use nalgebra::{Rotation3, Vector3};
+    use nalgebra::{Rotation3, SVector, Vector3};
 
     const RADIUS: f64 = 320.0;
     const POINTS: [[f64; 2]; 4] = [[0.0, 0.0], [0.9, -0.6], [-0.8, 0.7], [0.3, 0.5]];
@@ -204,11 +231,7 @@ mod tests {
         let mut flow = Flow::default();
         let point = Vector2::new(0.4, -0.2);
         assert_eq!(flow.carry(point, 0.0, 1.0), point);
-        assert!(
-            !flow.covers(0.0)
-                && flow.rates(0.0) == [0.0; GENERATORS]
-                && flow.values(0.0) == SVector::<f64, GENERATORS>::zeros()
-        );
+        assert!(!flow.covers(0.0) && flow.at(0.0).is_none());
         flow.follow(&path(0.3, |j, t| t * (j + 1) as f64), [0.0, 4.0], RADIUS);
         assert!(flow.covers(0.0) && flow.covers(4.0) && !flow.covers(-0.01) && !flow.covers(4.01));
         assert!(flow.carry(point, -0.3, 4.3).iter().all(|coordinate| coordinate.is_finite()));

@@ -3,9 +3,10 @@
 use super::flow::Flow;
 use super::pair::{Match, Pair, Reading};
 use super::path::SplinePath;
+use super::tracks;
 use crate::motion::generators::{GENERATORS, TURNS, fields};
 use crate::solve::median::{MEDIAN_TO_VARIANCE, median};
-use nalgebra::Vector2;
+use nalgebra::{SVector, Vector2};
 
 /// Generators other than the turns.
 const OTHERS: usize = GENERATORS - TURNS;
@@ -33,10 +34,12 @@ pub(super) struct Leg {
     pub times: [f64; 2],
     /// What the path leaves of it, in pixels.
     pub residual: Vector2<f64>,
-    /// What the paths of yaw and pitch move it by, in pixels.
-    pub turned: Vector2<f64>,
     /// What the generators other than the turns move it by, in pixels: at twice the inverse depth, so much again.
     pub parallax: Vector2<f64>,
+    /// What a frame period of γ adds to what the turns move it by, and to what the others do.
+    pub by_readout: [Vector2<f64>; 2],
+    /// What κ adds to what the turns move it by.
+    pub by_kappa: Vector2<f64>,
 }
 
 /// What the path leaves of a pair.
@@ -44,12 +47,14 @@ pub(super) struct Leg {
 pub(super) struct Left {
     /// Match by match.
     pub legs: Vec<Leg>,
-    /// The matches of the pair before that they continue.
+    /// The matches of the pair before that they continue, where they are of use.
     pub before: Vec<Option<Leg>>,
     /// Standard deviation of a coordinate of the residuals in pixels, by their median.
     pub sigma: f64,
     /// Correspondences within three of them.
     pub inliers: usize,
+    /// Usual square of what the generators other than the turns move a coordinate by, in px²; `None` where that has no say.
+    pub parallax: Option<f64>,
     squares: Vec<f64>,
 }
 
@@ -60,32 +65,43 @@ impl View<'_> {
         [0, 1].map(|end| self.tempo * (stamps[end] + self.readout * places[end]))
     }
 
-    fn leg(&self, stamps: [f64; 2], m: &Match) -> Leg {
+    fn leg(&self, stamps: [f64; 2], m: &Match) -> Option<Leg> {
         let times = self.times(stamps, m);
-        let [from, to] = times;
-        let moved = self.flow.values(to) - self.flow.values(from);
-        let fields = fields((m.from + m.to) / 2.0, self.path.kappa);
-        Leg {
+        let (from, to) = (self.flow.at(times[0])?, self.flow.at(times[1])?);
+        let places = [m.from, m.to].map(|point| self.reading.place(point) * self.tempo);
+        let (rates, values) = ([from.rates(), to.rates()], [from.values(), to.values()]);
+        let rates =
+            SVector::<f64, GENERATORS>::from_fn(|j, _| rates[1][j] * places[1] - rates[0][j] * places[0]);
+        let moved = SVector::<f64, GENERATORS>::from_fn(|j, _| values[1][j] - values[0][j]);
+        let middle = (m.from + m.to) / 2.0;
+        let fields = fields(middle, self.path.kappa);
+        let (turns, others) = (fields.fixed_columns::<TURNS>(0), fields.fixed_columns::<OTHERS>(TURNS));
+        Some(Leg {
             m: *m,
             times,
-            residual: (m.to - self.flow.carry(m.from, from, to)) * self.radius,
-            turned: moved.xy(),
-            parallax: fields.fixed_columns::<OTHERS>(TURNS) * moved.fixed_rows::<OTHERS>(TURNS),
-        }
+            residual: (m.to - from.carry(m.from, to)) * self.radius,
+            parallax: others * moved.fixed_rows::<OTHERS>(TURNS),
+            by_readout: [turns * rates.fixed_rows::<TURNS>(0), others * rates.fixed_rows::<OTHERS>(TURNS)],
+            by_kappa: middle * middle.dot(&moved.xy()),
+        })
     }
 
-    /// Follows the path along a pair, and along the tracks that it continues if that is wanted.
+    /// Follows the path along a pair, and along the tracks that it continues if that is wanted and they may tell its parallax
+    /// from its noise.
     pub fn left(&self, pair: &Pair, tracks: bool, out: &mut Left) {
         out.legs.clear();
-        out.legs.extend(pair.matches.iter().map(|m| self.leg(pair.stamps, m)));
-        out.before.clear();
-        let tracks = pair.tracks.iter().map(|track| track.filter(|_| tracks));
-        out.before.extend(tracks.map(|track| track.map(|track| self.leg(track.stamps, &track.before))));
+        out.legs.extend(pair.matches.iter().filter_map(|m| self.leg(pair.stamps, m)));
         out.squares.clear();
         out.squares.extend(out.legs.iter().map(|leg| leg.residual.norm_squared()));
-        let variance = (median(&mut out.squares) * MEDIAN_TO_VARIANCE).max(self.noise * self.noise);
+        let least = self.noise * self.noise;
+        let variance = (median(&mut out.squares) * MEDIAN_TO_VARIANCE).max(least);
         out.sigma = variance.sqrt();
         let near = out.squares.iter().filter(|square| **square < 2.0 * 9.0 * variance).count();
         out.inliers = near * pair.count() / pair.matches.len().max(1);
+        let tracks = || pair.tracks.iter().map(|track| track.as_ref().filter(|_| tracks));
+        out.parallax = tracks::parallax(out.legs.iter().zip(tracks()), variance - least, &mut out.squares);
+        out.before.clear();
+        let tracks = tracks().map(|track| track.filter(|_| out.parallax.is_some()));
+        out.before.extend(tracks.map(|track| track.and_then(|track| self.leg(track.stamps, &track.before))));
     }
 }

@@ -14,7 +14,7 @@ use super::equations::Equations;
 use super::left::{Left, Leg, View};
 use super::sums::{Band, SHARED, Slopes, mixed};
 use super::tracks::{Innovation, Scatter};
-use crate::motion::generators::{GENERATORS, TURNS, fields};
+use crate::motion::generators::{TURNS, fields};
 use nalgebra::{Matrix2, SMatrix, SVector};
 
 /// Bands to a pair.
@@ -42,6 +42,7 @@ pub(super) struct Normal {
     /// Sum of the correspondences' weights.
     weight: f64,
     bands: Vec<Band>,
+    squares: Vec<f64>,
 }
 
 impl Normal {
@@ -59,7 +60,8 @@ fn log_student(square: f64) -> f64 {
 impl View<'_> {
     /// Adds up what a pair says, given the one before.
     pub fn normal(&self, left: &Left, out: &mut Normal) {
-        self.normal_with(Scatter::of(left, self.noise * self.noise), left, out);
+        let scatter = Scatter::of(left, self.noise * self.noise, &mut out.squares);
+        self.normal_with(scatter, left, out);
     }
 
     fn normal_with(&self, scatter: Scatter, left: &Left, out: &mut Normal) {
@@ -115,14 +117,11 @@ impl View<'_> {
     /// What the paths of the generators and the shared unknowns change of a displacement, of a point of relative
     /// inverse depth `depth`.
     fn slopes(&self, leg: &Leg, depth: f64) -> (Slopes, SMatrix<f64, 2, SHARED>) {
-        let middle = (leg.m.from + leg.m.to) / 2.0;
-        let mut phi = fields(middle, self.path.kappa);
-        phi.columns_mut(TURNS, GENERATORS - TURNS).scale_mut(depth);
-        let [before, after] = leg.times.map(|time| self.flow.rates(time));
-        let places = [leg.m.from, leg.m.to].map(|point| self.reading.place(point) * self.tempo);
-        let rates = SVector::from_fn(|j, _| after[j] * places[1] - before[j] * places[0]);
-        let shared = SMatrix::from_columns(&[phi * rates, middle * middle.dot(&leg.turned)]);
-        ([0, 1].map(|end| std::array::from_fn(|j| phi[(end, j)])), shared)
+        let phi = fields((leg.m.from + leg.m.to) / 2.0, self.path.kappa);
+        let by_readout = leg.by_readout[0] + leg.by_readout[1] * depth;
+        let depth = |j: usize| if j < TURNS { 1.0 } else { depth };
+        let slopes = [0, 1].map(|end| std::array::from_fn(|j| phi[(end, j)] * depth(j)));
+        (slopes, SMatrix::from_columns(&[by_readout, leg.by_kappa]))
     }
 }
 

@@ -5,6 +5,7 @@ use super::super::pair::{Match, Pair, Reading, Track};
 use super::super::path::{BLOCK, SplinePath, ratio};
 use super::*;
 use crate::correspond::Correspondence;
+use crate::motion::generators::GENERATORS;
 use nalgebra::Vector2;
 
 const RADIUS: f64 = 320.0;

@@ -52,21 +52,30 @@ impl SplinePath {
         self.base * ratio(generator)..(self.base + blocks) * ratio(generator)
     }
 
-    fn sum(&self, generator: usize, support: Support) -> f64 {
-        let weights = support.weights.iter().enumerate();
-        weights.map(|(k, weight)| self.coefficient(generator, support.first + k as i64) * weight).sum()
+    /// Sums of the coefficients of all generators, by these weights of the turns' and of the others' knots.
+    fn sums(&self, turns: Support, others: Support) -> [f64; GENERATORS] {
+        let mut sums = [0.0; GENERATORS];
+        for (support, generators) in [(turns, 0..TURNS), (others, TURNS..GENERATORS)] {
+            for (knot, weight) in (support.first..).zip(support.weights) {
+                // The generators of a kind lie side by side; none do outside.
+                let place = usize::try_from(self.place(generators.start, knot)).unwrap_or(usize::MAX);
+                let coefficients = self.coefficients.get(place..).unwrap_or_default();
+                sums[generators.clone()].iter_mut().zip(coefficients).for_each(|(sum, c)| *sum += c * weight);
+            }
+        }
+        sums
     }
 
     /// Paths of all generators in pixels, up to constants.
     pub fn values(&self, time: f64) -> [f64; GENERATORS] {
-        let (fast, slow) = (spline::values(time * RATIO as f64), spline::values(time));
-        std::array::from_fn(|j| if j < TURNS { self.sum(j, fast) } else { self.sum(j, slow) })
+        self.sums(spline::values(time * RATIO as f64), spline::values(time))
     }
 
     /// Rates of all generators in pixels a block.
     pub fn rates(&self, time: f64) -> [f64; GENERATORS] {
-        let (fast, slow) = (spline::slopes(time * RATIO as f64), spline::slopes(time));
-        std::array::from_fn(|j| if j < TURNS { RATIO as f64 * self.sum(j, fast) } else { self.sum(j, slow) })
+        let mut turns = spline::slopes(time * RATIO as f64);
+        turns.weights = turns.weights.map(|weight| RATIO as f64 * weight);
+        self.sums(turns, spline::slopes(time))
     }
 
     /// Moves on to the blocks from `base` on. What is new goes on at the rate of what was last.

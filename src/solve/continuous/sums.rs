@@ -36,24 +36,27 @@ pub(super) struct Band {
 
 /// `matrix` times the two rows.
 pub(super) fn mixed(matrix: &Matrix2<f64>, [x, y]: &Slopes) -> Slopes {
-    [0, 1].map(|end| std::array::from_fn(|j| matrix[(end, 0)] * x[j] + matrix[(end, 1)] * y[j]))
+    let mut rows = [*x, *y];
+    for (end, row) in rows.iter_mut().enumerate() {
+        let (by_x, by_y) = (matrix[(end, 0)], matrix[(end, 1)]);
+        row.iter_mut().zip(x.iter().zip(y)).for_each(|(value, (x, y))| *value = by_x * x + by_y * y);
+    }
+    rows
 }
 
 /// Adds aᵀ·b.
 fn add_products(sums: &mut Square, a: &Slopes, b: &Slopes) {
-    for (i, row) in sums.iter_mut().enumerate() {
-        for (j, sum) in row.iter_mut().enumerate() {
-            *sum += a[0][i] * b[0][j] + a[1][i] * b[1][j];
-        }
+    for (row, (x, y)) in sums.iter_mut().zip(a[0].iter().zip(&a[1])) {
+        let columns = b[0].iter().zip(&b[1]);
+        row.iter_mut().zip(columns).for_each(|(sum, (bx, by))| *sum += x * bx + y * by);
     }
 }
 
 /// Adds aᵀ·v for each v.
 fn add_sides(sums: &mut [Row; SIDES], a: &Slopes, sides: &[Vector2<f64>; SIDES]) {
     for (row, side) in sums.iter_mut().zip(sides) {
-        for (j, sum) in row.iter_mut().enumerate() {
-            *sum += a[0][j] * side.x + a[1][j] * side.y;
-        }
+        let slopes = a[0].iter().zip(&a[1]);
+        row.iter_mut().zip(slopes).for_each(|(sum, (x, y))| *sum += x * side.x + y * side.y);
     }
 }
 

@@ -45,31 +45,71 @@ pub(super) struct Innovation {
     pub depth: f64,
 }
 
+/// Usual square of what the generators other than the turns move a coordinate of matches with a track by, in px². `None`
+/// where few tracks are known, where the residuals leave nothing beyond noise (`excess`, px²), or more than parallax can.
+pub(super) fn parallax<'a, T>(
+    legs: impl ExactSizeIterator<Item = (&'a Leg, Option<T>)>,
+    excess: f64,
+    squares: &mut Vec<f64>,
+) -> Option<f64> {
+    let count = legs.len();
+    squares.clear();
+    if excess > 0.0 {
+        squares.extend(legs.filter_map(|(leg, track)| track.map(|_| leg.parallax.norm_squared())));
+    }
+    let known = 2 * squares.len() >= count && !squares.is_empty();
+    let parallax = (median(squares) / 2.0).max(f64::MIN_POSITIVE);
+    (known && excess <= PLAUSIBLE * DEPTHS * DEPTHS * parallax).then_some(parallax)
+}
+
+/// What (wᵀr)² and |w|² are, r and w being residual and parallax of a match, or of both that a track joins.
+#[derive(Clone, Copy)]
+struct Joint {
+    product: f64,
+    length: f64,
+}
+
+impl Joint {
+    fn of(leg: &Leg) -> Self {
+        Self { product: leg.parallax.dot(&leg.residual), length: leg.parallax.norm_squared() }
+    }
+
+    fn with(self, other: Self) -> Self {
+        Self { product: self.product + other.product, length: self.length + other.length }
+    }
+
+    /// By how much parallax makes rᵀ·C⁻¹·r less than |r|²/σ², times σ²; C = τ²·w·wᵀ + σ²·I.
+    fn explained(self, scatter: &Scatter) -> f64 {
+        scatter.depths * self.product * self.product / (scatter.noise + scatter.depths * self.length)
+    }
+}
+
 impl Scatter {
-    /// Tells the noise of a pair, at least `least` px², from its parallax; all is noise where few tracks are known, or
-    /// where there is more of it than parallax can be.
-    pub fn of(left: &Left, least: f64) -> Self {
+    /// Tells the noise of a pair, at least `least` px², from its parallax; all is noise where that has no say.
+    pub fn of(left: &Left, least: f64, squares: &mut Vec<f64>) -> Self {
         let all = left.sigma * left.sigma;
         let mut scatter = Self { noise: all, depths: 0.0 };
-        let both = left.legs.iter().zip(&left.before);
-        let legs: Vec<(&Leg, &Leg)> =
-            both.filter_map(|(now, before)| Some((now, before.as_ref()?))).collect();
-        let mut squares: Vec<f64> = legs.iter().map(|(now, _)| now.parallax.norm_squared()).collect();
-        let parallax = (median(&mut squares) / 2.0).max(f64::MIN_POSITIVE);
-        if 2 * legs.len() < left.legs.len() || all - least > PLAUSIBLE * DEPTHS * DEPTHS * parallax {
-            return scatter;
-        }
+        let Some(parallax) = left.parallax else { return scatter };
+        let both =
+            || left.legs.iter().zip(&left.before).filter_map(|(now, before)| Some((now, before.as_ref()?)));
         // Were the residuals the same from pair to pair, their difference would be noise, twice.
-        let differences = legs.iter().map(|(now, before)| (now.residual - before.residual).norm_squared());
-        squares.splice(.., differences);
-        scatter.noise = (median(&mut squares) * MEDIAN_TO_VARIANCE / 2.0).min(all).max(least);
+        squares.clear();
+        squares.extend(both().map(|(now, before)| (now.residual - before.residual).norm_squared()));
+        scatter.noise = (median(squares) * MEDIAN_TO_VARIANCE / 2.0).min(all).max(least);
         for _ in 0..ROUNDS {
             scatter.depths = ((all - scatter.noise) / parallax).min(DEPTHS * DEPTHS);
-            let news = legs.iter().map(|(now, before)| scatter.innovation(now, Some(before)).square());
-            squares.splice(.., news);
-            scatter.noise = (scatter.noise * median(&mut squares) * MEDIAN_TO_VARIANCE).min(all).max(least);
+            squares.clear();
+            squares.extend(both().map(|(now, before)| scatter.square(now, before)));
+            scatter.noise = (median(squares) * MEDIAN_TO_VARIANCE).min(all).max(least);
         }
         scatter
+    }
+
+    /// σ²·eᵀ·V⁻¹·e of what is new in a residual: what both take of rᵀ·C⁻¹·r, less what the one before does.
+    fn square(&self, now: &Leg, before: &Leg) -> f64 {
+        let known = Joint::of(before);
+        let both = known.with(Joint::of(now));
+        now.residual.norm_squared() - both.explained(self) + known.explained(self)
     }
 
     fn covariance(&self, a: &Leg, b: &Leg) -> Matrix2<f64> {
@@ -119,8 +159,9 @@ mod tests {
             m,
             times: [0.0, 1.0],
             residual: residual.into(),
-            turned: Vector2::zeros(),
             parallax: parallax.into(),
+            by_readout: [Vector2::zeros(); 2],
+            by_kappa: Vector2::zeros(),
         }
     }
 
@@ -169,9 +210,16 @@ mod tests {
         left
     }
 
+    /// Noise and parallax of a scene, of which at least 0.01 px are noise.
+    fn told(mut left: Left) -> Scatter {
+        let both = left.legs.iter().zip(left.before.iter().map(Option::as_ref));
+        left.parallax = parallax(both, left.sigma * left.sigma - 1e-4, &mut Vec::new());
+        Scatter::of(&left, 1e-4, &mut Vec::new())
+    }
+
     #[test]
     fn noise_is_told_from_parallax() {
-        let scatter = Scatter::of(&scene(0.4, 0.1, 4.0), 1e-4);
+        let scatter = told(scene(0.4, 0.1, 4.0));
         let noise = scatter.noise.sqrt();
         assert!((0.08..0.12).contains(&noise) && scatter.depths > 0.0, "{noise}");
     }
@@ -180,12 +228,13 @@ mod tests {
     fn what_cannot_be_parallax_is_noise() {
         // The path's translation explains a tenth of what the points do.
         let left = scene(0.4, 0.1, 0.4);
-        let scatter = Scatter::of(&left, 1e-4);
-        assert_eq!((scatter.noise, scatter.depths), (left.sigma * left.sigma, 0.0));
+        let all = left.sigma * left.sigma;
+        let scatter = told(left);
+        assert_eq!((scatter.noise, scatter.depths), (all, 0.0));
         let mut lost = scene(0.4, 0.1, 4.0);
         lost.before.iter_mut().step_by(3).for_each(|before| *before = None);
-        assert!(Scatter::of(&lost, 1e-4).depths > 0.0, "two thirds of the tracks are enough");
+        assert!(told(lost.clone()).depths > 0.0, "two thirds of the tracks are enough");
         lost.before.fill(None);
-        assert_eq!(Scatter::of(&lost, 1e-4).depths, 0.0);
+        assert_eq!(told(lost).depths, 0.0);
     }
 }
