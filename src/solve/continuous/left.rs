@@ -1,7 +1,7 @@
 //! What a path leaves of a pair.
 
 use super::flow::Flow;
-use super::pair::{Match, Pair, Reading};
+use super::pair::{Match, Pair, Reading, Track};
 use super::path::SplinePath;
 use super::tracks;
 use crate::motion::generators::{GENERATORS, TURNS, fields};
@@ -100,8 +100,18 @@ impl View<'_> {
         out.inliers = near * pair.count() / pair.matches.len().max(1);
         let tracks = || pair.tracks.iter().map(|track| track.as_ref().filter(|_| tracks));
         out.parallax = tracks::parallax(out.legs.iter().zip(tracks()), variance - least, &mut out.squares);
+        if out.parallax.is_some() {
+            self.legs_before(pair, out);
+        } else {
+            out.before.clear();
+            out.before.resize(out.legs.len(), None);
+        }
+    }
+
+    /// Follows the path along the tracks that a pair continues.
+    pub fn legs_before(&self, pair: &Pair, out: &mut Left) {
+        let leg = |track: &Track| self.leg(track.stamps, &track.before);
         out.before.clear();
-        let tracks = tracks().map(|track| track.filter(|_| out.parallax.is_some()));
-        out.before.extend(tracks.map(|track| track.and_then(|track| self.leg(track.stamps, &track.before))));
+        out.before.extend(pair.tracks.iter().map(|track| track.as_ref().and_then(leg)));
     }
 }

@@ -218,9 +218,13 @@ fn the_normal_equations_of_tracks_are_those_of_what_is_new() {
             pair.tracks[index] = Some(Track { before, stamps });
         }
     });
-    let (left, mut normal) = setting.sums(&pair);
+    let (mut left, mut normal) = setting.sums(&pair);
     let scatter = Scatter { noise: 0.25, depths: 0.25 };
-    setting.view(|view| view.normal_with(scatter, &left, &mut normal));
+    setting.view(|view| {
+        // So little is left that they would have no say.
+        view.legs_before(&pair, &mut left);
+        view.normal_with(scatter, &left, &mut normal);
+    });
     let news: Vec<Innovation> = left
         .legs
         .iter()
