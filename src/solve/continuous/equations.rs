@@ -218,6 +218,14 @@ impl Equations {
         }
     }
 
+    /// Goes on with a path that begins so many blocks later; whether it has all the coefficients.
+    pub fn shift(&mut self, blocks: i64, path: &SplinePath) -> bool {
+        let by = blocks.saturating_mul(BLOCK as i64);
+        let moved = |place: &usize| usize::try_from(*place as i64 - by).unwrap_or(usize::MAX);
+        self.places.iter_mut().for_each(|place| *place = moved(place));
+        self.places.iter().all(|place| *place < path.coefficients.len())
+    }
+
     /// An entry of the symmetric matrix.
     pub fn entry(&self, i: usize, j: usize) -> f64 {
         let size = self.places.len();

@@ -98,8 +98,8 @@ impl View<'_> {
         out.sigma = variance.sqrt();
         let near = out.squares.iter().filter(|square| **square < 2.0 * 9.0 * variance).count();
         out.inliers = near * pair.count() / pair.matches.len().max(1);
-        let tracks = || pair.tracks.iter().map(|track| track.as_ref().filter(|_| tracks));
-        out.parallax = tracks::parallax(out.legs.iter().zip(tracks()), variance - least, &mut out.squares);
+        let tracks = pair.tracks.iter().map(|track| track.as_ref().filter(|_| tracks));
+        out.parallax = tracks::parallax(out.legs.iter().zip(tracks), variance - least, &mut out.squares);
         if out.parallax.is_some() {
             self.legs_before(pair, out);
         } else {

@@ -11,6 +11,7 @@
 //! | `normal` | what a pair says of the path, γ and κ: normal equations |
 //! | `sums` | what the matches of a pair that are exposed at about the same time add up to |
 //! | `equations` | the same over the coefficients of the path |
+//! | `held` | the pairs of a window with what they leave and say |
 //! | `smoothness` | the prior on second differences, its strength by MacKay's evidence |
 //! | `banded` | banded Cholesky factors, and the inverse inside the band |
 //! | `running` | what was seen so far of a number that belongs to the camera |
@@ -33,6 +34,7 @@ mod banded;
 mod camera;
 mod equations;
 mod flow;
+mod held;
 mod hypothesis;
 mod left;
 mod normal;

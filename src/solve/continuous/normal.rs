@@ -37,8 +37,6 @@ pub(super) struct Normal {
     pub scatter: Scatter,
     /// Coordinates that are independent.
     pub independent: f64,
-    /// Logarithm of the likelihood of what is new, up to a constant, for as many matches as are independent.
-    pub log_likelihood: f64,
     /// Sum of the correspondences' weights.
     weight: f64,
     bands: Vec<Band>,
@@ -50,11 +48,25 @@ impl Normal {
     pub fn moved(&self, step: &[f64]) -> f64 {
         if self.weight > 0.0 { (self.equations.square(step).max(0.0) / self.weight).sqrt() } else { 0.0 }
     }
+
+    /// Logarithm of the likelihood of what is new in the pair, up to a constant, for as many matches as are independent.
+    pub fn log_likelihood(&self, left: &Left) -> f64 {
+        let likely = left.legs.iter().zip(&left.before).map(|(leg, before)| {
+            let new = self.scatter.innovation(leg, before.as_ref());
+            log_student(new.square()) + new.weight.determinant().ln() / 2.0
+        });
+        worth(left) * likely.filter(|likely| likely.is_finite()).sum::<f64>()
+    }
 }
 
 /// Logarithm of Student's t in two dimensions, up to a constant, of a squared distance in units of its scale.
 fn log_student(square: f64) -> f64 {
     -(FREEDOM + 2.0) / 2.0 * (square / FREEDOM).ln_1p()
+}
+
+/// How many independent matches one is worth.
+fn worth(left: &Left) -> f64 {
+    (WORTH / left.legs.len() as f64).min(1.0)
 }
 
 impl View<'_> {
@@ -66,21 +78,18 @@ impl View<'_> {
 
     fn normal_with(&self, scatter: Scatter, left: &Left, out: &mut Normal) {
         out.scatter = scatter;
-        let worth = (WORTH / left.legs.len() as f64).min(1.0);
+        let worth = worth(left);
         out.independent = 2.0 * WORTH.min(left.legs.len() as f64);
-        out.log_likelihood = 0.0;
         out.bands.clear();
         out.bands.resize_with(BANDS, Band::default);
         out.shared = SMatrix::zeros();
         out.shared_right = SVector::zeros();
         for (leg, before) in left.legs.iter().zip(&left.before) {
             let mut new = scatter.innovation(leg, before.as_ref());
-            let likely = log_student(new.square()) + new.weight.determinant().ln() / 2.0;
             new.weight *= worth * (FREEDOM + 2.0) / (FREEDOM + new.square());
             if !new.weight.iter().all(|weight| weight.is_finite()) {
                 continue;
             }
-            out.log_likelihood += worth * likely;
             let band = (self.reading.place(leg.m.from).clamp(0.0, 1.0) * (BANDS - 1) as f64).round() as usize;
             let shared = self.add(&new, leg, before.as_ref(), &mut out.bands[band]);
             out.shared += shared.transpose() * new.weight * shared;

@@ -7,8 +7,8 @@
 
 use super::banded::Banded;
 use super::flow::Flow;
-use super::left::{Left, View};
-use super::normal::Normal;
+use super::held::{self, Held};
+use super::left::View;
 use super::pair::{Pair, Reading};
 use super::path::SplinePath;
 use super::running::Running;
@@ -16,7 +16,6 @@ use super::smoothness::Smoothness;
 use super::sums::SHARED;
 use crate::solve::median::median;
 use nalgebra::{SMatrix, SVector};
-use rayon::prelude::*;
 
 /// Blocks before the first exposure and after the last that the path covers: points may leave the
 /// frame, and the readout may turn out longer.
@@ -99,8 +98,7 @@ pub(super) struct Solver {
     /// What this window alone says of them, with its information.
     seen: [Option<(f64, f64)>; SHARED],
     pub flow: Flow,
-    left: Vec<Left>,
-    normals: Vec<Normal>,
+    held: Vec<Held>,
     matrix: Banded,
     covariance: Banded,
     right: Vec<f64>,
@@ -132,8 +130,7 @@ impl Solver {
             limits,
             seen: [None; SHARED],
             flow: Flow::default(),
-            left: Vec::new(),
-            normals: Vec::new(),
+            held: Vec::new(),
             matrix: Banded::default(),
             covariance: Banded::default(),
             right: Vec::new(),
@@ -155,6 +152,7 @@ impl Solver {
     /// Forgets the path, not the camera.
     pub fn restart(&mut self) {
         self.path.coefficients.clear();
+        held::forget(&mut self.held);
         self.smoothness.restart();
         self.seen = [None; SHARED];
     }
@@ -190,12 +188,12 @@ impl Solver {
 
     /// Standard deviation of a coordinate in pixels that the path leaves in pair `index`.
     pub fn sigma(&self, index: usize) -> Option<f64> {
-        self.left.get(index).map(|left| left.sigma)
+        self.held.get(index).map(|held| held.left.sigma)
     }
 
     /// Standard deviation of what is new in a coordinate of pair `index`, given the pair before.
     pub fn surprise(&self, index: usize) -> Option<f64> {
-        self.normals.get(index).map(|normal| normal.scatter.noise.sqrt())
+        self.held.get(index).map(|held| held.normal.scatter.noise.sqrt())
     }
 
     /// How much of displacements of so much (mean square, squared radii) is explained where `sigma` is left of a coordinate
@@ -207,7 +205,7 @@ impl Solver {
 
     /// Matches of pair `index` within three deviations of the path, thinned out ones counted.
     pub fn inliers(&self, index: usize) -> usize {
-        self.left.get(index).map_or(0, |left| left.inliers)
+        self.held.get(index).map_or(0, |held| held.left.inliers)
     }
 
     /// Block of the instant at which the line at `place` along the axis of the frame with this timestamp is exposed.
@@ -243,14 +241,7 @@ impl Solver {
             radius: self.radius,
             noise: self.noise,
         };
-        self.left.resize_with(pairs.len(), Left::default);
-        self.normals.resize_with(pairs.len(), Normal::default);
-        let sums = self.left.par_iter_mut().zip(&mut self.normals).zip(pairs).enumerate();
-        sums.for_each(|(index, ((left, normal), pair))| {
-            // The path does not reach to the pair before the first.
-            view.left(pair, index > 0, left);
-            view.normal(left, normal);
-        });
+        held::hold(&mut self.held, pairs, &view);
     }
 
     /// One step; whether it could be solved.
@@ -269,6 +260,7 @@ impl Solver {
             return false;
         }
         self.path.coefficients.iter_mut().zip(&self.right).for_each(|(value, step)| *value += step);
+        held::forget(&mut self.held);
         self.matrix.inverse_band(&mut self.covariance);
         self.smoothness.learn(&self.path, &self.covariance);
         true
@@ -276,14 +268,14 @@ impl Solver {
 
     /// How much the last step changed the displacements of pair `index` (root mean square, pixels).
     pub fn moved(&self, index: usize) -> f64 {
-        self.normals.get(index).map_or(0.0, |normal| normal.moved(&self.right))
+        self.held.get(index).map_or(0.0, |held| held.normal.moved(&self.right))
     }
 
     /// The columns at which the rows of the path's matrix begin.
     fn band(&self) -> Vec<usize> {
         let mut first: Vec<usize> = (0..self.path.coefficients.len()).collect();
         Smoothness::reach(&self.path, &mut first);
-        self.normals.iter().for_each(|normal| normal.equations.reach(&mut first));
+        self.held.iter().for_each(|held| held.normal.equations.reach(&mut first));
         first
     }
 
@@ -295,7 +287,7 @@ impl Solver {
             values.resize(self.path.coefficients.len(), 0.0);
         }
         let (mut information, mut side) = (SMatrix::zeros(), SVector::zeros());
-        for normal in &self.normals {
+        for Held { normal, .. } in &self.held {
             normal.equations.add_to(&mut self.matrix, &mut self.right, &mut self.border);
             information += normal.shared;
             side += normal.shared_right;
@@ -369,7 +361,7 @@ impl Solver {
         if !(self.matrix.factorise() && prior.factorise()) {
             return None;
         }
-        let likelihood: f64 = self.normals.iter().map(|normal| normal.log_likelihood).sum();
+        let likelihood: f64 = self.held.iter().map(|held| held.normal.log_likelihood(&held.left)).sum();
         // The prior's right side is −Pc.
         let energy: f64 = self.path.coefficients.iter().zip(&side).map(|(value, side)| -value * side).sum();
         let room = prior.half_log_determinant() - self.matrix.half_log_determinant();
@@ -379,13 +371,13 @@ impl Solver {
     /// How far residuals are the tracker's: what the model cannot explain is alike from pair to pair and says
     /// nothing of γ and κ. The middle one counts, for the path has not been fitted to the pair that came last.
     pub fn trust(&self) -> f64 {
-        self.trust_of(self.normals.iter().map(|normal| normal.scatter.noise))
+        self.trust_of(self.held.iter().map(|held| held.normal.scatter.noise))
     }
 
     /// The same for hypotheses of another kind, the reading axis and the tempo: parallax that is left says something of
     /// them, but less the more there is of it.
     pub fn trust_in_evidence(&self) -> f64 {
-        let left = self.trust_of(self.left.iter().map(|left| left.sigma * left.sigma));
+        let left = self.trust_of(self.held.iter().map(|held| held.left.sigma * held.left.sigma));
         (self.trust() * left).sqrt()
     }
 
@@ -410,9 +402,10 @@ impl Solver {
     /// go with what they do to the picture. With the correlation ρ an error of n coordinates, of variance σ² each, adds
     /// ρ²·n·σ² to the σ² that chance is worth.
     fn conspiracy(&self) -> f64 {
-        let left =
-            |normal: &Normal| normal.independent * (1.0 - self.noise * self.noise / normal.scatter.noise);
-        1.0 + CONSPIRACY.powi(2) * self.normals.iter().map(left).sum::<f64>()
+        let left = |Held { normal, .. }: &Held| {
+            normal.independent * (1.0 - self.noise * self.noise / normal.scatter.noise)
+        };
+        1.0 + CONSPIRACY.powi(2) * self.held.iter().map(left).sum::<f64>()
     }
 
     /// Adds what the window says of γ and κ to the beliefs; `share` of it is new.

@@ -16,6 +16,7 @@ use crate::readout::{Readout, ReadoutDirection};
 use crate::solve::layer::{Layer, Neighbour};
 use crate::solve::shutter::{ShutterEstimator, Verdict};
 use nalgebra::{Matrix3, Vector2};
+use rayon::prelude::*;
 use std::collections::VecDeque;
 
 /// Frames before the one that is settled that are remembered.
@@ -257,12 +258,13 @@ impl Continuous {
         let stretch = Stretch { pairs: &pairs, past };
         let starts = past == 0 || !self.continues;
         let longest = stretch.usual_interval();
-        for hypothesis in &mut self.hypotheses {
-            if !self.camera.is_known() {
+        let is_known = self.camera.is_known();
+        self.hypotheses.par_iter_mut().for_each(|hypothesis| {
+            if !is_known {
                 hypothesis.solver.limits[0] = hypothesis.signs.map(|sign| sign * longest);
             }
             hypothesis.settle(stretch, starts);
-        }
+        });
         weigh(&mut self.hypotheses, stretch);
         choose(&mut self.hypotheses);
         self.continues = !pairs.is_empty();
@@ -396,7 +398,7 @@ fn weigh(hypotheses: &mut [Hypothesis], stretch: Stretch<'_>) {
     if hypotheses.len() < 2 || hypotheses.iter().any(|hypothesis| hypothesis.knows_little(stretch)) {
         return;
     }
-    let evidence: Option<Vec<f64>> = hypotheses.iter_mut().map(|h| h.evidence(stretch)).collect();
+    let evidence: Option<Vec<f64>> = hypotheses.par_iter_mut().map(|h| h.evidence(stretch)).collect();
     let trust =
         hypotheses.iter().map(|h| h.solver.trust_in_evidence() * h.worth(stretch)).fold(0.0, f64::max);
     for (hypothesis, evidence) in hypotheses.iter_mut().zip(evidence.into_iter().flatten()) {

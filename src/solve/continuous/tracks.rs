@@ -112,25 +112,25 @@ impl Scatter {
         now.residual.norm_squared() - both.explained(self) + known.explained(self)
     }
 
-    fn covariance(&self, a: &Leg, b: &Leg) -> Matrix2<f64> {
-        a.parallax * b.parallax.transpose() * self.depths
+    /// (τ²·w·wᵀ + σ²·I)⁻¹ by Sherman and Morrison's formula.
+    fn inverse(&self, depths: f64, parallax: Vector2<f64>) -> Matrix2<f64> {
+        let part = depths / (self.noise + depths * parallax.norm_squared());
+        (Matrix2::identity() - parallax * parallax.transpose() * part) / self.noise
     }
 
     /// What is new in a residual, given the one before.
     pub fn innovation(&self, now: &Leg, before: Option<&Leg>) -> Innovation {
-        let inverse = |matrix: Matrix2<f64>| matrix.try_inverse().unwrap_or_else(Matrix2::zeros);
-        let noise = Matrix2::identity() * self.noise;
-        let own = self.covariance(now, now) + noise;
         // C⁻¹·r by blocks: `new` the part of this residual, `old` that of the one before.
         let (error, share, weight, old) = match before.filter(|_| self.depths > 0.0) {
-            None => (now.residual, Matrix2::zeros(), inverse(own), 0.0),
+            None => (now.residual, Matrix2::zeros(), self.inverse(self.depths, now.parallax), 0.0),
             Some(before) => {
-                let across = self.covariance(now, before);
-                let known = inverse(self.covariance(before, before) + noise);
-                let share = across * known;
-                let weight = inverse(own - share * across.transpose());
+                // τ²·wⱼᵀ·Cⱼⱼ⁻¹ = part·wⱼᵀ, and V = τ²·(1 − part·|wⱼ|²)·wᵢ·wᵢᵀ + σ²·I.
+                let part = self.depths / (self.noise + self.depths * before.parallax.norm_squared());
+                let share = now.parallax * before.parallax.transpose() * part;
+                let weight = self.inverse(self.noise * part, now.parallax);
                 let error = now.residual - share * before.residual;
-                let old = known * before.residual - share.transpose() * (weight * error);
+                let known = self.inverse(self.depths, before.parallax) * before.residual;
+                let old = known - share.transpose() * (weight * error);
                 (error, share, weight, before.parallax.dot(&old))
             }
         };
