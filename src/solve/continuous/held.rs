@@ -75,3 +75,97 @@ impl Held {
         self.base = path.base;
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::flow::Flow;
+    use super::super::pair::Reading;
+    use super::super::path::{BLOCK, ratio};
+    use super::*;
+    use crate::correspond::Correspondence;
+    use crate::motion::generators::GENERATORS;
+
+    const RADIUS: f64 = 320.0;
+
+    /// A path over 9 blocks that goes to and fro by this many pixels, the same for the same instants.
+    fn path(base: i64, pixels: f64) -> SplinePath {
+        let mut path = SplinePath { base, coefficients: vec![0.0; 9 * BLOCK], kappa: 0.3 };
+        for j in 0..GENERATORS {
+            for knot in path.knots(j) {
+                let place = path.place(j, knot) as usize;
+                path.coefficients[place] = pixels * (knot as f64 / ratio(j) as f64 + j as f64).sin();
+            }
+        }
+        path
+    }
+
+    /// A hundred points that move by up to two pixels.
+    fn pair(stamp: f64) -> Pair {
+        let found: Vec<Correspondence> = (0..100)
+            .map(|k| {
+                let from = Vector2::new(-300.0 + 60.0 * (k % 10) as f64, -225.0 + 45.0 * (k / 10) as f64);
+                let phase = k as f64 + stamp;
+                let to = from + Vector2::new((1.7 * phase).sin(), (2.9 * phase).cos()) * 2.0;
+                Correspondence { from, to, texture: 1.0, residual: 0.0 }
+            })
+            .collect();
+        Pair::new(&found, Vector2::zeros(), RADIUS, [stamp, stamp + 1.0]).unwrap()
+    }
+
+    fn hold_against(held: &mut Vec<Held>, pairs: &[&Pair], path: &SplinePath) {
+        let mut flow = Flow::default();
+        flow.follow(path, [path.base as f64, path.base as f64 + 6.0], RADIUS);
+        let reading = Reading { by_rows: true, length: 1.5 };
+        hold(
+            held,
+            pairs,
+            &View { path, flow: &flow, reading, tempo: 1.0, readout: 0.7, radius: RADIUS, noise: 0.1 },
+        );
+    }
+
+    /// Place and value of all entries of a pair's matrix, and what is left of the pair.
+    fn sums(held: &Held) -> (Vec<usize>, Vec<f64>, f64) {
+        let equations = &held.normal.equations;
+        let size = equations.places.len();
+        let entries = (0..size * size).map(|k| equations.entry(k / size, k % size)).collect();
+        (equations.places.clone(), entries, held.left.sigma)
+    }
+
+    fn assert_same(held: &[Held], fresh: &[Held]) {
+        assert_eq!(held.len(), fresh.len());
+        for (held, fresh) in held.iter().map(sums).zip(fresh.iter().map(sums)) {
+            assert_eq!(held.0, fresh.0);
+            let largest = fresh.1.iter().fold(0.0, |most: f64, value| most.max(value.abs()));
+            assert!(
+                held.1.iter().zip(&fresh.1).all(|(a, b)| (a - b).abs() < 1e-9 * largest) && largest > 0.0
+            );
+            assert!((held.2 - fresh.2).abs() < 1e-9);
+        }
+    }
+
+    #[test]
+    fn the_next_window_finds_what_the_one_before_left() {
+        let pairs: Vec<Pair> = [0.0, 1.0, 2.0, 3.0, 4.0].map(pair).into();
+        let windows: [Vec<&Pair>; 2] = [pairs[..4].iter().collect(), pairs[1..].iter().collect()];
+        let (mut held, mut fresh) = (Vec::new(), Vec::new());
+        hold_against(&mut held, &windows[0], &path(-1, 2.0));
+        hold_against(&mut held, &windows[1], &path(0, 2.0));
+        hold_against(&mut fresh, &windows[1], &path(0, 2.0));
+        assert_same(&held, &fresh);
+    }
+
+    #[test]
+    fn nothing_is_done_again_before_the_path_changes() {
+        let pairs: Vec<Pair> = [0.0, 1.0, 2.0].map(pair).into();
+        let pairs: Vec<&Pair> = pairs.iter().collect();
+        let (mut held, mut fresh) = (Vec::new(), Vec::new());
+        hold_against(&mut held, &pairs, &path(-1, 2.0));
+        hold_against(&mut fresh, &pairs, &path(-1, 5.0));
+        let before: Vec<_> = held.iter().map(sums).collect();
+        hold_against(&mut held, &pairs, &path(-1, 5.0));
+        assert_eq!(held.iter().map(sums).collect::<Vec<_>>(), before);
+        forget(&mut held);
+        hold_against(&mut held, &pairs, &path(-1, 5.0));
+        assert_same(&held, &fresh);
+    }
+}
