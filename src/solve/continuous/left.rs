@@ -20,6 +20,8 @@ pub(super) struct View<'a> {
     pub radius: f64,
     /// Least standard deviation of a coordinate in pixels.
     pub noise: f64,
+    /// Whether what goes its own way in the pair is left out.
+    pub scene_alone: bool,
 }
 
 /// A match as the path sees it.
@@ -71,10 +73,11 @@ impl View<'_> {
     /// Follows the path along a pair, and along the tracks that it continues if that is wanted.
     pub fn left(&self, pair: &Pair, tracks: bool, out: &mut Left) {
         out.legs.clear();
-        out.legs.extend(pair.matches.iter().map(|m| self.leg(pair.stamps, m)));
         out.before.clear();
-        let tracks = pair.tracks.iter().map(|track| track.filter(|_| tracks));
-        out.before.extend(tracks.map(|track| track.map(|track| self.leg(track.stamps, &track.before))));
+        for (m, track) in pair.followed(self.scene_alone) {
+            out.legs.push(self.leg(pair.stamps, m));
+            out.before.push(track.filter(|_| tracks).map(|track| self.leg(track.stamps, &track.before)));
+        }
         out.squares.clear();
         out.squares.extend(out.legs.iter().map(|leg| leg.residual.norm_squared()));
         let variance = (median(&mut out.squares) * MEDIAN_TO_VARIANCE).max(self.noise * self.noise);
