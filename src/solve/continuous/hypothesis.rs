@@ -158,8 +158,7 @@ impl Hypothesis {
         };
         self.try_tempo(stretch);
         if settled {
-            let seen = stretch.of_tempo(self.solver.tempo);
-            self.solver.remember(self.worth(stretch) / seen.pairs.len() as f64);
+            self.remember(stretch);
         }
     }
 
@@ -224,13 +223,22 @@ impl Hypothesis {
     fn turned(&self, stretch: Stretch<'_>) -> Self {
         let mut other = self.clone();
         other.solver.scene_alone = !self.solver.scene_alone;
-        if self.solver.readout_deviation() > VAGUE {
-            other.seek(stretch);
+        let settled = if self.solver.readout_deviation() > VAGUE {
+            other.seek(stretch)
         } else {
             other.solver.restart();
-            iterate(&mut other.solver, stretch, STEPS[0]);
+            iterate(&mut other.solver, stretch, STEPS[0])
+        };
+        if settled {
+            other.remember(stretch);
         }
         other
+    }
+
+    /// Adds what a stretch says to the beliefs, as far as it is worth anything, once for each of its pairs.
+    fn remember(&mut self, stretch: Stretch<'_>) {
+        let seen = stretch.of_tempo(self.solver.tempo);
+        self.solver.remember(self.worth(stretch) / seen.pairs.len() as f64);
     }
 
     /// Goes over to another tempo where that is worth it.
