@@ -20,6 +20,7 @@ struct Seen {
     kappa: f64,
     /// Whether the path reaches to the pair before.
     tracks: bool,
+    scene_alone: bool,
 }
 
 /// A pair that was held against the path.
@@ -46,6 +47,7 @@ pub(super) fn hold(held: &mut Vec<Held>, pairs: &[&Pair], view: &View<'_>) {
         readout: view.readout,
         kappa: view.path.kappa,
         tracks: index > 0,
+        scene_alone: view.scene_alone,
     };
     let wanted: Vec<Seen> = pairs.iter().enumerate().map(wanted).collect();
     held.iter_mut().for_each(|held| held.move_to(view.path));
@@ -109,7 +111,7 @@ mod tests {
                 Correspondence { from, to, texture: 1.0, residual: 0.0 }
             })
             .collect();
-        Pair::new(&found, Vector2::zeros(), RADIUS, [stamp, stamp + 1.0]).unwrap()
+        Pair::new(&found, Vector2::zeros(), RADIUS, [stamp, stamp + 1.0], None).unwrap()
     }
 
     fn hold_against(held: &mut Vec<Held>, pairs: &[&Pair], path: &SplinePath) {
@@ -119,7 +121,16 @@ mod tests {
         hold(
             held,
             pairs,
-            &View { path, flow: &flow, reading, tempo: 1.0, readout: 0.7, radius: RADIUS, noise: 0.1 },
+            &View {
+                path,
+                flow: &flow,
+                reading,
+                tempo: 1.0,
+                readout: 0.7,
+                radius: RADIUS,
+                noise: 0.1,
+                scene_alone: false,
+            },
         );
     }
 

@@ -32,9 +32,16 @@ const FEWEST_PAIRS: usize = 4;
 /// A readout ratio that is known worse than this may be anything.
 const VAGUE: f64 = 0.2;
 /// Frames from one trial of another tempo to the next.
-const TRIAL: usize = 15;
+pub(super) const TRIAL: usize = 15;
 /// Pairs before the frame on which another tempo is tried.
 const TRIAL_PAST: usize = 8;
+
+/// Where more than this share of the matches goes its own way, a path for the rest is tried,
+const APART: f64 = 0.1;
+/// unless the path for everything leaves residuals that are the tracker's to this degree.
+const TRUSTED: f64 = 0.5;
+/// A path for the rest is worth what it does not see where it is trusted by this factor more.
+const PREFERRED: f64 = 2.0;
 
 /// Bands of lines in which matches are looked for.
 const LINES: usize = 16;
@@ -69,6 +76,12 @@ impl<'a> Stretch<'a> {
     pub fn moved(self) -> f64 {
         let beside = self.beside().filter_map(|index| self.pairs.get(index));
         beside.map(|pair| pair.moved()).fold(0.0, f64::max)
+    }
+
+    /// Share of the matches that go their own way at the frame.
+    pub fn apart(self) -> f64 {
+        let beside = self.beside().filter_map(|index| self.pairs.get(index));
+        beside.map(|pair| pair.apart()).fold(0.0, f64::max)
     }
 
     /// Index of the pair that the frame begins; without lookahead, of the one that it ends.
@@ -145,8 +158,7 @@ impl Hypothesis {
         };
         self.try_tempo(stretch);
         if settled {
-            let seen = stretch.of_tempo(self.solver.tempo);
-            self.solver.remember(self.worth(stretch) / seen.pairs.len() as f64);
+            self.remember(stretch);
         }
     }
 
@@ -207,6 +219,28 @@ impl Hypothesis {
         self.rests && tried.all(|(other, solver)| !apart(&solver) || evidence - other > TOLD)
     }
 
+    /// The same for a path that stands for the scene alone, or again for everything.
+    fn turned(&self, stretch: Stretch<'_>) -> Self {
+        let mut other = self.clone();
+        other.solver.scene_alone = !self.solver.scene_alone;
+        let settled = if self.solver.readout_deviation() > VAGUE {
+            other.seek(stretch)
+        } else {
+            other.solver.restart();
+            iterate(&mut other.solver, stretch, STEPS[0])
+        };
+        if settled {
+            other.remember(stretch);
+        }
+        other
+    }
+
+    /// Adds what a stretch says to the beliefs, as far as it is worth anything, once for each of its pairs.
+    fn remember(&mut self, stretch: Stretch<'_>) {
+        let seen = stretch.of_tempo(self.solver.tempo);
+        self.solver.remember(self.worth(stretch) / seen.pairs.len() as f64);
+    }
+
     /// Goes over to another tempo where that is worth it.
     fn try_tempo(&mut self, stretch: Stretch<'_>) {
         self.since_trial += 1;
@@ -240,6 +274,26 @@ impl Hypothesis {
             iterate(&mut other, stretch, STEPS[0]);
             self.solver = other;
         }
+    }
+}
+
+/// Lets the paths stand for the scene alone where what moves on its own leaves no other one with little that is new in
+/// it, and for everything again where one for everything does as well.
+pub(super) fn try_scene(hypotheses: &mut Vec<Hypothesis>, stretch: Stretch<'_>, since: &mut usize) {
+    *since += 1;
+    let Some(alone) = hypotheses.first().map(|hypothesis| hypothesis.solver.scene_alone) else { return };
+    let trust = |all: &[Hypothesis]| all.iter().map(|one| one.solver.trust()).fold(0.0, f64::max);
+    let knows_little = hypotheses.iter().any(|hypothesis| hypothesis.knows_little(stretch));
+    let in_doubt = alone || (trust(hypotheses) < TRUSTED && stretch.apart() > APART);
+    if *since < TRIAL || knows_little || !in_doubt {
+        return;
+    }
+    *since = 0;
+    let others: Vec<Hypothesis> = hypotheses.iter().map(|hypothesis| hypothesis.turned(stretch)).collect();
+    let [own, other] = [trust(hypotheses), trust(&others)];
+    let goes_over = if alone { PREFERRED * other > own } else { other > PREFERRED * own };
+    if goes_over {
+        *hypotheses = others;
     }
 }
 

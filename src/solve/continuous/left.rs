@@ -24,6 +24,8 @@ pub(super) struct View<'a> {
     pub radius: f64,
     /// Least standard deviation of a coordinate in pixels.
     pub noise: f64,
+    /// Whether what goes its own way in the pair is left out.
+    pub scene_alone: bool,
 }
 
 /// A match as the path sees it.
@@ -90,7 +92,8 @@ impl View<'_> {
     /// from its noise.
     pub fn left(&self, pair: &Pair, tracks: bool, out: &mut Left) {
         out.legs.clear();
-        out.legs.extend(pair.matches.iter().filter_map(|m| self.leg(pair.stamps, m)));
+        let followed = || pair.followed(self.scene_alone);
+        out.legs.extend(followed().filter_map(|(m, _)| self.leg(pair.stamps, m)));
         out.squares.clear();
         out.squares.extend(out.legs.iter().map(|leg| leg.residual.norm_squared()));
         let least = self.noise * self.noise;
@@ -98,7 +101,7 @@ impl View<'_> {
         out.sigma = variance.sqrt();
         let near = out.squares.iter().filter(|square| **square < 2.0 * 9.0 * variance).count();
         out.inliers = near * pair.count() / pair.matches.len().max(1);
-        let tracks = pair.tracks.iter().map(|track| track.as_ref().filter(|_| tracks));
+        let tracks = followed().map(|(_, track)| track.filter(|_| tracks));
         out.parallax = tracks::parallax(out.legs.iter().zip(tracks), variance - least, &mut out.squares);
         if out.parallax.is_some() {
             self.legs_before(pair, out);
@@ -112,6 +115,6 @@ impl View<'_> {
     pub fn legs_before(&self, pair: &Pair, out: &mut Left) {
         let leg = |track: &Track| self.leg(track.stamps, &track.before);
         out.before.clear();
-        out.before.extend(pair.tracks.iter().map(|track| track.as_ref().and_then(leg)));
+        out.before.extend(pair.followed(self.scene_alone).map(|(_, track)| track.and_then(leg)));
     }
 }

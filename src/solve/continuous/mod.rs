@@ -6,6 +6,7 @@
 //! | `path` | one spline for each generator of the homographies, 17 coefficients a block |
 //! | `flow` | path → where points go: the homographies that its velocities add up to |
 //! | `pair` | correspondences of two frames, and the tracks that they continue |
+//! | `dominant` | which of them move as most of the picture does |
 //! | `left` | what a path leaves of them |
 //! | `tracks` | what is new in a residual, given the one of the same point in the pair before |
 //! | `normal` | what a pair says of the path, γ and κ: normal equations |
@@ -32,6 +33,7 @@
 
 mod banded;
 mod camera;
+mod dominant;
 mod equations;
 mod flow;
 mod held;

@@ -49,6 +49,7 @@ impl Setting {
             readout: self.readout,
             radius: RADIUS,
             noise: NOISE,
+            scene_alone: false,
         })
     }
 
@@ -81,7 +82,7 @@ impl Setting {
         let found: Vec<Correspondence> = from
             .map(|from| Correspondence { from: pixel(from), to: pixel(from), texture: 1.0, residual: 0.0 })
             .collect();
-        let mut pair = Pair::new(&found, Vector2::zeros(), RADIUS, [0.2, 1.2]).unwrap();
+        let mut pair = Pair::new(&found, Vector2::zeros(), RADIUS, [0.2, 1.2], None).unwrap();
         self.view(|view| {
             for (k, m) in pair.matches.clone().iter().enumerate() {
                 let off = Vector2::new((k as f64 * 1.7).sin(), (k as f64 * 2.9).cos()) * (most / RADIUS);
@@ -215,7 +216,7 @@ fn the_normal_equations_of_tracks_are_those_of_what_is_new() {
                 let [start, end] = view.times(stamps, &before);
                 before.from = view.flow.carry(to, end, start);
             }
-            pair.tracks[index] = Some(Track { before, stamps });
+            pair.tracks[index] = Some(Track { before, stamps, is_scene: true });
         }
     });
     let (mut left, mut normal) = setting.sums(&pair);
@@ -282,7 +283,7 @@ fn thinned_out_matches_are_counted_all_the_same() {
         let found = |k| Correspondence { from: at(k), to: at(k), texture: 1.0, residual: 0.0 };
         (0..count).map(found).collect()
     };
-    let pair = |count| Pair::new(&found(count), Vector2::new(319.5, 239.5), RADIUS, [0.0, 1.0]);
+    let pair = |count| Pair::new(&found(count), Vector2::new(319.5, 239.5), RADIUS, [0.0, 1.0], None);
     assert!(pair(15).is_none() && pair(16).is_some());
     let many = pair(1600).unwrap();
     assert_eq!((many.matches.len(), many.count()), (400, 1600));

@@ -1,5 +1,6 @@
 //! One pair of frames: its correspondences, and the tracks that they continue.
 
+use super::dominant::Dominant;
 use crate::correspond::Correspondence;
 use nalgebra::Vector2;
 
@@ -46,27 +47,33 @@ pub(super) struct Track {
     pub before: Match,
     /// Timestamps of that pair in frame periods.
     pub stamps: [f64; 2],
+    /// Whether it shared the motion of most of them.
+    pub is_scene: bool,
 }
 
 /// Correspondences of a pair and the timestamps of its frames in frame periods.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug)]
 pub(super) struct Pair {
     pub matches: Vec<Match>,
     /// The track that each of them continues, where there is one.
     pub tracks: Vec<Option<Track>>,
+    /// Which of them share the motion of most.
+    pub scene: Vec<bool>,
     pub stamps: [f64; 2],
+    dominant: Dominant,
     /// Before they were thinned out, by the height at which they arrive.
     found: Vec<Match>,
 }
 
 impl Pair {
-    /// Takes the correspondences (pixels) of a pair; `None` where there are too few to say anything or
-    /// the frames are too far apart.
+    /// Takes the correspondences (pixels) of a pair that follows another one, if any; `None` where there are too few to
+    /// say anything or the frames are too far apart.
     pub fn new(
         found: &[Correspondence],
         centre: Vector2<f64>,
         radius: f64,
         stamps: [f64; 2],
+        before: Option<&Self>,
     ) -> Option<Self> {
         let [first, second] = stamps;
         let is_near = (second - first).abs() <= LONGEST && first.abs() < LATEST;
@@ -78,21 +85,40 @@ impl Pair {
             return None;
         }
         let matches: Vec<Match> = found.iter().copied().step_by(found.len().div_ceil(MOST_MATCHES)).collect();
+        let tracks = before.map_or_else(|| vec![None; matches.len()], |before| before.continued(&matches));
+        let votes: Vec<bool> = tracks.iter().map(|track| track.as_ref().is_none_or(|t| t.is_scene)).collect();
+        let dominant = Dominant::of(&matches, &votes);
+        let scene = matches.iter().map(|m| dominant.holds(m)).collect();
         found.sort_by(|a, b| a.to.y.total_cmp(&b.to.y));
-        Some(Self { tracks: vec![None; matches.len()], matches, stamps, found })
+        Some(Self { tracks, matches, scene, stamps, dominant, found })
     }
 
-    /// Joins the matches to those of the pair before: to the nearest that arrives where they set out.
-    pub fn follow(&mut self, before: &Self) {
-        let reach = REACH * before.spacing();
+    /// The tracks that matches of the next pair continue: to each the nearest that arrives where it sets out.
+    fn continued(&self, next: &[Match]) -> Vec<Option<Track>> {
+        let reach = REACH * self.spacing();
         let nearest = |from: Vector2<f64>| {
-            let first = before.found.partition_point(|m| m.to.y < from.y - reach);
-            let near = before.found.iter().skip(first).take_while(|m| m.to.y <= from.y + reach);
+            let first = self.found.partition_point(|m| m.to.y < from.y - reach);
+            let near = self.found.iter().skip(first).take_while(|m| m.to.y <= from.y + reach);
             let distances = near.map(|m| (m, (m.to - from).norm_squared()));
             let (m, distance) = distances.min_by(|a, b| a.1.total_cmp(&b.1))?;
-            (distance < reach * reach).then_some(Track { before: *m, stamps: before.stamps })
+            let track = Track { before: *m, stamps: self.stamps, is_scene: self.dominant.holds(m) };
+            (distance < reach * reach).then_some(track)
         };
-        self.tracks = self.matches.iter().map(|m| nearest(m.from)).collect();
+        next.iter().map(|m| nearest(m.from)).collect()
+    }
+
+    /// The matches, each with the track that it continues; of the scene alone, those that share the motion of most, and
+    /// shared it before.
+    pub fn followed(&self, scene_alone: bool) -> impl Iterator<Item = (&Match, Option<&Track>)> {
+        let all = self.matches.iter().zip(&self.tracks).zip(&self.scene);
+        let chosen = all.filter(move |(_, is_scene)| !scene_alone || **is_scene);
+        chosen.map(move |((m, track), _)| (m, track.as_ref().filter(|track| !scene_alone || track.is_scene)))
+    }
+
+    /// Share of the matches that go their own way.
+    pub fn apart(&self) -> f64 {
+        let apart = self.scene.iter().filter(|is_scene| !**is_scene).count();
+        apart as f64 / self.scene.len().max(1) as f64
     }
 
     /// How far the points that were found are apart where they arrive.
@@ -129,7 +155,7 @@ mod tests {
     use super::*;
 
     /// A row of points ten pixels apart that move down by 100.
-    fn row(first: [f64; 2], stamps: [f64; 2]) -> Pair {
+    fn row(first: [f64; 2], stamps: [f64; 2], before: Option<&Pair>) -> Pair {
         let at = |k: usize| Vector2::new(first[0] + 10.0 * (k % 5) as f64, first[1] + 10.0 * (k / 5) as f64);
         let found: Vec<Correspondence> = (0..20)
             .map(|k| {
@@ -137,15 +163,14 @@ mod tests {
                 Correspondence { from: at(k), to, texture: 1.0, residual: 0.0 }
             })
             .collect();
-        Pair::new(&found, Vector2::zeros(), 10.0, stamps).unwrap()
+        Pair::new(&found, Vector2::zeros(), 10.0, stamps, before).unwrap()
     }
 
     #[test]
     fn a_match_continues_the_nearest_that_arrives_where_it_sets_out() {
-        let before = row([0.0, 0.0], [0.0, 1.0]);
+        let before = row([0.0, 0.0], [0.0, 1.0], None);
         // Two and three pixels beside where the points arrive, the last column and row beyond them.
-        let mut now = row([12.0, 113.0], [1.0, 2.0]);
-        now.follow(&before);
+        let now = row([12.0, 113.0], [1.0, 2.0], Some(&before));
         for (m, track) in now.matches.iter().zip(&now.tracks) {
             let arrived = (m.from - Vector2::new(0.2, 0.3)).map(|coordinate| coordinate.round());
             let is_there = arrived.x <= 4.0 && arrived.y <= 13.0;
@@ -154,7 +179,7 @@ mod tests {
                 assert!((track.before.to - arrived).norm() < 1e-9 && track.stamps == [0.0, 1.0], "{track:?}");
             }
         }
-        now.follow(&row([900.0, 0.0], [0.0, 1.0]));
-        assert!(now.tracks.iter().all(Option::is_none));
+        let far = row([900.0, 0.0], [0.0, 1.0], None);
+        assert!(row([12.0, 113.0], [1.0, 2.0], Some(&far)).tracks.iter().all(Option::is_none));
     }
 }

@@ -83,6 +83,8 @@ pub(super) struct Solver {
     pub radius: f64,
     /// Least standard deviation of a coordinate in pixels.
     pub noise: f64,
+    /// Whether the path stands for what shares the motion of most, and for nothing else.
+    pub scene_alone: bool,
     pub path: SplinePath,
     pub smoothness: Smoothness,
     /// Beliefs from all windows so far: γ, the signed readout time in frame periods, and κ.
@@ -121,6 +123,7 @@ impl Solver {
             tempo,
             radius,
             noise,
+            scene_alone: false,
             path: SplinePath::default(),
             smoothness,
             shared: beliefs.map(|belief| belief.mean),
@@ -144,6 +147,7 @@ impl Solver {
         let smoothness = self.smoothness.started(tempo.start_variance());
         let mut other =
             Self::new(self.reading, tempo, self.radius, self.noise, smoothness, self.beliefs, self.limits);
+        other.scene_alone = self.scene_alone;
         other.shared = self.shared;
         other.hint = self.hint;
         other
@@ -240,6 +244,7 @@ impl Solver {
             readout: self.shared[0],
             radius: self.radius,
             noise: self.noise,
+            scene_alone: self.scene_alone,
         };
         held::hold(&mut self.held, pairs, &view);
     }

@@ -5,7 +5,7 @@
 //! likelier one speaks. Vibrations, too fast for the usual knots, are a hypothesis within each.
 
 use super::camera::{Camera, KAPPA_LIMITS, KNOWN, READOUT_BELIEF};
-use super::hypothesis::{Hypothesis, NOTICEABLE, Stretch, breadth};
+use super::hypothesis::{Hypothesis, NOTICEABLE, Stretch, TRIAL, breadth, try_scene};
 use super::pair::{Pair, Reading};
 use super::running::Running;
 use super::smoothness::Smoothness;
@@ -104,6 +104,8 @@ pub struct Continuous {
     layer: Layer,
     /// Standard deviation of a coordinate in the last frame that was settled.
     sigma: f64,
+    /// Frames since a path for the scene alone was tried, or one for everything again.
+    since_scene: usize,
     /// Memory for correspondences.
     spare: Vec<Vec<Correspondence>>,
 }
@@ -144,13 +146,15 @@ impl Continuous {
             taken: 0,
             layer: Layer::new(width, height, pixel_scale),
             sigma: f64::INFINITY,
+            since_scene: TRIAL,
             spare: Vec::new(),
         }
     }
 
     /// Whether the path leaves so much that finer correspondences are of use.
     pub fn wants_detail(&self) -> bool {
-        self.sigma > NOTICEABLE * self.noise
+        let is_scene_alone = self.hypotheses.first().is_some_and(|hypothesis| hypothesis.solver.scene_alone);
+        is_scene_alone || self.sigma > NOTICEABLE * self.noise
     }
 
     /// Adds the next frame at `time` seconds, `period` the nominal frame period, with its
@@ -162,10 +166,8 @@ impl Continuous {
         let mut latest = self.frames.iter_mut().rev();
         let (last, before) = (latest.next(), latest.next());
         if let (Some(last), Some(found)) = (last, found) {
-            last.to_next = Pair::new(found.grid, centre, radius, [last.stamp, stamp]);
-            if let (Some(pair), Some(before)) = (&mut last.to_next, before.and_then(|e| e.to_next.as_ref())) {
-                pair.follow(before);
-            }
+            let before = before.and_then(|entry| entry.to_next.as_ref());
+            last.to_next = Pair::new(found.grid, centre, radius, [last.stamp, stamp], before);
             last.detail.extend_from_slice(found.grid);
             last.detail.extend_from_slice(found.fine);
             let is_broad = |pair: &Pair| {
@@ -265,6 +267,7 @@ impl Continuous {
             }
             hypothesis.settle(stretch, starts);
         });
+        try_scene(&mut self.hypotheses, stretch, &mut self.since_scene);
         weigh(&mut self.hypotheses, stretch);
         choose(&mut self.hypotheses);
         self.continues = !pairs.is_empty();

@@ -48,15 +48,17 @@ pub(super) struct Innovation {
 /// Usual square of what the generators other than the turns move a coordinate of matches with a track by, in px². `None`
 /// where few tracks are known, where the residuals leave nothing beyond noise (`excess`, px²), or more than parallax can.
 pub(super) fn parallax<'a, T>(
-    legs: impl ExactSizeIterator<Item = (&'a Leg, Option<T>)>,
+    legs: impl Iterator<Item = (&'a Leg, Option<T>)>,
     excess: f64,
     squares: &mut Vec<f64>,
 ) -> Option<f64> {
-    let count = legs.len();
-    squares.clear();
-    if excess > 0.0 {
-        squares.extend(legs.filter_map(|(leg, track)| track.map(|_| leg.parallax.norm_squared())));
+    if excess <= 0.0 {
+        return None;
     }
+    let mut count = 0;
+    let linked = legs.inspect(|_| count += 1).filter_map(|(leg, track)| track.map(|_| leg));
+    squares.clear();
+    squares.extend(linked.map(|leg| leg.parallax.norm_squared()));
     let known = 2 * squares.len() >= count && !squares.is_empty();
     let parallax = (median(squares) / 2.0).max(f64::MIN_POSITIVE);
     (known && excess <= PLAUSIBLE * DEPTHS * DEPTHS * parallax).then_some(parallax)
