@@ -31,13 +31,16 @@ const READOUTS: [f64; 4] = [0.9, 0.5, -0.5, -0.9];
 const FEWEST_PAIRS: usize = 4;
 /// A readout ratio that is known worse than this may be anything.
 const VAGUE: f64 = 0.2;
-/// Frames from one trial of another tempo to the next.
+/// A readout ratio that is known as well as this, or that is so many deviations from none, may be relied upon.
+const WELL_KNOWN: f64 = 0.02;
+const EVIDENT: f64 = 4.0;
+/// Frames from one trial of another tempo, or search for the readout, to the next.
 pub(super) const TRIAL: usize = 15;
 /// Pairs before the frame on which another tempo is tried.
 const TRIAL_PAST: usize = 8;
 
 /// Where more than this share of the matches goes its own way, a path for the rest is tried,
-const APART: f64 = 0.1;
+const APART: f64 = 0.25;
 /// unless the path for everything leaves residuals that are the tracker's to this degree.
 const TRUSTED: f64 = 0.5;
 /// A path for the rest is worth what it does not see where it is trusted by this factor more.
@@ -111,8 +114,8 @@ pub(super) struct Hypothesis {
     pub rough: f64,
     /// Frames since another tempo was tried.
     since_trial: usize,
-    /// Whether γ was sought from several starts.
-    sought: bool,
+    /// Frames since γ was sought from several starts.
+    since_sought: usize,
     /// Whether γ has come to rest since.
     rests: bool,
 }
@@ -127,7 +130,7 @@ impl Hypothesis {
             score: 0.0,
             rough: 0.0,
             since_trial: TRIAL,
-            sought: false,
+            since_sought: TRIAL,
             rests: true,
         }
     }
@@ -135,6 +138,12 @@ impl Hypothesis {
     /// Logarithm of the likelihood, up to a constant.
     pub fn likelihood(&self) -> f64 {
         self.score + self.rough
+    }
+
+    /// Whether γ is known, be it that there is none.
+    pub fn knows_readout(&self) -> bool {
+        let deviation = self.solver.readout_deviation();
+        deviation < WELL_KNOWN || self.solver.shared[0].abs() > EVIDENT * deviation
     }
 
     /// Fits the path to a stretch.
@@ -149,7 +158,9 @@ impl Hypothesis {
             iterate(&mut self.solver, stretch, STEPS[usize::from(!starts)]);
             return;
         }
-        let settled = if !self.sought && self.solver.readout_deviation() > VAGUE && self.moves(stretch) {
+        self.since_sought += 1;
+        let is_due = self.since_sought >= TRIAL && self.solver.readout_deviation() > VAGUE;
+        let settled = if is_due && self.moves(stretch) {
             self.seek(stretch)
         } else {
             let rests = iterate(&mut self.solver, stretch, STEPS[usize::from(!starts && self.rests)]);
@@ -197,7 +208,7 @@ impl Hypothesis {
     /// Fits the path from several readout ratios and goes on from the likeliest; whether γ came to rest where no other
     /// one is nearly as likely. Later windows go on where it did not.
     fn seek(&mut self, stretch: Stretch<'_>) -> bool {
-        self.sought = true;
+        self.since_sought = 0;
         let pairs = stretch.of_tempo(self.solver.tempo).pairs;
         let [low, high] = self.solver.limits[0];
         let ends = ENDS.into_iter().filter(|end| (low..=high).contains(end));

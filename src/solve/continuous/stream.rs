@@ -409,12 +409,19 @@ fn weigh(hypotheses: &mut [Hypothesis], stretch: Stretch<'_>) {
     }
 }
 
-/// Puts the likelier axis first and gives up one that is far less likely.
+/// Puts the likelier axis first and gives up one that is far less likely, once the first knows its γ: until then it may
+/// have fared well for another reason, and the other one badly because it was not found yet.
 fn choose(hypotheses: &mut Vec<Hypothesis>) {
     let likelihood = Hypothesis::likelihood;
-    let Some(best) = hypotheses.iter().map(likelihood).max_by(f64::total_cmp) else { return };
-    hypotheses.retain(|hypothesis| likelihood(hypothesis) > best - DECISIVE);
     hypotheses.sort_by(|a, b| likelihood(b).total_cmp(&likelihood(a)));
+    let Some(first) = hypotheses.first() else { return };
+    let least = likelihood(first) - DECISIVE;
+    if first.knows_readout() {
+        hypotheses.retain(|hypothesis| likelihood(hypothesis) > least);
+    }
+    for hypothesis in hypotheses {
+        hypothesis.score = hypothesis.score.max(least - hypothesis.rough);
+    }
 }
 
 #[cfg(test)]
