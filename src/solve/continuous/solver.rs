@@ -10,7 +10,7 @@ use super::flow::Flow;
 use super::left::{Left, View};
 use super::normal::{Normal, SHARED};
 use super::pair::{Pair, Reading};
-use super::path::{BLOCK, SplinePath};
+use super::path::SplinePath;
 use super::running::Running;
 use super::smoothness::Smoothness;
 use crate::solve::median::median;
@@ -26,6 +26,11 @@ const TRACKED: f64 = 10.0;
 const CONSPIRACY: f64 = 0.1;
 /// Estimates of γ so many deviations apart contradict each other.
 const CONTRADICTION: f64 = 4.0;
+/// Steps from knot to knot, at most, from which the next one of a vibration is told: those of one and a half frame periods,
+/// enough for eight sinusoids.
+const ORDER: usize = 16;
+/// With a readout ratio that is known worse, a path bends to imitate the shutter, and that is nothing to learn from.
+const FORESEEN: f64 = 0.03;
 /// The most that γ and κ may change at once.
 const MOST_CHANGE: f64 = 0.1;
 
@@ -34,7 +39,7 @@ const MOST_CHANGE: f64 = 0.1;
 pub(super) enum Tempo {
     /// Up to about a cycle a frame period: all that hands do.
     Calm,
-    /// Up to about three: engines, rotors, bad roads.
+    /// Up to about two and a half: engines, rotors, bad roads.
     Vibrating,
 }
 
@@ -43,16 +48,15 @@ impl Tempo {
     pub const fn blocks(self) -> f64 {
         match self {
             Self::Calm => 1.0,
-            Self::Vibrating => 3.0,
+            Self::Vibrating => 2.5,
         }
     }
 
-    /// Frames before the one that is settled whose pairs are looked at again. What repeats with every frame,
-    /// as a vibration nearly may, shows over many.
+    /// Frames before the one that is settled whose pairs are looked at again.
     pub const fn past(self) -> usize {
         match self {
             Self::Calm => 4,
-            Self::Vibrating => 24,
+            Self::Vibrating => 6,
         }
     }
 
@@ -85,6 +89,8 @@ pub(super) struct Solver {
     pub noise: f64,
     pub path: SplinePath,
     pub smoothness: Smoothness,
+    /// Whether it may learn how the turns go on, not just how much they bend.
+    pub foresees: bool,
     /// Beliefs from all windows so far: γ, the signed readout time in frame periods, and κ.
     pub beliefs: [Running; SHARED],
     /// Whether the belief in γ began anew because it was contradicted.
@@ -124,6 +130,7 @@ impl Solver {
             noise,
             path: SplinePath::default(),
             smoothness,
+            foresees: false,
             shared: beliefs.map(|belief| belief.mean),
             beliefs,
             reopened: false,
@@ -269,7 +276,8 @@ impl Solver {
         }
         self.path.coefficients.iter_mut().zip(&self.right).for_each(|(value, step)| *value += step);
         self.matrix.inverse_band(&mut self.covariance);
-        self.smoothness.learn(&self.path, &self.covariance);
+        let order = if self.is_foreseeing() { ORDER } else { 1 };
+        self.smoothness.learn(&self.path, &self.covariance, order, self.noise);
         true
     }
 
@@ -282,7 +290,7 @@ impl Solver {
     fn assemble(&mut self) -> (SMatrix<f64, SHARED, SHARED>, SVector<f64, SHARED>) {
         let size = self.path.coefficients.len();
         let widest = self.normals.iter().map(|normal| normal.size).max().unwrap_or(0);
-        self.matrix.reset(size, widest.max(3 * BLOCK).min(size).saturating_sub(1));
+        self.matrix.reset(size, widest.max(self.smoothness.band()).min(size).saturating_sub(1));
         for values in self.border.iter_mut().chain([&mut self.right]) {
             values.clear();
             values.resize(size, 0.0);
@@ -359,7 +367,7 @@ impl Solver {
         self.assemble();
         let mut prior = Banded::default();
         let size = self.path.coefficients.len();
-        prior.reset(size, (3 * BLOCK).min(size).saturating_sub(1));
+        prior.reset(size, self.smoothness.band().min(size).saturating_sub(1));
         let mut side = vec![0.0; size];
         self.smoothness.add(&self.path, &mut prior, &mut side);
         if !(self.matrix.factorise() && prior.factorise()) {
@@ -395,6 +403,12 @@ impl Solver {
     pub fn readout_deviation(&self) -> f64 {
         let information = self.beliefs[0].information() + self.hint.map_or(0.0, |(_, known)| known);
         information.sqrt().recip()
+    }
+
+    /// Whether it is learnt how the turns go on.
+    pub fn is_foreseeing(&self) -> bool {
+        let [low, high] = self.limits[0];
+        self.foresees && (low == high || self.readout_deviation() < FORESEEN)
     }
 
     /// Standard deviation of γ by this window alone.
