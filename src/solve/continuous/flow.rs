@@ -49,14 +49,19 @@ impl Instant<'_> {
         seen.xy() / seen.z
     }
 
-    /// Rates of the generators in pixels a block, to half a step.
-    pub fn rates(&self) -> &[f64; GENERATORS] {
-        &self.nodes[usize::from(self.step >= 0.5)].rates
+    /// Rates of the generators in pixels a block.
+    pub fn rates(self) -> [f64; GENERATORS] {
+        self.between(|node| &node.rates)
     }
 
     /// Paths of the generators in pixels, up to constants.
     pub fn values(self) -> [f64; GENERATORS] {
-        let [a, b] = [&self.nodes[0].values, &self.nodes[1].values];
+        self.between(|node| &node.values)
+    }
+
+    /// What lies on the line through what the two nodes have.
+    fn between(self, of: impl Fn(&Node) -> &[f64; GENERATORS]) -> [f64; GENERATORS] {
+        let [a, b] = [of(&self.nodes[0]), of(&self.nodes[1])];
         std::array::from_fn(|j| a[j] + (b[j] - a[j]) * self.step)
     }
 }
@@ -200,6 +205,19 @@ mod tests {
         let off = |[from, to]: [f64; 2], x: Vector2<f64>| flow.carry(x, from, to) - expected(x, from, to);
         let all = times.iter().flat_map(|times| POINTS.map(|x| off(*times, x.into()).norm() * RADIUS));
         all.fold(0.0, f64::max)
+    }
+
+    #[test]
+    fn rates_between_nodes_are_those_of_the_path() {
+        // A swing whose rate turns round within a block.
+        let path = path(0.3, |j, t| if j == 1 { 10.0 * (4.0 * t).sin() } else { 0.0 });
+        let mut flow = Flow::default();
+        flow.follow(&path, [0.0, 4.0], RADIUS);
+        for time in [0.3, 1.07, 2.94] {
+            let off = flow.at(time).unwrap().rates()[1] - path.rates(time)[1];
+            // A chord is off by an eighth of the step squared times the second derivative, 640.
+            assert!(off.abs() < STEP * STEP / 8.0 * 640.0, "{time}: {off}");
+        }
     }
 
     #[test]

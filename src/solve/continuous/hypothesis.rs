@@ -11,6 +11,11 @@ pub(super) const NOTICEABLE: f64 = 4.0;
 /// is far off, the splines bend to imitate the shutter, and learn to be straight again only as it comes nearer. Not all
 /// at once, for a live stream does not wait.
 const STEPS: [usize; 2] = [12, 4];
+/// The same where it is learnt how a vibration goes on: that needs more steps, and what it changes hardly shows between
+/// frames, so that none is spared.
+const FORESIGHT_STEPS: [usize; 2] = [36, 3];
+/// A path that leaves more than goes with this trust is not foreseen.
+const FORESEEABLE: f64 = 0.5;
 /// Readout ratios beside the one in hand from which a vague one is sought: the ends, as what is in between is reached.
 const ENDS: [f64; 2] = [0.9, -0.9];
 /// A readout ratio, or a tempo, is told from another where its evidence is greater by a factor of e to this power.
@@ -118,6 +123,8 @@ pub(super) struct Hypothesis {
     since_sought: usize,
     /// Whether γ has come to rest since.
     rests: bool,
+    /// Whether it was learnt in the window before how a vibration goes on.
+    foresaw: bool,
 }
 
 impl Hypothesis {
@@ -132,6 +139,7 @@ impl Hypothesis {
             since_trial: TRIAL,
             since_sought: TRIAL,
             rests: true,
+            foresaw: false,
         }
     }
 
@@ -163,7 +171,11 @@ impl Hypothesis {
         let settled = if is_due && self.moves(stretch) {
             self.seek(stretch)
         } else {
-            let rests = iterate(&mut self.solver, stretch, STEPS[usize::from(!starts && self.rests)]);
+            let foresees = self.solver.is_foreseeing();
+            let first = starts || if foresees { !self.foresaw } else { !self.rests };
+            self.foresaw = foresees;
+            let steps = most_steps(&self.solver, first);
+            let rests = iterate(&mut self.solver, stretch, steps);
             self.rests |= rests;
             rests
         };
@@ -282,7 +294,11 @@ impl Hypothesis {
         // Per pair: the two tempos look at different numbers of them.
         let pairs = short.of_tempo(Tempo::Calm).pairs.len() as f64;
         if self.solver.trust_in_evidence().max(other.trust_in_evidence()) * pairs * (others - own) > TOLD {
-            iterate(&mut other, stretch, STEPS[0]);
+            // What things of their own do is no vibration, and does not go on as one.
+            other.foresees = other.tempo == Tempo::Vibrating && other.trust_in_evidence() > FORESEEABLE;
+            let steps = most_steps(&other, true);
+            iterate(&mut other, stretch, steps);
+            self.foresaw = other.is_foreseeing();
             self.solver = other;
         }
     }
@@ -326,6 +342,12 @@ pub(super) fn breadth(pair: &Pair, reading: Reading) -> f64 {
     (4.0 * share - 1.0).clamp(0.0, 1.0)
 }
 
+/// Steps to a path, at most: the first one or a later one.
+fn most_steps(solver: &Solver, first: bool) -> usize {
+    let steps = if solver.is_foreseeing() { FORESIGHT_STEPS } else { STEPS };
+    steps[usize::from(!first)]
+}
+
 /// Steps until nothing changes any more at the frame, at most so many; whether γ came to rest.
 fn iterate(solver: &mut Solver, stretch: Stretch<'_>, steps: usize) -> bool {
     let stretch = stretch.of_tempo(solver.tempo);
@@ -340,6 +362,9 @@ fn iterate(solver: &mut Solver, stretch: Stretch<'_>, steps: usize) -> bool {
         let moved = (solver.shared[0] - before).abs();
         if change < SETTLED * solver.noise && moved < SETTLED_READOUT {
             rests = true;
+            if solver.is_foreseeing() {
+                continue;
+            }
             break;
         }
         // Robust weights may go back and forth for ever, by less than is uncertain anyway.

@@ -13,7 +13,8 @@
 //! | `sums` | what the matches of a pair that are exposed at about the same time add up to |
 //! | `equations` | the same over the coefficients of the path |
 //! | `held` | the pairs of a window with what they leave and say |
-//! | `smoothness` | the prior on second differences, its strength by MacKay's evidence |
+//! | `smoothness` | the prior on how the path goes on, its strength by MacKay's evidence |
+//! | `prediction` | how it goes on where it vibrates |
 //! | `banded` | banded Cholesky factors, and the inverse inside the band |
 //! | `running` | what was seen so far of a number that belongs to the camera |
 //! | `solver` | Gauss–Newton over a window for one reading axis and one tempo |
@@ -25,8 +26,8 @@
 //!
 //! Points are in units of the *radius*, half the frame's width, from the image centre; paths and
 //! residuals in pixels (of the full frame, at the radius); timestamps and γ, the signed readout time, in
-//! frame periods. The path's own clock counts *blocks*: one to a frame period, three where the picture
-//! vibrates. A line is exposed at t = t_k + γ·p, p its place along the reading axis from the top (left)
+//! frame periods. The path's own clock counts *blocks*: one to a frame period, two and a half where the
+//! picture vibrates. A line is exposed at t = t_k + γ·p, p its place along the reading axis from the top (left)
 //! edge; γ < 0 where the opposite edge is read first. κ = (radius/f)² stands for the focal length f.
 //!
 //! The equations, one by one, are in `docs/method.md`.
@@ -42,6 +43,7 @@ mod left;
 mod normal;
 mod pair;
 mod path;
+mod prediction;
 mod running;
 mod smoothness;
 mod solver;

@@ -7,7 +7,7 @@ use super::spline::{self, Support};
 use crate::motion::generators::{GENERATORS, TURNS};
 
 /// Knots of a turn to a block; the other generators have one.
-pub(super) const RATIO: i64 = 4;
+const RATIO: i64 = 4;
 /// Coefficients to a block.
 pub(super) const BLOCK: usize = RATIO as usize * TURNS + (GENERATORS - TURNS);
 

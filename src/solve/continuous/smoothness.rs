@@ -1,13 +1,14 @@
 //! How smooth the path is: a prior whose strength is learnt from the window.
 //!
-//! The second differences of each generator's coefficients are Gaussian with a variance of its own. It
-//! is learnt by MacKay's rule (D. J. C. MacKay, *Bayesian interpolation*, Neural Computation 4(3), 1992):
+//! The second differences of each generator's coefficients are Gaussian with a variance of its own; where the picture
+//! vibrates, it is what a turn's steps have beyond their prediction. The variance is learnt by MacKay's rule (D. J. C. MacKay, *Bayesian interpolation*, Neural Computation 4(3), 1992):
 //! variance = Σ d² / γ, where γ, the number of differences that the data determine, is their number less
 //! their share of posterior variance in the prior one. A generator that the picture does not bear out
 //! goes to nothing, and one that is needed is left free.
 
 use super::banded::Banded;
 use super::path::SplinePath;
+use super::prediction::{Moments, Prediction};
 use crate::motion::generators::{GENERATORS, TURNS};
 
 /// Variance with which the other generators start.
@@ -23,10 +24,15 @@ const RATE: f64 = 100.0;
 /// Inverse variance of the coefficients: only differences can be seen.
 const LEVEL: f64 = 1e-6;
 /// Variance of the differences of a generator that the model does not have.
-const NONE: f64 = 1e-12;
+const NONE: f64 = 1e-7;
+/// A prediction has no more than one weight to so many knots.
+const KNOTS_TO_A_WEIGHT: usize = 3;
+/// Variance of what is new in a step over that of a weight: what holds weights small.
+const HOLD: f64 = 3.0;
+/// A path that bends from knot to knot by less than so many times the noise is not predicted.
+const NOTICEABLE: f64 = 2.0;
 
-const SECOND: [f64; 3] = [1.0, -2.0, 1.0];
-const FIRST: [f64; 3] = [-1.0, 1.0, 0.0];
+const FIRST: [f64; 2] = [-1.0, 1.0];
 
 /// The prior.
 #[derive(Clone, Debug)]
@@ -34,7 +40,9 @@ pub(super) struct Smoothness {
     active: [bool; GENERATORS],
     /// Variance with which the turns start.
     turns: f64,
-    /// Variance of the second differences.
+    /// How each path goes on.
+    predictions: [Prediction; GENERATORS],
+    /// Variance of what is new in its steps.
     variance: [f64; GENERATORS],
 }
 
@@ -43,7 +51,7 @@ impl Smoothness {
     /// too large, for calm is learnt sooner than shake.
     pub fn new(active: [bool; GENERATORS], turns: f64) -> Self {
         let variance = std::array::from_fn(|j| if j < TURNS { turns } else { OTHERS_START });
-        Self { active, turns, variance }
+        Self { active, turns, predictions: std::array::from_fn(|_| Prediction::even()), variance }
     }
 
     /// The same from another start.
@@ -56,20 +64,27 @@ impl Smoothness {
         *self = Self::new(self.active, self.turns);
     }
 
-    /// Places of three coefficients in a row, for each three of a generator.
-    fn triples(path: &SplinePath, generator: usize) -> impl Iterator<Item = [usize; 3]> + '_ {
-        let knots = path.knots(generator);
-        (knots.start..knots.end - 2).filter_map(move |knot| {
-            let place = |k: i64| usize::try_from(path.place(generator, knot + k)).ok();
-            Some([place(0)?, place(1)?, place(2)?])
-        })
+    /// Places of a generator's coefficients.
+    fn places(path: &SplinePath, generator: usize) -> Vec<usize> {
+        let places = path.knots(generator).map(|knot| path.place(generator, knot));
+        places.filter_map(|place| usize::try_from(place).ok()).collect()
     }
 
-    /// Moves the columns at which the rows of a matrix begin back to where the prior needs them.
-    pub fn reach(path: &SplinePath, first: &mut [usize]) {
-        for [a, b, c] in (0..GENERATORS).flat_map(|j| Self::triples(path, j)) {
-            for row in [b, c] {
-                first[row] = first[row].min(a);
+    /// Number of steps from which a generator's next one may be told, of `order` at most; it has so many coefficients.
+    fn order(generator: usize, order: usize, coefficients: usize) -> usize {
+        if generator < TURNS { order.min(coefficients / KNOTS_TO_A_WEIGHT).max(1) } else { 1 }
+    }
+
+    /// Moves the columns at which the rows of a matrix begin back to where the prior needs them, and learning from up to
+    /// `order` steps.
+    pub fn reach(&self, path: &SplinePath, order: usize, first: &mut [usize]) {
+        for j in 0..GENERATORS {
+            let places = Self::places(path, j);
+            let order = Self::order(j, order, places.len()).max(self.predictions[j].order());
+            for linked in places.windows(order + 2) {
+                for row in &linked[1..] {
+                    first[*row] = first[*row].min(linked[0]);
+                }
             }
         }
     }
@@ -78,14 +93,15 @@ impl Smoothness {
     pub fn add(&self, path: &SplinePath, matrix: &mut Banded, right: &mut [f64]) {
         let c = &path.coefficients;
         for j in 0..GENERATORS {
-            let (second, first) = if self.active[j] { (self.variance[j], RATE) } else { (NONE, NONE) };
-            for at in Self::triples(path, j) {
-                for (difference, variance) in [(SECOND, second), (FIRST, first)] {
-                    let value: f64 = (0..3).map(|k| difference[k] * c[at[k]]).sum();
-                    for p in 0..3 {
-                        right[at[p]] -= difference[p] * value / variance;
-                        for q in 0..=p {
-                            matrix.add(at[p], at[q], difference[p] * difference[q] / variance);
+            let (news, first) = if self.active[j] { (self.variance[j], RATE) } else { (NONE, NONE) };
+            let places = Self::places(path, j);
+            for (difference, variance) in [(&self.predictions[j].error()[..], news), (&FIRST, first)] {
+                for at in places.windows(difference.len()) {
+                    let value: f64 = difference.iter().zip(at).map(|(weight, at)| weight * c[*at]).sum();
+                    for (p, one) in difference.iter().enumerate() {
+                        right[at[p]] -= one * value / variance;
+                        for (q, other) in difference[..=p].iter().enumerate() {
+                            matrix.add(at[p], at[q], one * other / variance);
                         }
                     }
                 }
@@ -96,22 +112,28 @@ impl Smoothness {
         }
     }
 
-    /// Learns from a path and the covariance of its coefficients.
-    pub fn learn(&mut self, path: &SplinePath, covariance: &Banded) {
+    /// Learns from a path and the covariance of its coefficients. A turn's next step is told from up to `order` before it,
+    /// where the path bends by more than `noise`, the tracker's deviation in pixels, may make it.
+    pub fn learn(&mut self, path: &SplinePath, covariance: &Banded, order: usize, noise: f64) {
         for j in (0..GENERATORS).filter(|j| self.active[*j]) {
-            let (mut energy, mut trace, mut count) = (0.0, 0.0, 0.0);
-            for at in Self::triples(path, j) {
-                let [a, b, c] = at.map(|place| path.coefficients[place]);
-                let z = |p: usize, q: usize| covariance.at(at[p], at[q]);
-                energy += (a - 2.0 * b + c).powi(2);
-                trace += z(0, 0) + 4.0 * (z(1, 1) - z(0, 1) - z(1, 2)) + z(2, 2) + 2.0 * z(0, 2);
-                count += 1.0;
+            let places = Self::places(path, j);
+            let moments = |order: usize| Moments::of(&places, order, &path.coefficients, covariance);
+            let order = Self::order(j, order, places.len());
+            let mut least = LIMITS[0];
+            let mut sums = moments(order);
+            if order > 1 && sums.bend() > (NOTICEABLE * noise).powi(2) {
+                least = noise * noise;
+                self.predictions[j].learn(&sums, HOLD * self.variance[j]);
+            } else {
+                self.predictions[j] = Prediction::even();
+                sums = moments(1);
             }
+            let [energy, trace] = sums.news(&self.predictions[j]);
             let old = self.variance[j];
-            let determined = (count - trace / old).max(LEAST_DETERMINED * count);
+            let determined = (sums.count - trace / old).max(LEAST_DETERMINED * sums.count);
             let new = (energy / determined).clamp(old / MOST_CHANGE, old * MOST_CHANGE);
             if new.is_finite() {
-                self.variance[j] = new.clamp(LIMITS[0], LIMITS[1]);
+                self.variance[j] = new.clamp(least, LIMITS[1]);
             }
         }
     }
@@ -146,7 +168,7 @@ mod tests {
             matrix.solve(&mut right);
             path.coefficients.iter_mut().zip(&right).for_each(|(value, step)| *value += step);
             matrix.inverse_band(&mut covariance);
-            smoothness.learn(&path, &covariance);
+            smoothness.learn(&path, &covariance, 1, noise);
         }
         smoothness
     }
@@ -183,7 +205,7 @@ mod tests {
         smoothness.add(&path, &mut matrix, &mut vec![0.0; path.coefficients.len()]);
         let stiffness = |j: usize| matrix.at(path.place(j, 1) as usize, path.place(j, 1) as usize);
         // Yaw is part of the model, roll and scale are not.
-        assert!(stiffness(0) < 10.0 && stiffness(2) > 1e11 && stiffness(5) > 1e11);
+        assert!(stiffness(0) < 10.0 && stiffness(2) > 1e6 && stiffness(5) > 1e6);
     }
 
     #[test]
@@ -202,12 +224,12 @@ mod tests {
             let place = path.place(0, knot) as usize;
             path.coefficients[place] = 2.0 * knot as f64;
         }
-        // 14 first differences of 2 px at a variance of 100 px².
-        assert!((energy(&path) - 14.0 * 4.0 / 100.0).abs() < 1e-9, "{}", energy(&path));
+        // 15 first differences of 2 px at a variance of 100 px².
+        assert!((energy(&path) - 15.0 * 4.0 / 100.0).abs() < 1e-9, "{}", energy(&path));
         let place = path.place(0, 7) as usize;
         path.coefficients[place] += 1.0;
         // A step of 1 px at one knot: second differences 1, −2, 1 at a variance of 1, first ones 1, −1.
-        let expected = 6.0 + (12.0 * 4.0 + 9.0 + 1.0) / 100.0;
+        let expected = 6.0 + (13.0 * 4.0 + 9.0 + 1.0) / 100.0;
         assert!((energy(&path) - expected).abs() < 1e-9, "{}", energy(&path));
     }
 }

@@ -26,6 +26,11 @@ const TRACKED: f64 = 10.0;
 const CONSPIRACY: f64 = 0.1;
 /// Estimates of γ so many deviations apart contradict each other.
 const CONTRADICTION: f64 = 4.0;
+/// Steps from knot to knot, at most, from which the next one of a vibration is told: those of one and a half frame periods,
+/// enough for eight sinusoids.
+const ORDER: usize = 16;
+/// With a readout ratio that is known worse, a path bends to imitate the shutter, and that is nothing to learn from.
+const FORESEEN: f64 = 0.03;
 /// The most that γ and κ may change at once.
 const MOST_CHANGE: f64 = 0.1;
 
@@ -34,7 +39,7 @@ const MOST_CHANGE: f64 = 0.1;
 pub(super) enum Tempo {
     /// Up to about a cycle a frame period: all that hands do.
     Calm,
-    /// Up to about three: engines, rotors, bad roads.
+    /// Up to about two and a half: engines, rotors, bad roads.
     Vibrating,
 }
 
@@ -43,16 +48,15 @@ impl Tempo {
     pub const fn blocks(self) -> f64 {
         match self {
             Self::Calm => 1.0,
-            Self::Vibrating => 3.0,
+            Self::Vibrating => 2.5,
         }
     }
 
-    /// Frames before the one that is settled whose pairs are looked at again. What repeats with every frame,
-    /// as a vibration nearly may, shows over many.
+    /// Frames before the one that is settled whose pairs are looked at again.
     pub const fn past(self) -> usize {
         match self {
             Self::Calm => 4,
-            Self::Vibrating => 24,
+            Self::Vibrating => 6,
         }
     }
 
@@ -87,6 +91,8 @@ pub(super) struct Solver {
     pub scene_alone: bool,
     pub path: SplinePath,
     pub smoothness: Smoothness,
+    /// Whether it may learn how the turns go on, not just how much they bend.
+    pub foresees: bool,
     /// Beliefs from all windows so far: γ, the signed readout time in frame periods, and κ.
     pub beliefs: [Running; SHARED],
     /// Whether the belief in γ began anew because it was contradicted.
@@ -126,6 +132,7 @@ impl Solver {
             scene_alone: false,
             path: SplinePath::default(),
             smoothness,
+            foresees: false,
             shared: beliefs.map(|belief| belief.mean),
             beliefs,
             reopened: false,
@@ -267,7 +274,7 @@ impl Solver {
         self.path.coefficients.iter_mut().zip(&self.right).for_each(|(value, step)| *value += step);
         held::forget(&mut self.held);
         self.matrix.inverse_band(&mut self.covariance);
-        self.smoothness.learn(&self.path, &self.covariance);
+        self.smoothness.learn(&self.path, &self.covariance, self.order(), self.noise);
         true
     }
 
@@ -279,7 +286,7 @@ impl Solver {
     /// The columns at which the rows of the path's matrix begin.
     fn band(&self) -> Vec<usize> {
         let mut first: Vec<usize> = (0..self.path.coefficients.len()).collect();
-        Smoothness::reach(&self.path, &mut first);
+        self.smoothness.reach(&self.path, self.order(), &mut first);
         self.held.iter().for_each(|held| held.normal.equations.reach(&mut first));
         first
     }
@@ -359,7 +366,7 @@ impl Solver {
         let mut prior = Banded::default();
         let size = self.path.coefficients.len();
         let mut first: Vec<usize> = (0..size).collect();
-        Smoothness::reach(&self.path, &mut first);
+        self.smoothness.reach(&self.path, 1, &mut first);
         prior.reset(first);
         let mut side = vec![0.0; size];
         self.smoothness.add(&self.path, &mut prior, &mut side);
@@ -396,6 +403,17 @@ impl Solver {
     pub fn readout_deviation(&self) -> f64 {
         let information = self.beliefs[0].information() + self.hint.map_or(0.0, |(_, known)| known);
         information.sqrt().recip()
+    }
+
+    /// Steps of the turns from which the next one is told, at most.
+    fn order(&self) -> usize {
+        if self.is_foreseeing() { ORDER } else { 1 }
+    }
+
+    /// Whether it is learnt how the turns go on.
+    pub fn is_foreseeing(&self) -> bool {
+        let [low, high] = self.limits[0];
+        self.foresees && (low == high || self.readout_deviation() < FORESEEN)
     }
 
     /// Standard deviation of γ by this window alone.

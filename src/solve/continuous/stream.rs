@@ -20,7 +20,7 @@ use rayon::prelude::*;
 use std::collections::VecDeque;
 
 /// Frames before the one that is settled that are remembered.
-const PAST: usize = 24;
+const PAST: usize = 8;
 /// Standard deviation of a coordinate in analysed pixels that the tracker reaches on clean footage.
 const NOISE: f64 = 0.03;
 /// Shares of the readout at which the homographies of a frame are given out, less one.
