@@ -310,7 +310,8 @@ pub(super) fn try_scene(hypotheses: &mut Vec<Hypothesis>, stretch: Stretch<'_>, 
     *since += 1;
     let Some(alone) = hypotheses.first().map(|hypothesis| hypothesis.solver.scene_alone) else { return };
     let trust = |all: &[Hypothesis]| all.iter().map(|one| one.solver.trust()).fold(0.0, f64::max);
-    let knows_little = hypotheses.iter().any(|hypothesis| hypothesis.knows_little(stretch));
+    // Some path fits a pair or two whatever it stands for.
+    let knows_little = stretch.pairs.len() < FEWEST_PAIRS;
     let in_doubt = alone || (trust(hypotheses) < TRUSTED && stretch.apart() > APART);
     if *since < TRIAL || knows_little || !in_doubt {
         return;
