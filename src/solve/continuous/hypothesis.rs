@@ -294,8 +294,11 @@ impl Hypothesis {
         // Per pair: the two tempos look at different numbers of them.
         let pairs = short.of_tempo(Tempo::Calm).pairs.len() as f64;
         if self.solver.trust_in_evidence().max(other.trust_in_evidence()) * pairs * (others - own) > TOLD {
-            // What things of their own do is no vibration, and does not go on as one.
-            other.foresees = other.tempo == Tempo::Vibrating && other.trust_in_evidence() > FORESEEABLE;
+            // What things of their own do is no vibration, and does not go on as one; and what has only a past says too
+            // little of how it goes on.
+            let is_ahead = stretch.pairs.len() > stretch.past;
+            other.foresees =
+                is_ahead && other.tempo == Tempo::Vibrating && other.trust_in_evidence() > FORESEEABLE;
             let steps = most_steps(&other, true);
             iterate(&mut other, stretch, steps);
             self.foresaw = other.is_foreseeing();
