@@ -180,8 +180,8 @@ mod tests {
     use crate::solve::random::Random;
     use nalgebra::{DMatrix, DVector};
 
-    /// A random positive definite matrix, as both see it: B·Bᵀ + 1/10 with B lower triangular. Rows reach back as far as
-    /// `band`, or, where it is `ragged`, every third one only a third as far.
+    /// A random positive definite matrix, as both see it: B·Bᵀ + 1/10 with B lower triangular. Rows reach
+    /// back as far as `band`, or, where it is `ragged`, every third one only a third as far.
     fn random(size: usize, band: usize, ragged: bool, seed: u64) -> (Banded, DMatrix<f64>) {
         let mut random = Random(seed);
         let mut uniform = || random.uniform() - 0.5;

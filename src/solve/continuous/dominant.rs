@@ -3,11 +3,12 @@
 //! A path stands for one motion. Where something that moves on its own fills a good part of the picture, a fit to
 //! everything finds neither motion, for each bends the path for the other. Which matches move together is found before
 //! there is any path, by the least median of squares (P. J. Rousseeuw, *Least median of squares regression*, JASA
-//! 79(388), 1984): of many affine motions through three matches, the one from which half of them are off least. It is made
-//! quadratic in the point, near enough to what perspective, a turn and the shutter do from one frame to the next.
+//! 79(388), 1984): of many affine motions through three matches, the one from which half of them are off
+//! least. It is made quadratic in the point, near enough to what perspective, a turn and the shutter do from
+//! one frame to the next.
 //!
-//! The scene goes round what moves in it: a match counts by its squared distance from the image centre. And what did not
-//! belong to the scene in the pair before has no vote in this one.
+//! The scene goes round what moves in it: a match counts by its squared distance from the image centre. And
+//! what did not belong to the scene in the pair before has no vote in this one.
 
 use super::pair::Match;
 use crate::solve::median::{MEDIAN_TO_VARIANCE, median};

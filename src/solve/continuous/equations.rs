@@ -17,8 +17,9 @@ const OTHERS: usize = GENERATORS - TURNS;
 const SAY: usize = 4 * GENERATORS;
 /// Those of the turns.
 const TURNING: usize = 4 * TURNS;
-/// Two ends of a band, 0 the first end of the leg before, and by what the sums of the own leg, those across, and those of the
-/// leg before count for them. Half of what an end has with itself, as the transposed is added in the end.
+/// Two ends of a band, 0 the first end of the leg before, and by what the sums of the own leg, those across,
+/// and those of the leg before count for them. Half of what an end has with itself, as the transposed is
+/// added in the end.
 const ENDS: [([usize; 2], [f64; 3]); 6] = [
     ([2, 2], [0.5, 0.0, 0.0]),
     ([2, 1], [-1.0, 1.0, 0.0]),

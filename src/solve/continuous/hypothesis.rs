@@ -7,9 +7,9 @@ use crate::solve::median::median;
 
 /// Residuals of less than so many times the least noise are nothing but noise.
 pub(super) const NOTICEABLE: f64 = 4.0;
-/// Steps to the first path, and to each one after it, at most. As many as to the first where γ has not come to rest: while it
-/// is far off, the splines bend to imitate the shutter, and learn to be straight again only as it comes nearer. Not all
-/// at once, for a live stream does not wait.
+/// Steps to the first path, and to each one after it, at most. As many as to the first where γ has not come
+/// to rest: while it is far off, the splines bend to imitate the shutter, and learn to be straight again only
+/// as it comes nearer. Not all at once, for a live stream does not wait.
 const STEPS: [usize; 2] = [12, 4];
 /// The same where it is learnt how a vibration goes on: that needs more steps, and what it changes hardly shows between
 /// frames, so that none is spared.
@@ -25,8 +25,8 @@ const TOLD: f64 = 5.0;
 const SETTLED: f64 = 0.3;
 /// Or γ by less than this.
 const SETTLED_READOUT: f64 = 0.01;
-/// What a window says of γ is believed where the last step moved points by less than they scatter, and γ by no more than
-/// this share of what is uncertain of it anyway.
+/// What a window says of γ is believed where the last step moved points by less than they scatter, and γ by
+/// no more than this share of what is uncertain of it anyway.
 const UNCERTAIN: f64 = 0.5;
 /// A path that leaves more than this share of the mean squared displacement is tried at another tempo.
 const UNEXPLAINED: f64 = 0.05;
@@ -185,8 +185,8 @@ impl Hypothesis {
         }
     }
 
-    /// Whether the readout is sought, and the stretch too short to say anything of it: some path fits a pair or two with
-    /// any shutter.
+    /// Whether the readout is sought, and the stretch too short to say anything of it: some path fits a pair
+    /// or two with any shutter.
     pub fn knows_little(&self, stretch: Stretch<'_>) -> bool {
         let [low, high] = self.solver.limits[0];
         low < high && stretch.pairs.len() < FEWEST_PAIRS

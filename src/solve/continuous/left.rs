@@ -55,7 +55,8 @@ pub(super) struct Left {
     pub sigma: f64,
     /// Correspondences within three of them.
     pub inliers: usize,
-    /// Usual square of what the generators other than the turns move a coordinate by, in px²; `None` where that has no say.
+    /// Usual square of what the generators other than the turns move a coordinate by, in px²; `None` where
+    /// that has no say.
     pub parallax: Option<f64>,
     squares: Vec<f64>,
 }
@@ -88,8 +89,8 @@ impl View<'_> {
         })
     }
 
-    /// Follows the path along a pair, and along the tracks that it continues if that is wanted and they may tell its parallax
-    /// from its noise.
+    /// Follows the path along a pair, and along the tracks that it continues if that is wanted and they may
+    /// tell its parallax from its noise.
     pub fn left(&self, pair: &Pair, tracks: bool, out: &mut Left) {
         out.legs.clear();
         let followed = || pair.followed(self.scene_alone);

@@ -3,9 +3,10 @@
 //! A correspondence says x′ = F(x; t → t′), F the path's flow. A small change of the path changes
 //! F by Σⱼ φⱼ(m)·(δξⱼ(t′) − δξⱼ(t)), m = (x + x′)/2, with φⱼ and ξⱼ field and path of generator j; each ξⱼ(t)
 //! is a sum of four coefficients. A change of the readout time γ, t = t_k + γ·s, changes F by
-//! Σⱼ φⱼ(m)·(ξⱼ′(t′)·s′ − ξⱼ′(t)·s), one of κ by m·(m · (ξ(t′) − ξ(t))), ξ the paths of yaw and pitch. A point at λ times the
-//! inverse depth is moved λ times as far by all but the turns. What is new in a residual, rᵢ − B·rⱼ, depends on
-//! the path by two *legs*: from frame to frame, and, by −B, between the two before.
+//! Σⱼ φⱼ(m)·(ξⱼ′(t′)·s′ − ξⱼ′(t)·s), one of κ by m·(m · (ξ(t′) − ξ(t))), ξ the paths of yaw and pitch. A
+//! point at λ times the inverse depth is moved λ times as far by all but the turns. What is new in a
+//! residual, rᵢ − B·rⱼ, depends on the path by two *legs*: from frame to frame, and, by −B, between the two
+//! before.
 //!
 //! The splines are evaluated once for a *band* of correspondences exposed at about the same time.
 //! That rounds the slopes, never the residuals.
@@ -49,7 +50,8 @@ impl Normal {
         if self.weight > 0.0 { (self.equations.square(step).max(0.0) / self.weight).sqrt() } else { 0.0 }
     }
 
-    /// Logarithm of the likelihood of what is new in the pair, up to a constant, for as many matches as are independent.
+    /// Logarithm of the likelihood of what is new in the pair, up to a constant, for as many matches as are
+    /// independent.
     pub fn log_likelihood(&self, left: &Left) -> f64 {
         let likely = left.legs.iter().zip(&left.before).map(|(leg, before)| {
             let new = self.scatter.innovation(leg, before.as_ref());

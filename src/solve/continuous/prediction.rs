@@ -1,20 +1,22 @@
 //! How a path goes on: linear prediction of its steps from knot to knot.
 //!
-//! A sum of sinusoids obeys x(t) = Σₖ aₖ·x(t − k), two weights to each, whatever their amplitudes and phases. What vibrates
-//! is such a sum, of amplitudes that change slowly; so a path whose weights are known goes on where nothing is
-//! seen of it, and what a window of a few frames tells of it is enough. What takes a whole number of cycles a frame is
-//! next to invisible between frames: smoothness alone sets it to nothing and mistakes its neighbours for it.
+//! A sum of sinusoids obeys x(t) = Σₖ aₖ·x(t − k), two weights to each, whatever their amplitudes and phases.
+//! What vibrates is such a sum, of amplitudes that change slowly; so a path whose weights are known goes on
+//! where nothing is seen of it, and what a window of a few frames tells of it is enough. What takes a whole
+//! number of cycles a frame is next to invisible between frames: smoothness alone sets it to nothing and
+//! mistakes its neighbours for it.
 //!
 //! The weights are learnt by expectation and maximisation (R. H. Shumway, D. S. Stoffer, *An approach to time series
 //! smoothing and forecasting using the EM algorithm*, J. Time Series Analysis 3(4), 1982): regression on the second
-//! moments of the steps, those of the path and of its posterior covariance. There are more weights than sinusoids ask for, and
-//! they are held small: so the surplus ones describe motions that die down (D. W. Tufts, R. Kumaresan, *Estimation of frequencies of
-//! multiple sinusoids*, Proc. IEEE 70(9), 1982).
+//! moments of the steps, those of the path and of its posterior covariance. There are more weights than
+//! sinusoids ask for, and they are held small: so the surplus ones describe motions that die down (D. W.
+//! Tufts, R. Kumaresan, *Estimation of frequencies of multiple sinusoids*, Proc. IEEE 70(9), 1982).
 
 use super::banded::Banded;
 use nalgebra::{DMatrix, DVector};
 
-/// Expectation and maximisation approaches slowly from one side: its steps are taken so many times, where less than 2 is safe.
+/// Expectation and maximisation approaches slowly from one side: its steps are taken so many times, where
+/// less than 2 is safe.
 const OVERSHOOT: f64 = 1.5;
 
 /// Weights by which a generator's next step follows from those before it.

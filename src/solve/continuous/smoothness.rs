@@ -1,10 +1,11 @@
 //! How smooth the path is: a prior whose strength is learnt from the window.
 //!
 //! The second differences of each generator's coefficients are Gaussian with a variance of its own; where the picture
-//! vibrates, it is what a turn's steps have beyond their prediction. The variance is learnt by MacKay's rule (D. J. C. MacKay, *Bayesian interpolation*, Neural Computation 4(3), 1992):
-//! variance = Σ d² / γ, where γ, the number of differences that the data determine, is their number less
-//! their share of posterior variance in the prior one. A generator that the picture does not bear out
-//! goes to nothing, and one that is needed is left free.
+//! vibrates, it is what a turn's steps have beyond their prediction. The variance is learnt by MacKay's rule
+//! (D. J. C. MacKay, *Bayesian interpolation*, Neural Computation 4(3), 1992): variance = Σ d² / γ, where γ,
+//! the number of differences that the data determine, is their number less their share of posterior variance
+//! in the prior one. A generator that the picture does not bear out goes to nothing, and one that is needed
+//! is left free.
 
 use super::banded::Banded;
 use super::path::SplinePath;
@@ -75,8 +76,8 @@ impl Smoothness {
         if generator < TURNS { order.min(coefficients / KNOTS_TO_A_WEIGHT).max(1) } else { 1 }
     }
 
-    /// Moves the columns at which the rows of a matrix begin back to where the prior needs them, and learning from up to
-    /// `order` steps.
+    /// Moves the columns at which the rows of a matrix begin back to where the prior needs them, and learning
+    /// from up to `order` steps.
     pub fn reach(&self, path: &SplinePath, order: usize, first: &mut [usize]) {
         for j in 0..GENERATORS {
             let places = Self::places(path, j);
@@ -112,8 +113,9 @@ impl Smoothness {
         }
     }
 
-    /// Learns from a path and the covariance of its coefficients. A turn's next step is told from up to `order` before it,
-    /// where the path bends by more than `noise`, the tracker's deviation in pixels, may make it.
+    /// Learns from a path and the covariance of its coefficients. A turn's next step is told from up to
+    /// `order` before it, where the path bends by more than `noise`, the tracker's deviation in pixels, may
+    /// make it.
     pub fn learn(&mut self, path: &SplinePath, covariance: &Banded, order: usize, noise: f64) {
         for j in (0..GENERATORS).filter(|j| self.active[*j]) {
             let places = Self::places(path, j);

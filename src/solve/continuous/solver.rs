@@ -26,8 +26,8 @@ const TRACKED: f64 = 10.0;
 const CONSPIRACY: f64 = 0.1;
 /// Estimates of γ so many deviations apart contradict each other.
 const CONTRADICTION: f64 = 4.0;
-/// Steps from knot to knot, at most, from which the next one of a vibration is told: those of one and a half frame periods,
-/// enough for eight sinusoids.
+/// Steps from knot to knot, at most, from which the next one of a vibration is told: those of one and a half
+/// frame periods, enough for eight sinusoids.
 const ORDER: usize = 16;
 /// With a readout ratio that is known worse, a path bends to imitate the shutter, and that is nothing to learn from.
 const FORESEEN: f64 = 0.03;
@@ -207,8 +207,8 @@ impl Solver {
         self.held.get(index).map(|held| held.normal.scatter.noise.sqrt())
     }
 
-    /// How much of displacements of so much (mean square, squared radii) is explained where `sigma` is left of a coordinate
-    /// in pixels, 0 to 1.
+    /// How much of displacements of so much (mean square, squared radii) is explained where `sigma` is left
+    /// of a coordinate in pixels, 0 to 1.
     pub fn explained(&self, sigma: f64, moved: f64) -> f64 {
         let allowed = (3.0 * self.noise).powi(2) + 0.25 * moved * self.radius * self.radius;
         (1.0 - 2.0 * sigma * sigma / allowed).clamp(0.0, 1.0)
@@ -421,9 +421,9 @@ impl Solver {
         self.seen[0].map_or(f64::INFINITY, |(_, information)| information.sqrt().recip())
     }
 
-    /// By how much greater than by chance the variances of γ and κ are: what the path leaves beyond the tracker's noise may
-    /// go with what they do to the picture. With the correlation ρ an error of n coordinates, of variance σ² each, adds
-    /// ρ²·n·σ² to the σ² that chance is worth.
+    /// By how much greater than by chance the variances of γ and κ are: what the path leaves beyond the
+    /// tracker's noise may go with what they do to the picture. With the correlation ρ an error of n
+    /// coordinates, of variance σ² each, adds ρ²·n·σ² to the σ² that chance is worth.
     fn conspiracy(&self) -> f64 {
         let left = |Held { normal, .. }: &Held| {
             normal.independent * (1.0 - self.noise * self.noise / normal.scatter.noise)

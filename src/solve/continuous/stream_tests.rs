@@ -378,7 +378,8 @@ fn a_vibration_above_the_frame_rate_is_followed() {
 
 #[test]
 fn two_vibrations_at_once_are_learnt_from_the_first_window() {
-    // Engines of 1.2 to 2.4 cycles a frame about each axis, and about one alone, which leaves the others nothing to learn.
+    // Engines of 1.2 to 2.4 cycles a frame about each axis, and about one alone, which leaves the others
+    // nothing to learn.
     let [still, pair] = [[(0.0, 0.0); 2], [(39.0, 0.0066), (69.0, 0.0039)]];
     let all = [pair, [(36.0, 0.0066), (63.0, 0.0039)], [(42.0, 0.0066), (72.0, 0.0039)]];
     for swings in [all, [still, still, pair]] {

@@ -24,8 +24,8 @@ pub(super) struct Band {
     pub weight: f64,
     /// Weight of the matches that have a leg before.
     pub linked: f64,
-    /// Weighted exposure times: of the first end of the leg before, of its second, which is the first of the pair's own,
-    /// and of the last.
+    /// Weighted exposure times: of the first end of the leg before, of its second, which is the first of the
+    /// pair's own, and of the last.
     pub times: [f64; 3],
     pub own: Square,
     pub before: Square,
@@ -61,8 +61,8 @@ fn add_sides(sums: &mut [Row; SIDES], a: &Slopes, sides: &[Vector2<f64>; SIDES])
 }
 
 impl Band {
-    /// Adds a match of this weight: its slopes, those by the leg before, what is new in it, and what the shared unknowns
-    /// change of that.
+    /// Adds a match of this weight: its slopes, those by the leg before, what is new in it, and what the
+    /// shared unknowns change of that.
     pub fn add(
         &mut self,
         weight: &Matrix2<f64>,

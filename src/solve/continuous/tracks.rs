@@ -7,9 +7,9 @@
 //!
 //! e = rᵢ − B·rⱼ, B = Cᵢⱼ·Cⱼⱼ⁻¹, with covariance V = Cᵢᵢ − B·Cⱼᵢ,
 //!
-//! where Cᵢⱼ = τ²·wᵢ·wⱼᵀ, and the noise σ²·I on top for i = j, j the pair before. It is the density of a chain of residuals,
-//! each given the one before. A camera that moves before a scene of any depth thus says as much of its path and its
-//! shutter as one that turns.
+//! where Cᵢⱼ = τ²·wᵢ·wⱼᵀ, and the noise σ²·I on top for i = j, j the pair before. It is the density of a
+//! chain of residuals, each given the one before. A camera that moves before a scene of any depth thus says
+//! as much of its path and its shutter as one that turns.
 
 use super::left::{Left, Leg};
 use crate::solve::median::{MEDIAN_TO_VARIANCE, median};
@@ -45,8 +45,9 @@ pub(super) struct Innovation {
     pub depth: f64,
 }
 
-/// Usual square of what the generators other than the turns move a coordinate of matches with a track by, in px². `None`
-/// where few tracks are known, where the residuals leave nothing beyond noise (`excess`, px²), or more than parallax can.
+/// Usual square of what the generators other than the turns move a coordinate of matches with a track by, in
+/// px². `None` where few tracks are known, where the residuals leave nothing beyond noise (`excess`, px²), or
+/// more than parallax can.
 pub(super) fn parallax<'a, T>(
     legs: impl Iterator<Item = (&'a Leg, Option<T>)>,
     excess: f64,
