@@ -4,6 +4,7 @@ use super::pair::{Pair, Reading};
 use super::solver::{Solver, Tempo};
 use crate::readout::ReadoutDirection;
 use crate::solve::median::median;
+use rayon::prelude::*;
 
 /// Residuals of less than so many times the least noise are nothing but noise.
 pub(super) const NOTICEABLE: f64 = 4.0;
@@ -41,8 +42,6 @@ const WELL_KNOWN: f64 = 0.02;
 const EVIDENT: f64 = 4.0;
 /// Frames from one trial of another tempo, or search for the readout, to the next.
 pub(super) const TRIAL: usize = 15;
-/// Pairs before the frame on which another tempo is tried.
-const TRIAL_PAST: usize = 8;
 
 /// Where more than this share of the matches goes its own way, a path for the rest is tried,
 const APART: f64 = 0.25;
@@ -65,12 +64,7 @@ pub(super) struct Stretch<'a> {
 impl<'a> Stretch<'a> {
     /// The part of it that a path of this tempo is fitted to.
     pub fn of_tempo(self, tempo: Tempo) -> Self {
-        self.with_past(tempo.past())
-    }
-
-    /// The part of it with no more than so many pairs before the frame.
-    fn with_past(self, past: usize) -> Self {
-        let skipped = self.past.saturating_sub(past);
+        let skipped = self.past.saturating_sub(tempo.past());
         Self { pairs: self.pairs.get(skipped..).unwrap_or_default(), past: self.past - skipped }
     }
 
@@ -80,16 +74,25 @@ impl<'a> Stretch<'a> {
         [self.past.checked_sub(1), Some(self.past)].into_iter().flatten().filter(move |index| *index < count)
     }
 
+    /// The pairs that the frame is in.
+    fn own_pairs(self) -> impl Iterator<Item = &'a Pair> {
+        self.beside().filter_map(move |index| self.pairs.get(index).copied())
+    }
+
+    /// Whether it is too short to say anything of a readout: some path fits a pair or two with any shutter, and
+    /// whatever it stands for.
+    fn is_short(self) -> bool {
+        self.pairs.len() < FEWEST_PAIRS
+    }
+
     /// Mean square distance by which points moved in the pairs that the frame is in, in squared units of the radius.
     pub fn moved(self) -> f64 {
-        let beside = self.beside().filter_map(|index| self.pairs.get(index));
-        beside.map(|pair| pair.moved()).fold(0.0, f64::max)
+        self.own_pairs().map(Pair::moved).fold(0.0, f64::max)
     }
 
     /// Share of the matches that go their own way at the frame.
     pub fn apart(self) -> f64 {
-        let beside = self.beside().filter_map(|index| self.pairs.get(index));
-        beside.map(|pair| pair.apart()).fold(0.0, f64::max)
+        self.own_pairs().map(Pair::apart).fold(0.0, f64::max)
     }
 
     /// Index of the pair that the frame begins; without lookahead, of the one that it ends.
@@ -185,11 +188,10 @@ impl Hypothesis {
         }
     }
 
-    /// Whether the readout is sought, and the stretch too short to say anything of it: some path fits a pair
-    /// or two with any shutter.
+    /// Whether the readout is sought, and the stretch too short to say anything of it.
     pub fn knows_little(&self, stretch: Stretch<'_>) -> bool {
         let [low, high] = self.solver.limits[0];
-        low < high && stretch.pairs.len() < FEWEST_PAIRS
+        low < high && stretch.is_short()
     }
 
     /// Whether anything moves at the frame of a stretch that may tell a readout or a tempo.
@@ -200,8 +202,7 @@ impl Hypothesis {
 
     /// Whether the pairs of the frame show enough of the lines, 0 to 1.
     fn breadth(&self, stretch: Stretch<'_>) -> f64 {
-        let beside = stretch.beside().filter_map(|index| stretch.pairs.get(index));
-        beside.map(|pair| breadth(pair, self.solver.reading)).fold(1.0, f64::min)
+        stretch.own_pairs().map(|pair| breadth(pair, self.solver.reading)).fold(1.0, f64::min)
     }
 
     /// Share of what a stretch says that counts: as much as the path explains at its frame, and none where so few lines
@@ -281,18 +282,17 @@ impl Hypothesis {
         self.since_trial = 0;
         let vague = tempo == Tempo::Calm && self.solver.readout_deviation() > VAGUE;
         let starts = if vague { &READOUTS[..] } else { &[] };
-        let short = stretch.with_past(TRIAL_PAST);
         let trials = starts.iter().map(Some).chain([None]).filter_map(|readout| {
             let mut other = self.solver.at_tempo(tempo.other());
             let [low, high] = other.limits[0];
             other.shared[0] = readout.map_or(other.shared[0], |readout| readout.clamp(low, high));
-            iterate(&mut other, short, STEPS[0]);
-            evidence(&mut other, short).map(|evidence| (evidence, other))
+            iterate(&mut other, stretch, STEPS[0]);
+            evidence(&mut other, stretch).map(|evidence| (evidence, other))
         });
         let Some((others, mut other)) = trials.max_by(|a, b| a.0.total_cmp(&b.0)) else { return };
-        let Some(own) = evidence(&mut self.solver.clone(), short) else { return };
+        let Some(own) = evidence(&mut self.solver.clone(), stretch) else { return };
         // Per pair: the two tempos look at different numbers of them.
-        let pairs = short.of_tempo(Tempo::Calm).pairs.len() as f64;
+        let pairs = stretch.of_tempo(Tempo::Calm).pairs.len() as f64;
         if self.solver.trust_in_evidence().max(other.trust_in_evidence()) * pairs * (others - own) > TOLD {
             // What things of their own do is no vibration, and does not go on as one; and what has only a past says too
             // little of how it goes on.
@@ -311,17 +311,19 @@ impl Hypothesis {
 /// it, and for everything again where one for everything does as well.
 pub(super) fn try_scene(hypotheses: &mut Vec<Hypothesis>, stretch: Stretch<'_>, since: &mut usize) {
     *since += 1;
+    if *since < TRIAL || stretch.is_short() {
+        return;
+    }
     let Some(alone) = hypotheses.first().map(|hypothesis| hypothesis.solver.scene_alone) else { return };
     let trust = |all: &[Hypothesis]| all.iter().map(|one| one.solver.trust()).fold(0.0, f64::max);
-    // Some path fits a pair or two whatever it stands for.
-    let knows_little = stretch.pairs.len() < FEWEST_PAIRS;
-    let in_doubt = alone || (trust(hypotheses) < TRUSTED && stretch.apart() > APART);
-    if *since < TRIAL || knows_little || !in_doubt {
+    let own = trust(hypotheses);
+    if !alone && (own >= TRUSTED || stretch.apart() <= APART) {
         return;
     }
     *since = 0;
-    let others: Vec<Hypothesis> = hypotheses.iter().map(|hypothesis| hypothesis.turned(stretch)).collect();
-    let [own, other] = [trust(hypotheses), trust(&others)];
+    let others: Vec<Hypothesis> =
+        hypotheses.par_iter().map(|hypothesis| hypothesis.turned(stretch)).collect();
+    let other = trust(&others);
     let goes_over = if alone { PREFERRED * other > own } else { other > PREFERRED * own };
     if goes_over {
         *hypotheses = others;
