@@ -178,7 +178,8 @@ impl Hypothesis {
             let first = starts || if foresees { !self.foresaw } else { !self.rests };
             self.foresaw = foresees;
             let steps = most_steps(&self.solver, first);
-            let rests = iterate(&mut self.solver, stretch, steps);
+            let fit = if starts { begin } else { iterate };
+            let rests = fit(&mut self.solver, stretch, steps);
             self.rests |= rests;
             rests
         };
@@ -227,9 +228,8 @@ impl Hypothesis {
         let ends = ENDS.into_iter().filter(|end| (low..=high).contains(end));
         let tried = std::iter::once(self.solver.shared[0]).chain(ends).filter_map(|readout| {
             let mut solver = self.solver.clone();
-            solver.restart();
             solver.shared[0] = readout;
-            iterate(&mut solver, stretch, STEPS[0]);
+            begin(&mut solver, stretch, STEPS[0]);
             solver.evidence(pairs).map(|evidence| (evidence, solver))
         });
         let mut tried: Vec<(f64, Solver)> = tried.collect();
@@ -250,8 +250,7 @@ impl Hypothesis {
         let settled = if self.solver.readout_deviation() > VAGUE {
             other.seek(stretch)
         } else {
-            other.solver.restart();
-            iterate(&mut other.solver, stretch, STEPS[0])
+            begin(&mut other.solver, stretch, STEPS[0])
         };
         if settled {
             other.remember(stretch);
@@ -352,6 +351,30 @@ pub(super) fn breadth(pair: &Pair, reading: Reading) -> f64 {
 fn most_steps(solver: &Solver, first: bool) -> usize {
     let steps = if solver.is_foreseeing() { FORESIGHT_STEPS } else { STEPS };
     steps[usize::from(!first)]
+}
+
+/// Fits a path anew, in as many steps at most; whether γ came to rest.
+///
+/// In one pair a camera that moves does much the same to a picture as one that turns, and at first it is presumed to
+/// turn. But only what moves it has a parallax, and unless that is known for what it is, it weighs as noise and holds
+/// the path where it is. So where a path leaves more than noise, another one is begun for a camera that moves.
+fn begin(solver: &mut Solver, stretch: Stretch<'_>, steps: usize) -> bool {
+    let shared = solver.shared;
+    solver.restart();
+    let rests = iterate(solver, stretch, steps);
+    if stretch.is_short() || solver.trust() >= TRUSTED {
+        return rests;
+    }
+    let mut moving = solver.clone();
+    moving.shared = shared;
+    moving.presume_moving();
+    let moving_rests = iterate(&mut moving, stretch, steps);
+    let Some(likelier) = evidence(&mut moving, stretch) else { return rests };
+    if evidence(solver, stretch).is_some_and(|own| own >= likelier) {
+        return rests;
+    }
+    *solver = moving;
+    moving_rests
 }
 
 /// Steps until nothing changes any more at the frame, at most so many; whether γ came to rest.

@@ -168,6 +168,12 @@ impl Solver {
         self.seen = [None; SHARED];
     }
 
+    /// The same, and presumes a camera that moves where else it presumes one that turns.
+    pub fn presume_moving(&mut self) {
+        self.restart();
+        self.smoothness.presume_moving();
+    }
+
     /// Takes γ as known.
     pub fn know_readout(&mut self, belief: Running) {
         self.shared[0] = belief.mean;
