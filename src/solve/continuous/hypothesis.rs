@@ -35,6 +35,10 @@ const UNEXPLAINED: f64 = 0.05;
 const READOUTS: [f64; 4] = [0.9, 0.5, -0.5, -0.9];
 /// Pairs that tell one readout from another.
 const FEWEST_PAIRS: usize = 4;
+/// Pairs, at least, that a vibration is looked for in, and those that tell one reading axis from another: as many as
+/// there are with the usual frames ahead.
+const VIBRATING_PAIRS: usize = 10;
+const QUESTIONED_PAIRS: usize = 8;
 /// A readout ratio that is known worse than this may be anything.
 const VAGUE: f64 = 0.2;
 /// A readout ratio that is known as well as this, or that is so many deviations from none, may be relied upon.
@@ -59,13 +63,25 @@ pub(super) struct Stretch<'a> {
     pub pairs: &'a [&'a Pair],
     /// Number of those before the frame.
     pub past: usize,
+    /// Whether the reading axis is still in question.
+    pub in_question: bool,
 }
 
 impl<'a> Stretch<'a> {
     /// The part of it that a path of this tempo is fitted to.
+    ///
+    /// Where few frames are known ahead, more before it are taken in for what shows in many pairs only: how a vibration
+    /// goes on, and which way the sensor is read. Else they are of no use, for a shake is soon another one.
     pub fn of_tempo(self, tempo: Tempo) -> Self {
-        let skipped = self.past.saturating_sub(tempo.past());
-        Self { pairs: self.pairs.get(skipped..).unwrap_or_default(), past: self.past - skipped }
+        let least = match (tempo, self.in_question) {
+            (Tempo::Vibrating, _) => VIBRATING_PAIRS,
+            (Tempo::Calm, true) => QUESTIONED_PAIRS,
+            (Tempo::Calm, false) => 0,
+        };
+        let ahead = self.pairs.len().saturating_sub(self.past);
+        let skipped = self.past.saturating_sub(tempo.past().max(least.saturating_sub(ahead)));
+        let pairs = self.pairs.get(skipped..).unwrap_or_default();
+        Self { pairs, past: self.past - skipped, ..self }
     }
 
     /// Indices of the pairs that the frame is in.

@@ -20,7 +20,7 @@ use rayon::prelude::*;
 use std::collections::VecDeque;
 
 /// Frames before the one that is settled that are remembered.
-const PAST: usize = 8;
+const PAST: usize = 10;
 /// Standard deviation of a coordinate in analysed pixels that the tracker reaches on clean footage.
 const NOISE: f64 = 0.03;
 /// Shares of the readout at which the homographies of a frame are given out, less one.
@@ -257,7 +257,7 @@ impl Continuous {
             .filter_map(|entry| entry.to_next.as_ref())
             .collect();
         let stamp = self.frames.get(own)?.stamp;
-        let stretch = Stretch { pairs: &pairs, past };
+        let stretch = Stretch { pairs: &pairs, past, in_question: self.hypotheses.len() > 1 };
         let starts = past == 0 || !self.continues;
         let longest = stretch.usual_interval();
         let is_known = self.camera.is_known();
