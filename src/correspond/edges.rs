@@ -26,7 +26,7 @@ use rayon::prelude::*;
 const SPACING: usize = 8;
 
 /// Motions in a cell of that size that are kept, at most.
-const KEPT: usize = 4;
+const KEPT: usize = 2;
 
 /// Cells to each side of a place in which motions are looked for.
 const REACH: usize = 2;
@@ -41,7 +41,7 @@ const STARTS: usize = 6;
 const SAME_START: f32 = 0.7;
 
 /// Motions further than this, in pixels, from the first one around a place disagree.
-const DISAGREEMENT: f32 = 0.5;
+const DISAGREEMENT: f32 = 2.0;
 
 /// A motion is taken over from the next place where it leaves this share of what the own one leaves.
 const CLEARLY_BETTER: f32 = 0.7;
@@ -141,13 +141,12 @@ impl Chooser<'_> {
     /// Of the motions around a place that fits best, or the nearest that leaves no more than noise; `None` where
     /// all agree.
     fn best(&self, index: usize) -> Option<Fit> {
-        let around = self.cells.around(index);
-        if !around.disagree() {
+        if self.cells.agree(index) {
             return None;
         }
         let window = self.window(index)?;
         let mut best: Option<Fit> = None;
-        for start in around.starts().list() {
+        for start in self.cells.around(index).starts().list() {
             let Some(fit) = window.fit(self.second, *start) else { continue };
             if best.is_none_or(|best| fit.cost < best.cost) {
                 best = Some(fit);
@@ -222,17 +221,29 @@ impl Cells {
         Vector2::new((index % self.columns) as f32, (index / self.columns) as f32) * SPACING as f32
     }
 
-    fn around(&self, index: usize) -> Around {
-        let at = self.place(index);
+    /// The motions within reach of a place.
+    fn near(&self, index: usize) -> impl Iterator<Item = &Motion> {
         let (column, row) = (index % self.columns, index / self.columns);
         let range = |at: usize, count: usize| at.saturating_sub(REACH)..(at + REACH + 1).min(count);
+        let across = range(column, self.columns);
+        let rows = range(row, self.rows)
+            .map(move |y| &self.motions[y * self.columns + across.start..y * self.columns + across.end]);
+        rows.flatten().flatten().flatten()
+    }
+
+    /// Whether the motions around a place are one.
+    fn agree(&self, index: usize) -> bool {
+        let mut near = self.near(index);
+        let Some(first) = near.next() else { return true };
+        near.all(|motion| (motion.shift - first.shift).norm_squared() <= DISAGREEMENT * DISAGREEMENT)
+    }
+
+    fn around(&self, index: usize) -> Around {
+        let at = self.place(index);
         let mut around = Around { motions: [(0.0, Vector2::zeros()); AROUND], count: 0 };
-        for y in range(row, self.rows) {
-            let cells = range(column, self.columns).map(|x| y * self.columns + x);
-            for motion in cells.flat_map(|cell| self.motions[cell].iter().flatten()) {
-                around.motions[around.count] = ((motion.at - at).norm_squared(), motion.shift);
-                around.count += 1;
-            }
+        for (slot, motion) in around.motions.iter_mut().zip(self.near(index)) {
+            *slot = ((motion.at - at).norm_squared(), motion.shift);
+            around.count += 1;
         }
         around
     }
@@ -260,11 +271,6 @@ impl Around {
 
     fn nearest(&self) -> Option<Vector2<f32>> {
         self.list().iter().min_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, shift)| *shift)
-    }
-
-    fn disagree(&self) -> bool {
-        let [(_, first), rest @ ..] = self.list() else { return false };
-        rest.iter().any(|(_, shift)| (shift - first).norm() > DISAGREEMENT)
     }
 
     /// Distinct motions, the nearest first.

@@ -88,6 +88,8 @@ pub(super) struct Window {
     share: f32,
     /// Inverse of the squared contrast.
     precision: f32,
+    /// A cost that noise explains.
+    enough: f32,
 }
 
 /// What a sampling says.
@@ -145,7 +147,17 @@ impl Window {
             }
         }
         let share = 1.0 / sums.iter().sum::<f32>();
-        Self { cpu, corner, values, gradient_x, gradient_y, weights, share, precision }
+        Self {
+            cpu,
+            corner,
+            values,
+            gradient_x,
+            gradient_y,
+            weights,
+            share,
+            precision,
+            enough: scale.enough(),
+        }
     }
 
     /// Follows the window from a start, for as long as it fits better; `None` where the start is outside the image.
@@ -154,7 +166,7 @@ impl Window {
         for _ in 1..SAMPLINGS {
             let shift = best.fit.shift + best.step;
             let is_far = (shift - start).norm() > MOST_STRAY;
-            if is_far || best.step.norm() < LAST_STEP {
+            if is_far || best.step.norm() < LAST_STEP || best.fit.cost <= self.enough {
                 break;
             }
             match self.look(level, shift) {
