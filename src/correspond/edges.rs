@@ -40,14 +40,14 @@ const STARTS: usize = 6;
 /// Motions closer than this, in pixels, are one to try.
 const SAME_START: f32 = 0.7;
 
-/// Motions further than this, in pixels, from the first one around a place disagree.
+/// Motions further than this, in pixels, from the first one around a place disagree; less is a slant.
 const DISAGREEMENT: f32 = 2.0;
 
 /// A motion is taken over from the next place where it leaves this share of what the own one leaves.
 const CLEARLY_BETTER: f32 = 0.7;
 
 /// Places, one after another, over which a motion is handed on.
-const GROWTHS: usize = 8;
+const GROWTHS: usize = 4;
 
 /// What the places of a pair of frames chose.
 #[derive(Debug, Default)]
