@@ -198,12 +198,14 @@ impl Window {
         let rows = Sampled::new(level, self.corner + shift)?;
         let mut sums = [[0.0; SIDE]; 6];
         for r in 0..SIDE {
+            let (greys, values, weights) = (rows.row(r), &self.values[r], &self.weights[r]);
+            let (gradient_x, gradient_y) = (&self.gradient_x[r], &self.gradient_y[r]);
             for c in 0..SIDE {
-                let difference = rows.at(r, c) - self.values[r][c];
+                let difference = greys[c] - values[c];
                 let square = difference * difference;
                 let share = 1.0 / (1.0 + square * self.precision);
-                let (x, y) = (self.gradient_x[r][c], self.gradient_y[r][c]);
-                let weight = self.weights[r][c] * share;
+                let (x, y) = (gradient_x[c], gradient_y[c]);
+                let weight = weights[c] * share;
                 sums[0][c] += weight * square;
                 let weight = weight * share;
                 sums[1][c] += weight * x * difference;
@@ -258,8 +260,9 @@ impl Sampled {
     }
 
     #[inline(always)]
-    fn at(&self, r: usize, c: usize) -> f32 {
-        self.rows[r][c] + self.down * (self.rows[r + 1][c] - self.rows[r][c])
+    fn row(&self, r: usize) -> [f32; SIDE] {
+        let (above, below) = (&self.rows[r], &self.rows[r + 1]);
+        std::array::from_fn(|c| above[c] + self.down * (below[c] - above[c]))
     }
 }
 
