@@ -290,7 +290,7 @@ fn share_left(left: &Stats, uncorrected: &Stats) -> String {
     format!(" {} | {share} |", pixels(left))
 }
 
-/// Prints the median milliseconds of a frame: in all, for analysis, for the warp.
+/// Prints the median milliseconds of a frame: in all, for analysis, for the warp; and those of the slowest frame.
 fn speed(file: &std::path::Path, lookahead: usize) -> Result<()> {
     // The first frames have nothing to be compared with or wait for the lookahead.
     let costs = speed::of_file(file, lookahead)?;
@@ -298,7 +298,8 @@ fn speed(file: &std::path::Path, lookahead: usize) -> Result<()> {
     let total = speed::median_ms(steady().map(|cost| cost.analysis + cost.warp));
     let analysis = speed::median_ms(steady().map(|cost| cost.analysis));
     let warp = speed::median_ms(steady().map(|cost| cost.warp));
-    println!("{total:.2} {analysis:.2} {warp:.2}");
+    let slowest = costs.iter().map(|cost| cost.analysis + cost.warp).max().unwrap_or_default();
+    println!("{total:.2} {analysis:.2} {warp:.2} {:.2}", slowest.as_secs_f64() * 1e3);
     Ok(())
 }
 

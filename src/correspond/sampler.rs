@@ -42,6 +42,9 @@ const STARTS: usize = 6;
 /// Starts closer to each other than this many pixels of a level are one.
 const SAME_START: f32 = 1.0;
 
+/// What was found this close to each other, in pixels of a level, leads to the same place.
+const SAME_PLACE: f32 = 0.5;
+
 /// When a later candidate replaces an earlier one.
 #[derive(Clone, Copy)]
 struct Measure {
@@ -67,7 +70,7 @@ const AGAINST_SEARCH: Measure = Measure { share: 0.3, tolerance: 0.001 };
 /// A search that leaves more than this after the coarse levels may have led to a wrong period.
 const SUSPICIOUS: f32 = 0.006;
 
-/// A start that leaves more than this on the first level is given up.
+/// A start that leaves more than this on a level is given up.
 const HOPELESS: f32 = 0.2;
 
 /// A point further than this from where its neighbours have it tries their motion too, pixels.
@@ -338,19 +341,32 @@ fn starts(search: &Search, at: Vector2<f32>, top: usize, expected: Vector2<f32>)
 ///
 /// In a repeated texture the coarsest levels may take a neighbouring period for the truth, which the
 /// finer ones tell apart: unless all is explained there, the expected motion, the best one near it and
-/// rest are followed alone, and taken where they do explain all.
+/// rest are followed as well, and taken where they do explain all. Mostly they lead to the same place, and
+/// from there on nothing is followed twice.
 fn coarse_motion(pair: &Pair<'_>, at: Vector2<f32>, starts: [Vector2<f32>; STARTS]) -> Option<Motion> {
-    let mut best = descend(pair, at, &starts, 1.0);
+    let [expected, .., near, rest] = starts;
+    let level = first_level(pair);
+    let first = best_of(pair, level, at, &starts);
+    let mut best = descend(pair, level, at, first, starts[1], 1.0);
     if best.is_none_or(|best| best.unexplained() > SUSPICIOUS) {
-        let [expected, .., near, rest] = starts;
-        let calm = [expected, near, rest];
-        for (index, start) in calm.iter().enumerate() {
-            if calm[..index].contains(start) {
+        let close = |a: Vector2<f32>, b: Vector2<f32>, limit| (a - b).norm() < limit * level_scale(level);
+        let mut seen = [first, None, None, None];
+        for (index, start) in [expected, near, rest].into_iter().enumerate() {
+            if seen.iter().flatten().any(|other| close(other.start, start, SAME_START)) {
                 continue;
             }
-            let found = descend(pair, at, &[*start], HOPELESS);
-            let found = found.filter(|found| found.unexplained() <= AGAINST_SEARCH.enough());
-            best = better(best, found, AGAINST_SEARCH);
+            let found = best_of(pair, level, at, &[start]);
+            let leads_elsewhere = found.is_none_or(|found| {
+                let mut others = seen.iter().flatten();
+                found.unexplained() <= HOPELESS
+                    && others.all(|other| !close(other.shift, found.shift, SAME_PLACE))
+            });
+            seen[index + 1] = found;
+            if leads_elsewhere {
+                let found = descend(pair, level, at, found, start, HOPELESS);
+                let found = found.filter(|found| found.unexplained() <= AGAINST_SEARCH.enough());
+                best = better(best, found, AGAINST_SEARCH);
+            }
         }
     }
     let best = best.filter(|best| best.correlation >= LEAST_COARSE_CORRELATION)?;
@@ -360,6 +376,8 @@ fn coarse_motion(pair: &Pair<'_>, at: Vector2<f32>, starts: [Vector2<f32>; START
 /// A motion (analysed pixels) and how well it explains a patch of a coarse level.
 #[derive(Clone, Copy)]
 struct Candidate {
+    /// The motion from which it was found.
+    start: Vector2<f32>,
     shift: Vector2<f32>,
     correlation: f32,
 }
@@ -381,19 +399,29 @@ fn better(earlier: Option<Candidate>, later: Option<Candidate>, measure: Measure
     }
 }
 
-/// From the best of some starts down to level 1 (or 0 where there is no other): what is found on the
-/// last level; `None` where nothing is, or where the first leaves more than `most` unexplained.
-fn descend(pair: &Pair<'_>, at: Vector2<f32>, starts: &[Vector2<f32>], most: f32) -> Option<Candidate> {
+/// The level on which points are followed first: the search has done the coarsest.
+fn first_level(pair: &Pair<'_>) -> usize {
     let top = pair.first.len() - 1;
-    // The search has done the coarsest level.
-    let begin = top.saturating_sub(1).max(1).min(top);
-    let mut best = best_of(pair, begin, at, starts);
-    if best.is_some_and(|best| best.unexplained() > most) {
-        return None;
-    }
-    let mut shift = best.map_or(starts[1.min(starts.len() - 1)], |best| best.shift);
-    for level in (1..begin).rev() {
+    top.saturating_sub(1).max(1).min(top)
+}
+
+/// Follows what was found on a level, or else a motion, down to level 1 (or 0 where there is no other): what is
+/// found on the last level; `None` where nothing is, or where more than `most` is left unexplained on the way.
+fn descend(
+    pair: &Pair<'_>,
+    level: usize,
+    at: Vector2<f32>,
+    found: Option<Candidate>,
+    otherwise: Vector2<f32>,
+    most: f32,
+) -> Option<Candidate> {
+    let mut best = found;
+    let mut shift = best.map_or(otherwise, |best| best.shift);
+    for level in (1..level).rev() {
         best = best_of(pair, level, at, &[shift]);
+        if best.is_some_and(|best| best.unexplained() > most) {
+            return None;
+        }
         shift = best.map_or(shift, |best| best.shift);
     }
     best
@@ -403,13 +431,17 @@ fn descend(pair: &Pair<'_>, at: Vector2<f32>, starts: &[Vector2<f32>], most: f32
 fn best_of(pair: &Pair<'_>, level: usize, at: Vector2<f32>, starts: &[Vector2<f32>]) -> Option<Candidate> {
     let unit = level_scale(level);
     let mut best: Option<Candidate> = None;
+    let mut template = None;
     for (index, start) in starts.iter().enumerate() {
         if starts[..index].iter().any(|other| (other - start).norm() < SAME_START * unit) {
             continue;
         }
-        let found = coarse_match(pair, level, at, start / unit);
-        let found =
-            found.map(|(shift, found)| Candidate { shift: shift * unit, correlation: found.correlation });
+        let found = coarse_match(pair, level, at, start / unit, &mut template);
+        let found = found.map(|(shift, found)| Candidate {
+            start: *start,
+            shift: shift * unit,
+            correlation: found.correlation,
+        });
         best = better(best, found, AMONG_STARTS);
         if best.is_some_and(|best| best.unexplained() <= AMONG_STARTS.enough()) {
             break;
@@ -419,12 +451,13 @@ fn best_of(pair: &Pair<'_>, level: usize, at: Vector2<f32>, starts: &[Vector2<f3
 }
 
 /// Follows the patch nearest to a point that is inside both frames, from `shift` (pixels of the
-/// level); `None` where there is none within a patch's reach.
+/// level); `None` where there is none within a patch's reach. `made` keeps the template that was made last, and where.
 fn coarse_match(
     pair: &Pair<'_>,
     level: usize,
     at: Vector2<f32>,
     shift: Vector2<f32>,
+    made: &mut Option<((usize, usize), CoarseTemplate)>,
 ) -> Option<(Vector2<f32>, Match)> {
     let (first, second) = (pair.first.get(level)?, pair.second.get(level)?);
     let wanted = to_level(at, level).add_scalar(-0.5 * (COARSE as f32 - 1.0));
@@ -435,10 +468,13 @@ fn coarse_match(
         let corner = wanted.max(least.ceil()).min(most.floor()).round();
         (least <= most && (corner - wanted).abs() <= COARSE as f32).then_some(corner)
     };
-    let corner = (inside(wanted.x, shift.x, first.width)?, inside(wanted.y, shift.y, first.height)?);
-    let template =
-        CoarseTemplate::new(pair.cpu, first, (corner.0 as usize, corner.1 as usize), COARSE_DAMPING)?;
-    let from = Vector2::new(corner.0, corner.1);
+    let from =
+        Vector2::new(inside(wanted.x, shift.x, first.width)?, inside(wanted.y, shift.y, first.height)?);
+    let corner = (from.x as usize, from.y as usize);
+    if made.as_ref().is_none_or(|(at, _)| *at != corner) {
+        *made = Some((corner, CoarseTemplate::new(pair.cpu, first, corner, COARSE_DAMPING)?));
+    }
+    let (_, template) = made.as_ref()?;
     let found = template.find(second, from + shift, COARSE_EFFORT)?;
     Some((found.corner - from, found))
 }

@@ -125,7 +125,13 @@ impl KnotTable {
         let start = (first.max(0) / 2) as usize;
         let count = known.saturating_sub(start).min((to - from + 1 - before) as usize);
         if let Some(inside) = knots.get(2 * start..) {
-            blocks.extend(inside.windows(3).step_by(2).take(count).map(|k| Block::new([k[0], k[1], k[2]])));
+            let (pairs, _) = inside.as_chunks::<2>();
+            let ends = inside.get(2..).unwrap_or_default().iter().step_by(2);
+            let added = blocks.len();
+            blocks.resize(added + count, Block::default());
+            for ((block, k), end) in blocks[added..].iter_mut().zip(pairs).zip(ends) {
+                *block = Block::new([k[0], k[1], *end]);
+            }
         }
         blocks.extend((blocks.len() as isize..=to - from).map(|block| outside(first + 2 * block)));
     }

@@ -5,6 +5,7 @@
 //! | `spline` | uniform cubic B-splines |
 //! | `path` | one spline for each generator of the homographies, 17 coefficients a block |
 //! | `flow` | path → where points go: the homographies that its velocities add up to |
+//! | `fixed` | which correspondences show what is fixed to the frame: overlays, the bonnet |
 //! | `pair` | correspondences of two frames, and the tracks that they continue |
 //! | `dominant` | which of them move as most of the picture does |
 //! | `left` | what a path leaves of them |
@@ -36,6 +37,7 @@ mod banded;
 mod camera;
 mod dominant;
 mod equations;
+mod fixed;
 mod flow;
 mod held;
 mod hypothesis;

@@ -5,6 +5,7 @@
 //! likelier one speaks. Vibrations, too fast for the usual knots, are a hypothesis within each.
 
 use super::camera::{Camera, KAPPA_LIMITS, KNOWN, READOUT_BELIEF};
+use super::fixed::Fixed;
 use super::hypothesis::{Hypothesis, NOTICEABLE, Stretch, TRIAL, breadth, try_scene};
 use super::pair::{Pair, Reading};
 use super::running::Running;
@@ -106,6 +107,9 @@ pub struct Continuous {
     sigma: f64,
     /// Frames since a path for the scene alone was tried, or one for everything again.
     since_scene: usize,
+    /// Where the picture is fixed to the frame, and the last pair's correspondences elsewhere.
+    fixed: Fixed,
+    scene: Vec<Correspondence>,
     /// Memory for correspondences.
     spare: Vec<Vec<Correspondence>>,
 }
@@ -147,6 +151,8 @@ impl Continuous {
             layer: Layer::new(width, height, pixel_scale),
             sigma: f64::INFINITY,
             since_scene: TRIAL,
+            fixed: Fixed::new(width, height, noise),
+            scene: Vec::new(),
             spare: Vec::new(),
         }
     }
@@ -154,7 +160,7 @@ impl Continuous {
     /// Whether the path leaves so much that finer correspondences are of use.
     pub fn wants_detail(&self) -> bool {
         let is_scene_alone = self.hypotheses.first().is_some_and(|hypothesis| hypothesis.solver.scene_alone);
-        is_scene_alone || self.sigma > NOTICEABLE * self.noise
+        is_scene_alone || self.fixed.any() || self.sigma > NOTICEABLE * self.noise
     }
 
     /// Adds the next frame at `time` seconds, `period` the nominal frame period, with its
@@ -167,7 +173,8 @@ impl Continuous {
         let (last, before) = (latest.next(), latest.next());
         if let (Some(last), Some(found)) = (last, found) {
             let before = before.and_then(|entry| entry.to_next.as_ref());
-            last.to_next = Pair::new(found.grid, centre, radius, [last.stamp, stamp], before);
+            self.fixed.part(found.grid, &mut self.scene);
+            last.to_next = Pair::new(&self.scene, centre, radius, [last.stamp, stamp], before);
             last.detail.extend_from_slice(found.grid);
             last.detail.extend_from_slice(found.fine);
             let is_broad = |pair: &Pair| {
@@ -176,7 +183,7 @@ impl Continuous {
             };
             let is_scene = last.to_next.as_ref().is_some_and(is_broad);
             if let Some(shutter) = self.shutter.as_mut().filter(|_| is_scene) {
-                shutter.push(found.grid, (stamp - last.stamp) * unit);
+                shutter.push(&self.scene, (stamp - last.stamp) * unit);
                 self.taken += 1;
                 if self.taken.is_multiple_of(HINT_EVERY) {
                     self.take_hint(unit);

@@ -178,56 +178,77 @@ unsafe fn sum<K: VectorKernel>(taps: impl Taps, block: &Block, lanes: &Lanes) ->
     }
 }
 
+/// `STEP` is the plane's: known beforehand, what lies around a block's few instructions is as few.
+///
 /// # Safety
 /// The CPU must have AVX2.
 #[target_feature(enable = "avx2")]
-unsafe fn vertical<K: VectorKernel>(task: &Vertical<'_>, patch: &mut Vec<u8>, middle: &mut Vec<i16>) {
-    let step = task.plane.layout().step;
-    middle.resize(task.blocks.len() * BLOCK * step, 0);
-    let lanes = &LANES[step - 1];
-    for (index, out) in middle.chunks_exact_mut(BLOCK * step).enumerate() {
-        let block = &task.blocks[index];
+unsafe fn vertical<K: VectorKernel, const STEP: usize>(
+    task: &Vertical<'_>,
+    patch: &mut Vec<u8>,
+    middle: &mut Vec<i16>,
+) {
+    middle.resize(task.blocks.len() * BLOCK * STEP, 0);
+    let blocks = task.blocks.iter().enumerate();
+    for ((index, block), out) in blocks.zip(middle.chunks_exact_mut(BLOCK * STEP)) {
         let window = task.window::<K>(index, patch);
         let last = window.offset + (K::TAPS - 1 + block.span as usize) * window.stride;
-        let bytes = &window.bytes[window.offset..last + BLOCK * step];
-        for (vector, (out, lanes)) in out.chunks_exact_mut(16).zip(lanes).enumerate() {
-            // SAFETY: `bytes` holds 16 · step samples in each row of the window, `out` 16 numbers.
+        let bytes = &window.bytes[window.offset..last + BLOCK * STEP];
+        for (vector, lanes) in LANES[STEP - 1].iter().enumerate().take(STEP) {
+            // SAFETY: `bytes` holds 16 · STEP samples in each row of the window, `out` 16 · STEP numbers.
             unsafe {
                 let taps = Rows(bytes.as_ptr().add(16 * vector), window.stride);
-                _mm256_storeu_si256(out.as_mut_ptr().cast(), sum::<K>(taps, block, lanes));
+                let sum = sum::<K>(taps, block, lanes);
+                _mm256_storeu_si256(out.as_mut_ptr().add(16 * vector).cast(), sum);
             }
         }
     }
 }
 
+/// `STEP` is that of the samples between the passes.
+///
 /// # Safety
 /// The CPU must have AVX2.
 #[target_feature(enable = "avx2")]
-unsafe fn horizontal<K: VectorKernel>(task: &Horizontal<'_, i16>, row: &mut [u8]) {
-    let (step, output) = (task.step, task.output);
-    let lanes = &LANES[step - 1];
-    let in_place = output.channels == step && output.step == step;
-    for (index, block) in task.blocks.iter().enumerate() {
-        let pixel = index * BLOCK;
-        let at = (pixel as isize + block.first as isize + K::FIRST - task.column) as usize * step;
-        let read = &task.middle[at..at + (BLOCK + K::TAPS - 1 + block.span as usize) * step];
-        let mut buffer = [0u8; 16 * MAX_STEP];
-        let out = match row.get_mut(pixel * step..(pixel + BLOCK) * step) {
-            Some(out) if in_place && pixel + BLOCK <= task.width => out,
-            _ => &mut buffer[..BLOCK * step],
-        };
-        for (vector, (out, lanes)) in out.chunks_exact_mut(16).zip(lanes).enumerate() {
-            // SAFETY: `read` holds 16 · step samples from each tap on, `out` 16 bytes.
-            unsafe {
-                let taps = Pixels(read.as_ptr().add(16 * vector), step);
-                let sum = _mm256_add_epi16(sum::<K>(taps, block, lanes), _mm256_set1_epi16(16));
-                let sum = _mm256_srai_epi16::<5>(sum);
-                let bytes = _mm_packus_epi16(_mm256_castsi256_si128(sum), _mm256_extracti128_si256::<1>(sum));
-                _mm_storeu_si128(out.as_mut_ptr().cast(), bytes);
-            }
-        }
-        if !in_place || pixel + BLOCK > task.width {
-            scatter(&buffer, step, task, pixel, row);
+unsafe fn horizontal<K: VectorKernel, const STEP: usize>(task: &Horizontal<'_, i16>, row: &mut [u8]) {
+    let output = task.output;
+    let in_place = output.channels == STEP && output.step == STEP;
+    let whole = if in_place { (task.width / BLOCK).min(task.blocks.len()) } else { 0 };
+    let (inside, rest) = task.blocks.split_at(whole);
+    for ((index, block), out) in inside.iter().enumerate().zip(row.chunks_exact_mut(BLOCK * STEP)) {
+        // SAFETY: the caller's promise.
+        unsafe { horizontal_block::<K, STEP>(task, index, block, out) };
+    }
+    for (index, block) in (whole..).zip(rest) {
+        let mut buffer = [0u8; BLOCK * MAX_STEP];
+        // SAFETY: the caller's promise.
+        unsafe { horizontal_block::<K, STEP>(task, index, block, &mut buffer[..BLOCK * STEP]) };
+        scatter(&buffer, STEP, task, index * BLOCK, row);
+    }
+}
+
+/// The 16 · `STEP` samples of block `index`.
+///
+/// # Safety
+/// The CPU must have AVX2.
+#[inline(always)]
+unsafe fn horizontal_block<K: VectorKernel, const STEP: usize>(
+    task: &Horizontal<'_, i16>,
+    index: usize,
+    block: &Block,
+    out: &mut [u8],
+) {
+    let at = ((index * BLOCK) as isize + block.first as isize + K::FIRST - task.column) as usize * STEP;
+    let read = &task.middle[at..at + (BLOCK + K::TAPS - 1 + block.span as usize) * STEP];
+    let out = &mut out[..BLOCK * STEP];
+    for (vector, lanes) in LANES[STEP - 1].iter().enumerate().take(STEP) {
+        // SAFETY: `read` holds 16 · STEP samples from each tap on, `out` 16 · STEP bytes.
+        unsafe {
+            let taps = Pixels(read.as_ptr().add(16 * vector), STEP);
+            let sum = _mm256_add_epi16(sum::<K>(taps, block, lanes), _mm256_set1_epi16(16));
+            let sum = _mm256_srai_epi16::<5>(sum);
+            let bytes = _mm_packus_epi16(_mm256_castsi256_si128(sum), _mm256_extracti128_si256::<1>(sum));
+            _mm_storeu_si128(out.as_mut_ptr().add(16 * vector).cast(), bytes);
         }
     }
 }
@@ -283,12 +304,17 @@ impl Passes for Fixed {
         patch: &mut Vec<u8>,
         middle: &mut Vec<i16>,
     ) -> bool {
-        if task.plane.layout().step > MAX_STEP {
-            return false;
-        }
         with_kernel!(interpolation, K => {
             // SAFETY: the caller's promise.
-            unsafe { vertical::<K>(task, patch, middle) };
+            unsafe {
+                match task.plane.layout().step {
+                    1 => vertical::<K, 1>(task, patch, middle),
+                    2 => vertical::<K, 2>(task, patch, middle),
+                    3 => vertical::<K, 3>(task, patch, middle),
+                    4 => vertical::<K, 4>(task, patch, middle),
+                    _ => return false,
+                }
+            };
             true
         }, Lanczos => false)
     }
@@ -298,12 +324,17 @@ impl Passes for Fixed {
         task: &Horizontal<'_, i16>,
         row: &mut [u8],
     ) -> bool {
-        if task.step > MAX_STEP {
-            return false;
-        }
         with_kernel!(interpolation, K => {
             // SAFETY: the caller's promise.
-            unsafe { horizontal::<K>(task, row) };
+            unsafe {
+                match task.step {
+                    1 => horizontal::<K, 1>(task, row),
+                    2 => horizontal::<K, 2>(task, row),
+                    3 => horizontal::<K, 3>(task, row),
+                    4 => horizontal::<K, 4>(task, row),
+                    _ => return false,
+                }
+            };
             true
         }, Lanczos => false)
     }

@@ -64,6 +64,7 @@ struct Window<'a> {
 impl Vertical<'_> {
     /// The window of block `index`: `taps + span` rows of 16 pixels, in place where all of it lies inside
     /// the plane, otherwise a copy with its border in `patch`.
+    #[inline(always)]
     fn window<'a, K: Kernel>(&'a self, index: usize, patch: &'a mut Vec<u8>) -> Window<'a> {
         let layout = self.plane.layout();
         let rows = K::TAPS + self.blocks[index].span as usize;
@@ -75,8 +76,16 @@ impl Vertical<'_> {
             let offset = top as usize * layout.stride + left as usize * layout.step * layout.format.bytes();
             return Window { bytes: self.plane.data(), offset, stride: layout.stride };
         }
+        self.copied_window([left, top], rows, patch)
+    }
+
+    /// The window of `rows` rows of 16 pixels from (left, top) on, copied with its border. Apart from the above, which is
+    /// done for each block, so that it does not weigh on those inside.
+    #[inline(never)]
+    fn copied_window<'a>(&self, [left, top]: [isize; 2], rows: usize, patch: &'a mut Vec<u8>) -> Window<'a> {
+        let layout = self.plane.layout();
         let stride = BLOCK * layout.step * layout.format.bytes();
-        patch.clear();
+        // What lies between a pixel's own samples may be anything.
         patch.resize(rows * stride, 0);
         for (row, out) in (top..).zip(patch.chunks_exact_mut(stride)) {
             self.copy_with_border(row, left, out);
@@ -91,11 +100,16 @@ impl Vertical<'_> {
         let row = resolve(row, layout.height, self.border).map(|row| self.plane.row(row));
         let pixels = row.zip(usize::try_from(left).ok());
         if let Some(pixels) = pixels.and_then(|(row, left)| row.get(left * step..(left + BLOCK) * step)) {
-            out.copy_from_slice(pixels);
+            // A size known beforehand is a load and a store.
+            match (pixels.first_chunk::<BLOCK>(), out.first_chunk_mut::<BLOCK>()) {
+                (Some(pixels), Some(out)) if step == 1 => *out = *pixels,
+                _ => out.copy_from_slice(pixels),
+            }
             return;
         }
         for (column, out) in (left..).zip(out.chunks_exact_mut(step)) {
             match (row, resolve(column, layout.width, self.border)) {
+                (Some(row), Some(column)) if own == 1 => out[0] = row[column * step],
                 (Some(row), Some(column)) => {
                     out[..own].copy_from_slice(&row[column * step..column * step + own]);
                 }
