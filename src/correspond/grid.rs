@@ -36,6 +36,18 @@ impl Grid {
     }
 }
 
+/// The cells left, right, above and below cell `index`; the one below may be beyond the last row.
+pub(super) fn beside(index: usize, columns: usize) -> impl Iterator<Item = usize> {
+    let column = index % columns;
+    let beside = [
+        (column > 0).then(|| index - 1),
+        (column + 1 < columns).then_some(index + 1),
+        index.checked_sub(columns),
+        Some(index + columns),
+    ];
+    beside.into_iter().flatten()
+}
+
 /// The first pixel of the patch in cell `index` of `cells` over `length` pixels.
 fn place(index: usize, cells: usize, length: usize) -> Option<usize> {
     let last = length.checked_sub(FINE + MARGIN)?;

@@ -11,6 +11,7 @@
 //! | agree | `field` | what the neighbours of a point say of its motion and its local distortion |
 //! | join | `sampler` | the order of it all, and which points are kept |
 //! | refine | `refine`, `search` | on demand: small patches where the points are missing or disagree |
+//! | choose | `edges`, `window` | then: which motion is that of a place next to a depth edge |
 //!
 //! Three coordinate systems occur: *full-frame* pixels, which callers see; *analysed* pixels, those
 //! of the reduced grey; and pixels of level l, each 2^l analysed pixels wide. In all of them pixel
@@ -28,6 +29,7 @@
 //! | track, coarse levels | in cache | 768 points × about 10 samplings × 0.9 k = 7 M |
 //! | track, full level | in cache | 768 points × about 6 samplings × 3.3 k = 15 M, and two templates of 13 k operations |
 
+mod edges;
 mod field;
 mod grid;
 mod luma;
@@ -40,6 +42,7 @@ mod start;
 #[cfg(test)]
 mod tests;
 mod tracker;
+mod window;
 
 pub use pyramid::Pyramid;
 pub use sampler::Sampler;

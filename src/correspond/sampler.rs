@@ -8,6 +8,7 @@ use super::pyramid::{Level, Pyramid};
 use super::refine::{Local, Refinement};
 use super::start::Search;
 use super::tracker::{COARSE, CoarseTemplate, Effort, FINE, FineTemplate, Match};
+use super::window::Scale;
 use crate::cpu::CpuLevel;
 use crate::plane::Luma;
 use nalgebra::{Matrix2, Vector2};
@@ -15,6 +16,9 @@ use rayon::prelude::*;
 
 /// Points whose texture (squared grey levels) is less are not kept.
 pub(super) const LEAST_TEXTURE: f32 = 1.0;
+
+/// Root mean square difference in grey levels that two patches have for rounding alone, about.
+const LEAST_NOISE: f32 = 0.5;
 
 /// Points whose patches correlate less are not kept.
 const LEAST_CORRELATION: f32 = 0.7;
@@ -176,8 +180,9 @@ impl Sampler {
     }
 
     /// Measures further correspondences of the pair that [`correspond`](Self::correspond) was last
-    /// given, and adds them to `out`: in cells where nothing was found, and in tiles of 8 × 8 analysed
-    /// pixels where the points around disagree on the motion.
+    /// given, and adds them to `out`: in cells where nothing was found, in tiles of 8 × 8 analysed
+    /// pixels where the points around disagree on the motion, and there at places of a regular mesh of each of the two
+    /// frames.
     ///
     /// Small patches see depth edges and small things, but are more often mistaken than the points of
     /// the grid: they are for local motion, not for that of the frame.
@@ -185,9 +190,18 @@ impl Sampler {
         let pair = Pair { cpu: self.cpu, first: first.levels(), second: second.levels() };
         if pair.is_usable(self.reduction.size()) {
             let scale = self.reduction.scale();
-            self.refinement.run(&pair, &self.grid, self.found.iter().map(|found| found.map(|f| f.local())));
-            out.extend(self.refinement.found().map(|small| small.to_full(scale)));
+            let known = self.found.iter().map(|found| found.map(|f| f.local()));
+            self.refinement.run(&pair, &self.grid, known, self.scale(&pair));
+            out.extend(self.refinement.found(scale));
         }
+    }
+
+    /// By what the frames of a pair differ where the grid found the same in both.
+    fn scale(&self, pair: &Pair<'_>) -> Scale {
+        let found = || self.found.iter().flatten().map(|found| &found.patch);
+        let noise = median(found().map(|patch| patch.found.residual));
+        let gain = median(found().filter_map(|patch| gain(pair, patch)));
+        Scale { noise: noise.unwrap_or(0.0).max(LEAST_NOISE), gain: gain.unwrap_or(1.0) }
     }
 
     /// How much two frames differ: the highest mean absolute grey difference (0 to 255) of any
@@ -208,6 +222,25 @@ impl Sampler {
     }
 }
 
+/// Grey of a patch in the second frame over that in the first, from every fourth row on whole pixels.
+fn gain(pair: &Pair<'_>, patch: &Patch<FINE>) -> Option<f32> {
+    let sum = |level: &Level, corner: Vector2<f32>| {
+        let (x, y) = (corner.x.round() as usize, corner.y.round() as usize);
+        let row = |r: usize| level.data.get((y + r) * level.width + x..)?.get(..FINE);
+        (0..FINE).step_by(4).map(|r| Some(row(r)?.iter().sum::<f32>())).sum::<Option<f32>>()
+    };
+    let before = sum(pair.first.first()?, patch.from)?;
+    let after = sum(pair.second.first()?, patch.found.corner)?;
+    (before > 0.0 && after > 0.0).then(|| after / before)
+}
+
+/// The middle one of some numbers.
+fn median(numbers: impl Iterator<Item = f32>) -> Option<f32> {
+    let mut numbers: Vec<f32> = numbers.collect();
+    let middle = numbers.len() / 2;
+    (!numbers.is_empty()).then(|| *numbers.select_nth_unstable_by(middle, f32::total_cmp).1)
+}
+
 /// A patch of `N` × `N` pixels that was found, in analysed pixels.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Patch<const N: usize> {
@@ -221,7 +254,7 @@ impl<const N: usize> Patch<N> {
         Motion { at: centre::<N>(self.from), shift: self.found.corner - self.from }
     }
 
-    fn to_full(self, scale: f64) -> Correspondence {
+    pub(super) fn to_full(self, scale: f64) -> Correspondence {
         Correspondence {
             from: to_full(centre::<N>(self.from), scale),
             to: to_full(centre::<N>(self.found.corner), scale),
@@ -287,7 +320,7 @@ fn expected_shift(
     if shift.iter().all(|value| value.is_finite()) { shift } else { Vector2::zeros() }
 }
 
-fn to_full(at: Vector2<f32>, scale: f64) -> Vector2<f64> {
+pub(super) fn to_full(at: Vector2<f32>, scale: f64) -> Vector2<f64> {
     at.map(f64::from).add_scalar(0.5) * scale - Vector2::repeat(0.5)
 }
 

@@ -278,7 +278,7 @@ struct Seed {
 }
 
 /// Geman and McClure's weight of a squared distance in units of its scale.
-fn kernel(square: f32) -> f32 {
+pub(super) fn kernel(square: f32) -> f32 {
     let share = 1.0 / (1.0 + square);
     share * share
 }

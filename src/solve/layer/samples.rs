@@ -1,7 +1,7 @@
 //! Residual velocities of one frame, sorted by place.
 
 use super::Neighbour;
-use super::node::{Scale, Surroundings};
+use super::node::{Scale, Surroundings, kernel};
 use crate::correspond::Correspondence;
 use crate::readout::Readout;
 use crate::solve::median::{MEDIAN_TO_VARIANCE, median};
@@ -24,6 +24,9 @@ const WEAK_TEXTURE: f32 = 4.0;
 /// difference of two noisy pixels has half the variance of one, and so have two patches twice that.
 const NOISE_IN_TEXTURE: f32 = 0.25;
 
+/// A correspondence whose patches differ by so many times what is usual in the frame counts a quarter.
+const UNUSUAL: f32 = 3.0;
+
 /// A residual velocity.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Sample {
@@ -37,11 +40,14 @@ pub(super) struct Sample {
     pub(super) ahead: f32,
 }
 
-/// How far a correspondence is to be believed: less where there is little texture, or as much noise.
-fn trust(correspondence: &Correspondence) -> f32 {
-    let noise = NOISE_IN_TEXTURE * correspondence.residual * correspondence.residual;
+/// How far a correspondence is to be believed: less where there is little texture, or as much noise, or where its
+/// patches differ more than by noise, whose square in this frame is `usual`.
+fn trust(correspondence: &Correspondence, usual: f32) -> f32 {
+    let square = correspondence.residual * correspondence.residual;
+    let noise = NOISE_IN_TEXTURE * square;
     let texture = (correspondence.texture - noise).max(0.0);
-    texture / (texture + noise + WEAK_TEXTURE)
+    let unusual = UNUSUAL * UNUSUAL * usual + f32::MIN_POSITIVE;
+    texture / (texture + noise + WEAK_TEXTURE) * kernel(square / unusual)
 }
 
 /// The samples of a frame in cells around the nodes of the mesh.
@@ -92,6 +98,7 @@ impl Samples {
                 continue;
             }
             self.tolerance = self.tolerance.max((SAME_MOTION * self.spacing) as f32 / ahead.abs());
+            let usual = self.usual_square(neighbour.correspondences);
             for correspondence in neighbour.correspondences {
                 let (here, there) = match neighbour.interval > 0.0 {
                     true => (correspondence.from, correspondence.to),
@@ -104,12 +111,19 @@ impl Samples {
                 let (Some(cell), true) = (self.cell(here), velocity.iter().all(|v| v.is_finite())) else {
                     continue;
                 };
-                let trust = trust(correspondence);
+                let trust = trust(correspondence, usual);
                 let sample = Sample { at: here.cast(), velocity: velocity.cast(), trust, ahead };
                 self.unsorted.push((cell, sample));
             }
         }
         self.sort();
+    }
+
+    /// The median of the squared differences of patches.
+    fn usual_square(&mut self, correspondences: &[Correspondence]) -> f32 {
+        self.squares.clear();
+        self.squares.extend(correspondences.iter().map(|pair| f64::from(pair.residual * pair.residual)));
+        if self.squares.is_empty() { 0.0 } else { median(&mut self.squares) as f32 }
     }
 
     /// The cell of a frame pixel; `None` outside the frame.
