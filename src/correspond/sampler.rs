@@ -17,9 +17,6 @@ use rayon::prelude::*;
 /// Points whose texture (squared grey levels) is less are not kept.
 pub(super) const LEAST_TEXTURE: f32 = 1.0;
 
-/// Root mean square difference in grey levels that two patches have for rounding alone, about.
-const LEAST_NOISE: f32 = 0.5;
-
 /// Points whose patches correlate less are not kept.
 const LEAST_CORRELATION: f32 = 0.7;
 
@@ -191,17 +188,10 @@ impl Sampler {
         if pair.is_usable(self.reduction.size()) {
             let scale = self.reduction.scale();
             let known = self.found.iter().map(|found| found.map(|f| f.local()));
-            self.refinement.run(&pair, &self.grid, known, self.scale(&pair));
+            let differ = Scale::of(&pair, self.found.iter().flatten().map(|found| &found.patch));
+            self.refinement.run(&pair, &self.grid, known, differ);
             out.extend(self.refinement.found(scale));
         }
-    }
-
-    /// By what the frames of a pair differ where the grid found the same in both.
-    fn scale(&self, pair: &Pair<'_>) -> Scale {
-        let found = || self.found.iter().flatten().map(|found| &found.patch);
-        let noise = median(found().map(|patch| patch.found.residual));
-        let gain = median(found().filter_map(|patch| gain(pair, patch)));
-        Scale { noise: noise.unwrap_or(0.0).max(LEAST_NOISE), gain: gain.unwrap_or(1.0) }
     }
 
     /// How much two frames differ: the highest mean absolute grey difference (0 to 255) of any
@@ -220,25 +210,6 @@ impl Sampler {
         let level = 1.min(pair.first.len() - 1);
         block_difference(&pair.first[level], &pair.second[level])
     }
-}
-
-/// Grey of a patch in the second frame over that in the first, from every fourth row on whole pixels.
-fn gain(pair: &Pair<'_>, patch: &Patch<FINE>) -> Option<f32> {
-    let sum = |level: &Level, corner: Vector2<f32>| {
-        let (x, y) = (corner.x.round() as usize, corner.y.round() as usize);
-        let row = |r: usize| level.data.get((y + r) * level.width + x..)?.get(..FINE);
-        (0..FINE).step_by(4).map(|r| Some(row(r)?.iter().sum::<f32>())).sum::<Option<f32>>()
-    };
-    let before = sum(pair.first.first()?, patch.from)?;
-    let after = sum(pair.second.first()?, patch.found.corner)?;
-    (before > 0.0 && after > 0.0).then(|| after / before)
-}
-
-/// The middle one of some numbers.
-fn median(numbers: impl Iterator<Item = f32>) -> Option<f32> {
-    let mut numbers: Vec<f32> = numbers.collect();
-    let middle = numbers.len() / 2;
-    (!numbers.is_empty()).then(|| *numbers.select_nth_unstable_by(middle, f32::total_cmp).1)
 }
 
 /// A patch of `N` × `N` pixels that was found, in analysed pixels.

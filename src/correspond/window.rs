@@ -6,8 +6,13 @@
 //! first frame, differences weighted as by Geman and McClure.
 
 use super::pyramid::Level;
+use super::sampler::{Pair, Patch};
+use super::tracker::FINE;
 use crate::cpu::CpuLevel;
 use nalgebra::{Matrix2, Vector2};
+
+/// Root mean square difference in grey levels that two patches have for rounding alone, about.
+const LEAST_NOISE: f32 = 0.5;
 
 /// Side of a window in pixels.
 const SIDE: usize = 8;
@@ -48,6 +53,13 @@ pub(super) struct Scale {
 }
 
 impl Scale {
+    /// The scale of a pair of frames, from the patches that were found in both.
+    pub(super) fn of<'a>(pair: &Pair<'_>, found: impl Iterator<Item = &'a Patch<FINE>> + Clone) -> Self {
+        let noise = median(found.clone().map(|patch| patch.found.residual));
+        let gain = median(found.filter_map(|patch| gain(pair, patch)));
+        Self { noise: noise.unwrap_or(0.0).max(LEAST_NOISE), gain: gain.unwrap_or(1.0) }
+    }
+
     /// The scale of the way back.
     pub(super) fn reversed(self) -> Self {
         Self { gain: 1.0 / self.gain, ..self }
@@ -62,6 +74,25 @@ impl Scale {
     fn contrast(&self) -> f32 {
         CONTRAST.max(BEYOND_NOISE * self.noise).powi(2)
     }
+}
+
+/// Grey of a patch in the second frame over that in the first, from every fourth row on whole pixels.
+fn gain(pair: &Pair<'_>, patch: &Patch<FINE>) -> Option<f32> {
+    let sum = |level: &Level, corner: Vector2<f32>| {
+        let (x, y) = (corner.x.round() as usize, corner.y.round() as usize);
+        let row = |r: usize| level.data.get((y + r) * level.width + x..)?.get(..FINE);
+        (0..FINE).step_by(4).map(|r| Some(row(r)?.iter().sum::<f32>())).sum::<Option<f32>>()
+    };
+    let before = sum(pair.first.first()?, patch.from)?;
+    let after = sum(pair.second.first()?, patch.found.corner)?;
+    (before > 0.0 && after > 0.0).then(|| after / before)
+}
+
+/// The middle one of some numbers.
+fn median(numbers: impl Iterator<Item = f32>) -> Option<f32> {
+    let mut numbers: Vec<f32> = numbers.collect();
+    let middle = numbers.len() / 2;
+    (!numbers.is_empty()).then(|| *numbers.select_nth_unstable_by(middle, f32::total_cmp).1)
 }
 
 /// Where a window was found.
