@@ -60,12 +60,11 @@ impl Fixed {
         self.learn(found);
         scene.clear();
         scene.extend(found.iter().filter(|m| !self.is_fixed(m)));
-        self.any = scene.len() < found.len();
         if (scene.len() as f64) < QUORUM * found.len() as f64 {
             scene.clear();
             scene.extend_from_slice(found);
-            self.any = false;
         }
+        self.any = scene.len() < found.len();
     }
 
     fn is_fixed(&self, m: &Correspondence) -> bool {

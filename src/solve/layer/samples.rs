@@ -123,7 +123,7 @@ impl Samples {
     fn usual_square(&mut self, correspondences: &[Correspondence]) -> f32 {
         self.squares.clear();
         self.squares.extend(correspondences.iter().map(|pair| f64::from(pair.residual * pair.residual)));
-        if self.squares.is_empty() { 0.0 } else { median(&mut self.squares) as f32 }
+        median(&mut self.squares) as f32
     }
 
     /// The cell of a frame pixel; `None` outside the frame.
