@@ -4,7 +4,7 @@
 
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 use nalgebra::Translation2;
-use rsrectify::motion::{MotionPath, ResidualField, ResidualMesh, SampledPath, Twist};
+use rsrectify::motion::{FrameMotion, MotionPath, ResidualField, ResidualMesh, SampledPath, Twist};
 use rsrectify::plane::{Plane, PlaneLayout, PlaneMut, SampleFormat};
 use rsrectify::readout::{Readout, ReadoutDirection, ReadoutTime};
 use rsrectify::warp::{CpuLevel, Interpolation, Placement, WarpSettings, Warper};
@@ -68,19 +68,19 @@ fn warp(criterion: &mut Criterion) {
     let motions = [("gentle", Twist::new(0.01, 12.0, -6.0)), ("strong", Twist::new(0.1, 80.0, 40.0))];
     let mut formats = formats();
     for (motion, twist) in motions {
-        let path = MotionPath::uniform(twist, readout.time);
+        let motion_of_frame = FrameMotion::new(readout, MotionPath::uniform(twist, readout.time));
         let mut group = criterion.benchmark_group(format!("warp/{motion}"));
         group.sample_size(30);
-        for level in CpuLevel::ALL.into_iter().filter(|level| level.available() == *level) {
+        for level in CpuLevel::supported() {
             for interpolation in [Interpolation::Linear, Interpolation::Cubic, Interpolation::Lanczos] {
                 let settings = WarpSettings { interpolation, ..WarpSettings::default() };
                 let mut warper = Warper::with_cpu(level);
-                warper.prepare(&readout, &path, &settings);
+                warper.prepare(&motion_of_frame, &settings);
                 for (name, images) in &mut formats {
                     let samples: usize =
                         images.iter().map(|i| i.layout.width * i.layout.height * i.layout.channels).sum();
                     group.throughput(Throughput::Elements(samples as u64));
-                    group.bench_function(format!("{name}/{interpolation:?}/{level:?}"), |bencher| {
+                    group.bench_function(format!("{name}/{interpolation:?}/{level}"), |bencher| {
                         bencher.iter(|| images.iter_mut().for_each(|image| image.warp(&warper)));
                     });
                 }
@@ -121,13 +121,14 @@ fn prepare(criterion: &mut Criterion) {
             Image::new(PlaneLayout { height: 1, ..one_channel(scale, SampleFormat::U8) }, placement)
         });
         for (name, path) in &paths {
+            let motion = FrameMotion::new(readout, path.clone());
             let mut warper = Warper::new();
             group.bench_function(format!("map/{name}"), |bencher| {
-                bencher.iter(|| warper.prepare(&readout, black_box(path), &WarpSettings::default()));
+                bencher.iter(|| warper.prepare(black_box(&motion), &WarpSettings::default()));
             });
             group.bench_function(format!("map and knots/{name}"), |bencher| {
                 bencher.iter(|| {
-                    warper.prepare(&readout, black_box(path), &WarpSettings::default());
+                    warper.prepare(black_box(&motion), &WarpSettings::default());
                     rows.iter_mut().for_each(|row| row.warp(&warper));
                 });
             });

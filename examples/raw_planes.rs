@@ -29,12 +29,12 @@ fn main() -> Result<(), Box<dyn Error>> {
         _ => return Err("give no argument, or FILE WIDTH HEIGHT FRAMES_PER_SECOND".into()),
     };
 
-    let mut rectifier = Rectifier::new(Settings::default(), width, height, Some(1.0 / rate));
+    let mut rectifier = Rectifier::new(Settings::default(), width, height, Some(1.0 / rate))?;
     let mut warper = Warper::new();
     let mut waiting = VecDeque::new();
     for frame in frames {
         let luma = Plane::new(&frame.planes[0], PlaneLayout::packed(width, height, SampleFormat::U8))?;
-        rectifier.push(&Luma::from(luma), Some(frame.time), false);
+        rectifier.push(&Luma::from(luma), Some(frame.time), false)?;
         waiting.push_back(frame);
         give_out(&mut rectifier, &mut warper, &mut waiting, (width, height))?;
     }
@@ -51,12 +51,12 @@ fn give_out(
 ) -> Result<(), Box<dyn Error>> {
     while let Some(solution) = rectifier.pop() {
         let Some(frame) = waiting.pop_front() else { return Err("a motion without a frame".into()) };
-        let twist = solution.path.mean_twist();
+        let twist = solution.motion.path().mean_twist();
         println!(
             "{:7.3} s: turns {:+.3} rad/s, moves ({:+7.1}, {:+7.1}) px/s, confidence {:.2}",
             frame.time, twist.omega, twist.velocity.x, twist.velocity.y, solution.confidence
         );
-        warper.prepare(&solution.readout, &solution.path, &WarpSettings::default());
+        warper.prepare(&solution.motion, &WarpSettings::default());
         // Chroma of 4:2:0 lies on every other luma column and between two luma rows (MPEG-2 siting).
         let half = Placement { scale: [2.0, 2.0], offset: [0.0, 0.5] };
         let chroma = PlaneLayout::packed(width.div_ceil(2), height.div_ceil(2), SampleFormat::U8);

@@ -1,40 +1,79 @@
-//! Which instructions of the machine the kernels of all rooms may use.
+//! Which instructions of the machine the kernels of all modules may use.
 
-/// Which instructions the kernels may use.
+use std::fmt;
+
+/// Proof that the CPU has AVX2: detection is the only thing that makes one.
+///
+/// A kernel compiled for AVX2 may be called wherever one of these is at hand.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct Avx2(());
+
+impl Avx2 {
+    /// The proof, where the CPU has AVX2.
+    #[cfg(target_arch = "x86_64")]
+    pub fn detect() -> Option<Self> {
+        is_x86_feature_detected!("avx2").then_some(Self(()))
+    }
+
+    /// The proof, where the CPU has AVX2: never here.
+    #[cfg(not(target_arch = "x86_64"))]
+    pub fn detect() -> Option<Self> {
+        None
+    }
+}
+
+/// Which instructions the kernels may use. A level exists only on a machine that has its instructions, so that
+/// no caller can ask for what would be undefined behaviour:
+///
+/// ```compile_fail
+/// let forged = rsrectify::CpuLevel::Avx2(rsrectify::cpu::Avx2(()));
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum CpuLevel {
     /// Plain Rust.
     Scalar,
     /// x86-64 with AVX2.
-    Avx2,
+    Avx2(Avx2),
+}
+
+impl fmt::Display for CpuLevel {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        formatter.write_str(match self {
+            Self::Scalar => "Scalar",
+            Self::Avx2(_) => "Avx2",
+        })
+    }
 }
 
 impl CpuLevel {
-    /// All levels, the lowest first.
-    pub const ALL: [Self; 2] = [Self::Scalar, Self::Avx2];
+    /// The levels of this machine, the lowest first.
+    pub fn supported() -> impl Iterator<Item = Self> {
+        std::iter::once(Self::Scalar).chain(Avx2::detect().map(Self::Avx2))
+    }
 
     /// The highest level of this machine; the environment variable `RSRECTIFY_CPU` (`scalar`, `avx2`) can
     /// lower it.
     pub fn detect() -> Self {
-        let asked = match std::env::var("RSRECTIFY_CPU").as_deref() {
+        match std::env::var("RSRECTIFY_CPU").as_deref() {
             Ok("scalar") => Self::Scalar,
-            _ => Self::Avx2,
-        };
-        asked.min(Self::of_machine())
+            _ => Self::supported().last().unwrap_or(Self::Scalar),
+        }
     }
+}
 
-    #[cfg(target_arch = "x86_64")]
-    fn of_machine() -> Self {
-        if is_x86_feature_detected!("avx2") { Self::Avx2 } else { Self::Scalar }
-    }
+#[cfg(test)]
+mod tests {
+    use super::*;
 
-    #[cfg(not(target_arch = "x86_64"))]
-    fn of_machine() -> Self {
-        Self::Scalar
-    }
-
-    /// This level, or the machine's where that is lower.
-    pub fn available(self) -> Self {
-        self.min(Self::of_machine())
+    #[test]
+    fn levels_are_those_that_the_machine_reports() {
+        let levels: Vec<CpuLevel> = CpuLevel::supported().collect();
+        #[cfg(target_arch = "x86_64")]
+        let has_avx2 = is_x86_feature_detected!("avx2");
+        #[cfg(not(target_arch = "x86_64"))]
+        let has_avx2 = false;
+        assert_eq!(levels[0], CpuLevel::Scalar);
+        assert_eq!(levels.len(), 1 + usize::from(has_avx2));
+        assert!(levels.is_sorted() && levels.contains(&CpuLevel::detect()));
     }
 }

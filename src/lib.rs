@@ -19,8 +19,11 @@
 //! Equation numbers 25.n cite *A Rectification Method for Removing Rolling Shutter Distortion*
 //! (chapter 25), from which the method starts.
 
+// Whoever embeds it owns the terminal.
+#![cfg_attr(not(test), warn(clippy::print_stdout, clippy::print_stderr))]
+
 pub mod correspond;
-mod cpu;
+pub mod cpu;
 pub mod motion;
 pub mod plane;
 pub mod readout;

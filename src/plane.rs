@@ -21,6 +21,8 @@ impl SampleFormat {
     pub const U10_HIGH: Self = Self { bits: 10, shift: 6 };
     /// 12 bits in the low end of a 16-bit word.
     pub const U12: Self = Self { bits: 12, shift: 0 };
+    /// 12 bits in the high end of a 16-bit word (`P012_LE`).
+    pub const U12_HIGH: Self = Self { bits: 12, shift: 4 };
     /// 16 bits.
     pub const U16: Self = Self { bits: 16, shift: 0 };
 
@@ -65,7 +67,8 @@ pub struct PlaneLayout {
 impl PlaneLayout {
     /// A plane of one channel without padding.
     pub const fn packed(width: usize, height: usize, format: SampleFormat) -> Self {
-        let stride = width * format.bytes();
+        // What overflows fits in no buffer, and is refused there.
+        let stride = width.saturating_mul(format.bytes());
         Self { width, height, stride, step: 1, channels: 1, format }
     }
 
@@ -242,12 +245,15 @@ mod tests {
             ..PlaneLayout::packed(9, 9, SampleFormat::U16)
         };
         assert!(Plane::new(&[0; 64], layout).is_err());
+        let layout = PlaneLayout::packed(usize::MAX, usize::MAX, SampleFormat::U16);
+        assert!(Plane::new(&[0; 64], layout).is_err());
     }
 
     #[test]
     fn formats_know_their_range() {
         assert_eq!((SampleFormat::U8.max_value(), SampleFormat::U8.bytes()), (255, 1));
         assert_eq!((SampleFormat::U10_HIGH.max_value(), SampleFormat::U10_HIGH.bytes()), (1023, 2));
+        assert_eq!((SampleFormat::U12_HIGH.max_value(), SampleFormat::U12_HIGH.bytes()), (4095, 2));
         assert_eq!(SampleFormat::U16.max_value(), 65535);
     }
 }

@@ -42,6 +42,21 @@ pub enum ReadoutTime {
     Seconds(f64),
 }
 
+impl ReadoutTime {
+    /// Whether it says something that can be: a time or delay is finite and not negative.
+    pub fn is_valid(&self) -> bool {
+        match self {
+            Self::Unknown | Self::WholePeriod => true,
+            Self::DelayRows(value) | Self::Seconds(value) => value.is_finite() && *value >= 0.0,
+        }
+    }
+
+    /// Whether the readout time need not be found out; what cannot be is not known.
+    pub fn is_known(&self) -> bool {
+        *self != Self::Unknown && self.is_valid()
+    }
+}
+
 /// The shutter of one stream: frame size, direction and readout time.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Readout {
@@ -67,12 +82,10 @@ impl Readout {
         time: ReadoutTime,
         period: f64,
     ) -> Self {
-        let rows = if direction.is_by_rows() { height } else { width } as f64;
+        let rows = if direction.is_by_rows() { height } else { width }.max(1) as f64;
         let time = match time {
-            ReadoutTime::Seconds(seconds) if seconds.is_finite() && seconds >= 0.0 => seconds,
-            ReadoutTime::DelayRows(delay) if delay.is_finite() && delay >= 0.0 => {
-                period * rows / (rows + delay)
-            }
+            ReadoutTime::Seconds(seconds) if time.is_known() => seconds,
+            ReadoutTime::DelayRows(delay) if time.is_known() => period * rows / (rows + delay),
             _ => period,
         };
         Self { width, height, direction, time }

@@ -20,7 +20,7 @@ fn half(name: &str) -> Settings {
 
 fn solve(sequence: &Sequence, frames: &[Frame], settings: rectifier::Settings) -> Vec<FrameSolution> {
     let Settings { width, height, fps, .. } = sequence.settings;
-    let mut rectifier = Rectifier::new(settings, width, height, Some(1.0 / fps));
+    let mut rectifier = Rectifier::new(settings, width, height, Some(1.0 / fps)).unwrap();
     let stamped = frames.iter().enumerate().map(|(k, frame)| (frame, sequence.start(k)));
     product::motions(&mut rectifier, stamped).unwrap()
 }
@@ -71,8 +71,8 @@ fn a_readout_set_far_wrong_is_survived() {
             let settings = rectifier::Settings { lookahead, readout_time, ..Default::default() };
             for solution in solve(&sequence, &frames, settings) {
                 let corner = Vector2::new(-160.0, -120.0);
-                let moved = (solution.path.carry(corner, 0.0, 0.5) - corner).norm();
-                let most = 50.0 + 20.0 * solution.readout.time / period;
+                let moved = (solution.motion.path().carry(corner, 0.0, 0.5) - corner).norm();
+                let most = 50.0 + 20.0 * solution.motion.readout().time / period;
                 assert!(moved < most, "{readout_time:?}: {moved} px");
                 assert!(solution.residual.is_finite() && solution.confidence.is_finite(), "{readout_time:?}");
             }

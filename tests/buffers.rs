@@ -8,14 +8,20 @@ use gst_video::prelude::*;
 use gst_video::{VideoFormat, VideoFrameRef, VideoInfo};
 
 /// The formats promised to users.
-const FORMATS: [&str; 28] = [
+const FORMATS: [&str; 64] = [
     "I420",
     "YV12",
     "NV12",
     "NV21",
     "NV16",
+    "NV61",
+    "NV24",
     "Y42B",
     "Y444",
+    "Y41B",
+    "YUV9",
+    "YVU9",
+    "A420",
     "GRAY8",
     "GRAY16_LE",
     "RGB",
@@ -28,15 +34,45 @@ const FORMATS: [&str; 28] = [
     "BGRA",
     "ARGB",
     "ABGR",
+    "GBR",
+    "GBRA",
+    "RGBP",
+    "BGRP",
     "AYUV",
+    "VUYA",
+    "v308",
+    "IYU2",
     "YUY2",
     "UYVY",
+    "YVYU",
+    "VYUY",
     "I420_10LE",
     "P010_10LE",
     "I422_10LE",
     "Y444_10LE",
+    "A420_10LE",
+    "A422_10LE",
+    "A444_10LE",
+    "GBR_10LE",
+    "GBRA_10LE",
+    "Y210",
     "I420_12LE",
-    "VUYA",
+    "P012_LE",
+    "I422_12LE",
+    "Y444_12LE",
+    "GBR_12LE",
+    "GBRA_12LE",
+    "Y212_LE",
+    "Y412_LE",
+    "P016_LE",
+    "Y444_16LE",
+    "v216",
+    "AYUV64",
+    "ARGB64",
+    "ARGB64_LE",
+    "RGBA64_LE",
+    "BGRA64_LE",
+    "ABGR64_LE",
 ];
 
 #[test]
@@ -181,10 +217,21 @@ fn component_rows(
     component: u8,
 ) -> impl Iterator<Item = (usize, impl Iterator<Item = usize> + use<>)> + use<> {
     let bytes = info.comp_depth(component).div_ceil(8) as usize;
-    let (offset, step) = (info.comp_poffset(component) as usize, info.comp_pstride(component) as usize);
+    let (offset, step) = (offset(info, component), info.comp_pstride(component) as usize);
     let (width, height) = (info.comp_width(component) as usize, info.comp_height(component) as usize);
     (0..height)
         .map(move |row| (row, (0..width).flat_map(move |x| (0..bytes).map(move |b| offset + x * step + b))))
+}
+
+/// Byte of a component in its plane, where GStreamer 1.22 does not tell it right.
+fn offset(info: &VideoInfo, component: u8) -> usize {
+    let component = usize::from(component);
+    match info.format_info().name().as_str() {
+        "Y210" | "Y212_LE" => [0, 2, 6][component],
+        "Y412_LE" => [2, 0, 4, 6][component],
+        "P010_10LE" | "P012_LE" | "P016_LE" => [0, 0, 2][component],
+        _ => info.comp_poffset(component as u8) as usize,
+    }
 }
 
 /// Whether every sample of a frame is `value` in all its bytes.
@@ -202,6 +249,7 @@ fn is_filled(buffer: &gst::BufferRef, info: &VideoInfo, value: u8) -> bool {
 fn grey(info: &VideoInfo) -> u8 {
     match (info.comp_depth(0), info.format_info().shift()[0]) {
         (8 | 16, _) => 0x47,
+        (10, _) if info.format() == VideoFormat::Y210 => 0x40,
         (_, 0) => 0x02,
         _ => 0x40,
     }
@@ -244,7 +292,9 @@ fn other_formats_are_not_taken() {
     for format in FORMATS {
         assert!(sink.query_accept_caps(&caps(format, 8, 8, gst::Fraction::new(30, 1))), "{format}");
     }
-    for format in ["GRAY16_BE", "v210", "NV12_64Z32", "RGB8P"] {
+    for format in
+        ["GRAY16_BE", "I420_10BE", "v210", "Y410", "RGB10A2_LE", "RGB16", "IYU1", "NV12_64Z32", "RGB8P"]
+    {
         assert!(!sink.query_accept_caps(&caps(format, 8, 8, gst::Fraction::new(30, 1))), "{format}");
     }
     for (width, height) in [(32_769, 8), (8, 32_769), (i32::MAX as u32, 1)] {
@@ -292,9 +342,14 @@ fn a_buffer_that_is_too_small_is_an_error_not_a_panic() {
 #[test]
 fn what_is_not_one_exposure_a_frame_passes_with_one_warning() {
     init();
-    for field in ["interlace-mode=interleaved", "interlace-mode=mixed", "multiview-mode=side-by-side"] {
-        let caps: gst::Caps =
-            format!("video/x-raw,format=GRAY8,width=320,height=240,framerate=30/1,{field}").parse().unwrap();
+    for (feature, field) in [
+        ("", "interlace-mode=interleaved"),
+        ("", "interlace-mode=mixed"),
+        ("(format:Interlaced)", "interlace-mode=alternate"),
+        ("", "multiview-mode=side-by-side"),
+    ] {
+        let size = "width=320,height=240,framerate=30/1";
+        let caps: gst::Caps = format!("video/x-raw{feature},format=GRAY8,{size},{field}").parse().unwrap();
         let mut h = harness_before_caps();
         let bus = bus(&h);
         warp_always(&h);
@@ -313,4 +368,162 @@ fn what_is_not_one_exposure_a_frame_passes_with_one_warning() {
         assert_eq!(h.buffers_received(), 5);
         assert!(h.query_latency() > Some(gst::ClockTime::ZERO));
     }
+}
+
+/// Makes the sink answer allocation queries, offering `GstVideoMeta` or not.
+fn answer_allocation(h: &gst_check::Harness, reads_strides: bool) {
+    h.sinkpad().unwrap().add_probe(gst::PadProbeType::QUERY_DOWNSTREAM, move |_, info| {
+        if let Some(gst::QueryViewMut::Allocation(query)) = info.query_mut().map(|query| query.view_mut()) {
+            if reads_strides {
+                query.add_allocation_meta::<gst_video::VideoMeta>(None);
+            }
+            return gst::PadProbeReturn::Handled;
+        }
+        gst::PadProbeReturn::Ok
+    });
+}
+
+#[test]
+fn a_sink_that_reads_no_strides_gets_packed_rows() {
+    let caps = caps("I420", 322, 242, gst::Fraction::new(30, 1));
+    let info = VideoInfo::from_caps(&caps).unwrap();
+    for (reads_strides, strength) in [(false, 1.0), (false, 0.0), (true, 1.0)] {
+        let mut h = harness_before_caps();
+        answer_allocation(&h, reads_strides);
+        h.set_src_caps(caps.clone());
+        h.element().unwrap().set_property("strength", strength);
+        let frames: Vec<_> = (0..9).map(|number| timed(padded(&info, 30, 77), number)).collect();
+        frames.iter().for_each(|frame| assert!(h.push(frame.clone()).is_ok()));
+        h.push_event(gst::event::Eos::new());
+        let out = arrived(&mut h);
+        assert_eq!(numbers(&out), (0..9).collect::<Vec<_>>());
+        for (input, output) in frames.iter().zip(&out) {
+            if reads_strides {
+                assert_eq!(input.as_ptr(), output.as_ptr());
+            } else {
+                let map = output.map_readable().unwrap();
+                assert_eq!(map.len(), info.size());
+                let frame = VideoFrameRef::from_buffer_ref_readable(output, &info).unwrap();
+                for plane in 0..3 {
+                    let (width, height) = (info.comp_width(plane as u8), info.comp_height(plane as u8));
+                    let (data, stride) =
+                        (frame.plane_data(plane).unwrap(), frame.plane_stride()[plane as usize]);
+                    let rows = data.chunks(stride as usize).take(height as usize);
+                    assert!(rows.flat_map(|row| &row[..width as usize]).all(|&sample| sample == 77));
+                }
+                assert_eq!((output.pts(), output.duration()), (input.pts(), input.duration()));
+            }
+        }
+    }
+}
+
+fn timed(mut buffer: gst::Buffer, number: usize) -> gst::Buffer {
+    buffer.get_mut().unwrap().set_pts(time(number));
+    buffer.get_mut().unwrap().set_duration(FRAME);
+    buffer
+}
+
+#[test]
+fn a_file_of_raw_frames_is_what_identity_writes() {
+    init();
+    let written = |element: &str, width: usize| {
+        let name = format!("rsrectify-{}-raw-{element}-{width}", std::process::id());
+        let path = std::env::temp_dir().join(name);
+        let pipeline = gst::parse::launch(&format!(
+            "videotestsrc pattern=black num-buffers=20 ! video/x-raw,format=I420,width={width},height=242 ! x264enc \
+             ! avdec_h264 ! {element} ! filesink location={}",
+            path.display()
+        ));
+        let pipeline = pipeline.unwrap().downcast::<gst::Pipeline>().unwrap();
+        run_to_eos(&pipeline);
+        pipeline.set_state(gst::State::Null).unwrap();
+        let bytes = std::fs::read(&path).unwrap();
+        std::fs::remove_file(&path).unwrap();
+        bytes
+    };
+    // Rows of 328 bytes need no padding, those of 322 are padded with whatever was there.
+    assert!(written("rsrectify", 328) == written("identity", 328));
+    assert_eq!(written("rsrectify", 322).len(), written("identity", 322).len());
+}
+
+#[test]
+fn a_pool_that_cannot_grow_is_not_emptied() {
+    let caps = numbered_caps();
+    let info = VideoInfo::from_caps(&caps).unwrap();
+    for (buffers, lookahead) in [(1, 0), (2, 4), (4, 4), (6, 8), (8, 64), (3, 1)] {
+        let pool = gst_video::VideoBufferPool::new();
+        let mut config = pool.config();
+        config.set_params(Some(&caps), info.size() as u32, buffers, buffers);
+        pool.set_config(config).unwrap();
+        pool.set_active(true).unwrap();
+        let mut h = harness(lookahead, &caps);
+        for number in 0..30 {
+            let params = gst::BufferPoolAcquireParams::with_flags(gst::BufferPoolAcquireFlags::DONTWAIT);
+            let buffer = pool.acquire_buffer(Some(&params));
+            let mut buffer =
+                buffer.unwrap_or_else(|_| panic!("{buffers} buffers, lookahead {lookahead}: none free"));
+            let inner = buffer.get_mut().unwrap();
+            inner.set_pts(time(number));
+            inner.map_writable().unwrap().copy_from_slice(&numbered_pixels(number));
+            gst_video::VideoAFDMeta::add(
+                inner,
+                0,
+                gst_video::VideoAFDSpec::AtscA53,
+                gst_video::VideoAFDValue::_43Full169Full,
+            );
+            h.push(buffer).unwrap();
+            for buffer in arrived(&mut h) {
+                let shown = number_of(&buffer.map_readable().unwrap(), SIZE.0 as usize);
+                assert_eq!(vec![shown], numbers(std::slice::from_ref(&buffer)));
+                assert!(buffer.meta::<gst_video::VideoAFDMeta>().is_some());
+            }
+        }
+        h.push_event(gst::event::Eos::new());
+        assert_eq!(h.buffers_received(), 30);
+    }
+}
+
+#[test]
+fn a_buffer_without_a_picture_keeps_its_place() {
+    let mut h = harness(2, &numbered_caps());
+    for number in 0..12 {
+        let frame = if number % 3 == 1 {
+            let mut gap = timed(gst::Buffer::new(), number);
+            gap.get_mut().unwrap().set_flags(gst::BufferFlags::GAP | gst::BufferFlags::DROPPABLE);
+            gap
+        } else {
+            numbered(number)
+        };
+        h.push(frame).unwrap();
+    }
+    h.push_event(gst::event::Eos::new());
+    let out = arrived(&mut h);
+    assert_eq!(numbers(&out), (0..12).collect::<Vec<_>>());
+    let empty: Vec<_> = (0..12).filter(|&number| out[number].size() == 0).collect();
+    assert_eq!(empty, [1, 4, 7, 10]);
+}
+
+#[test]
+fn each_frame_brings_its_motion_along() {
+    init();
+    let pipeline = gst::parse::launch(
+        "videotestsrc num-buffers=8 pattern=smpte ! video/x-raw,format=I420,width=160,height=120 \
+         ! rsrectify attach-meta=true readout-time=20000000 ! tee ! queue ! videoconvert ! video/x-raw,format=RGB \
+         ! videoscale ! video/x-raw,width=80,height=60 ! appsink name=sink sync=false",
+    );
+    let pipeline = pipeline.unwrap().downcast::<gst::Pipeline>().unwrap();
+    let sink = pipeline.by_name("sink").unwrap().downcast::<gst_app::AppSink>().unwrap();
+    pipeline.set_state(gst::State::Playing).unwrap();
+    for _ in 0..8 {
+        let sample = sink.pull_sample().unwrap();
+        let meta = gst::meta::CustomMeta::from_buffer(sample.buffer().unwrap(), "RsRectifyMeta").unwrap();
+        let motion = meta.structure();
+        assert_eq!(motion.get::<u64>("readout-time").unwrap(), 20_000_000);
+        assert_eq!(motion.get::<f64>("readout-deviation").unwrap(), 0.0);
+        assert!(motion.get::<f64>("applied").unwrap() <= motion.get::<f64>("confidence").unwrap().max(1.0));
+        for field in ["omega", "vx", "vy", "residual"] {
+            assert!(motion.get::<f64>(field).unwrap().is_finite(), "{field}");
+        }
+    }
+    pipeline.set_state(gst::State::Null).unwrap();
 }

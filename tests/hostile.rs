@@ -270,6 +270,133 @@ fn metas_that_claim_another_frame() {
     }
 }
 
+#[test]
+fn a_frame_cut_off_in_its_last_plane_costs_no_other() {
+    let caps = caps("I420", 64, 48, gst::Fraction::new(30, 1));
+    let info = gst_video::VideoInfo::from_caps(&caps).unwrap();
+    let rows = (info.offset().to_vec(), info.stride().to_vec());
+    for lookahead in [0, 4] {
+        let mut h = harness(lookahead, &caps);
+        warp_always(&h);
+        for number in 0..6 {
+            let mut frame = speckled(&caps, number);
+            if number == 3 {
+                let bytes = frame.map_readable().unwrap()[..info.size() - 100].to_vec();
+                frame = gst::Buffer::from_mut_slice(bytes);
+                let inner = frame.get_mut().unwrap();
+                inner.set_pts(time(number));
+                let (flags, format) = (gst_video::VideoFrameFlags::empty(), info.format());
+                // GStreamer itself checks the first plane only.
+                gst_video::VideoMeta::add_full(inner, flags, format, 64, 48, &rows.0, &rows.1).ok();
+            }
+            let pushed = h.push(frame);
+            assert_eq!(pushed.is_ok(), number != 3, "lookahead {lookahead}, frame {number}");
+        }
+        h.push_event(gst::event::Eos::new());
+        assert_eq!(numbers(&arrived(&mut h)), [0, 1, 2, 4, 5], "lookahead {lookahead}");
+    }
+}
+
+#[test]
+fn a_meta_of_a_smaller_frame_is_no_programming_error() {
+    let complaints = std::sync::Arc::new(std::sync::Mutex::new(Vec::new()));
+    let noted = complaints.clone();
+    gst::glib::log_set_default_handler(move |_, level, text| {
+        if matches!(level, gst::glib::LogLevel::Critical) {
+            noted.lock().unwrap().push(text.to_string());
+        }
+    });
+    let caps = caps("NV12", 64, 48, gst::Fraction::new(30, 1));
+    for (width, height) in [(63, 48), (64, 47), (1, 1)] {
+        for lookahead in [0, 2] {
+            let mut h = harness(lookahead, &caps);
+            let mut frame = speckled(&caps, 0);
+            let flags = gst_video::VideoFrameFlags::empty();
+            let format = gst_video::VideoFormat::Nv12;
+            gst_video::VideoMeta::add(frame.get_mut().unwrap(), flags, format, width, height).unwrap();
+            assert_eq!(h.push(frame), Err(gst::FlowError::Error), "{width}x{height}");
+        }
+    }
+    gst::glib::log_unset_default_handler();
+    let complaints = complaints.lock().unwrap();
+    assert!(!complaints.iter().any(|text| text.contains("gst_video_frame_map")), "{complaints:?}");
+}
+
+#[test]
+fn a_plane_in_two_memories_is_read_as_far_as_it_is_mapped() {
+    let caps = caps("NV12", 64, 48, gst::Fraction::new(30, 1));
+    let info = gst_video::VideoInfo::from_caps(&caps).unwrap();
+    // GStreamer joins the memories of a buffer without a meta, and maps each plane of one with a meta from
+    // the memory that it begins in.
+    let tries =
+        [(1000, false, true), (info.offset()[1], true, true), (1000, true, false), (4000, true, false)];
+    for (split, with_meta, is_whole) in tries {
+        let mut h = harness(0, &caps);
+        warp_always(&h);
+        let bytes = speckled(&caps, 0).map_readable().unwrap().to_vec();
+        let mut frame = gst::Buffer::new();
+        for part in [&bytes[..split], &bytes[split..]] {
+            frame.get_mut().unwrap().append_memory(gst::Memory::from_mut_slice(part.to_vec()));
+        }
+        frame.get_mut().unwrap().set_pts(time(0));
+        if with_meta {
+            let (format, flags) = (gst_video::VideoFormat::Nv12, gst_video::VideoFrameFlags::empty());
+            gst_video::VideoMeta::add(frame.get_mut().unwrap(), flags, format, 64, 48).unwrap();
+        }
+        let expected = if is_whole { Ok(gst::FlowSuccess::Ok) } else { Err(gst::FlowError::Error) };
+        assert_eq!(h.push(frame), expected, "split at {split}, meta {with_meta}");
+    }
+}
+
+#[test]
+fn padding_is_taken_out_of_every_format_and_nothing_else() {
+    use gst_video::prelude::*;
+    for format in ["UYVY", "YUY2", "NV12", "I420", "NV21", "RGB", "GRAY8", "P010_10LE", "AYUV", "Y42B"] {
+        for (width, height) in [(1, 1), (1, 2), (5, 2), (7, 5), (33, 17)] {
+            let caps = caps(format, width, height, gst::Fraction::new(30, 1));
+            let info = gst_video::VideoInfo::from_caps(&caps).unwrap();
+            // The planes of a packed frame, each row longer by 8 bytes.
+            let packed = speckled(&caps, 3).map_readable().unwrap().to_vec();
+            let (mut bytes, mut offsets, mut strides) = (Vec::new(), Vec::new(), Vec::new());
+            for plane in 0..info.n_planes() as usize {
+                let (from, stride) = (info.offset()[plane], info.stride()[plane] as usize);
+                let to = info.offset().get(plane + 1).copied().unwrap_or(info.size());
+                offsets.push(bytes.len());
+                strides.push(stride as i32 + 8);
+                for row in packed[from..to].chunks(stride) {
+                    bytes.extend_from_slice(row);
+                    bytes.extend_from_slice(&[0xee; 8]);
+                }
+            }
+            let mut frame = gst::Buffer::from_mut_slice(bytes);
+            let flags = gst_video::VideoFrameFlags::empty();
+            let inner = frame.get_mut().unwrap();
+            inner.set_pts(time(0));
+            gst_video::VideoMeta::add_full(inner, flags, info.format(), width, height, &offsets, &strides)
+                .unwrap();
+            // A sink that does not understand the meta gets each sample that it would get without padding.
+            let mut h = harness(0, &caps);
+            h.element().unwrap().set_property("strength", 0.0);
+            h.push(frame).unwrap();
+            let out = h.pull().unwrap();
+            assert_eq!(out.size(), info.size(), "{format} {width}x{height}");
+            let seen = gst_video::VideoFrameRef::from_buffer_ref_readable(&out, &info).unwrap();
+            for component in 0..info.n_components() as u8 {
+                let plane = info.comp_plane(component);
+                for row in 0..info.comp_height(component) as usize {
+                    for column in 0..info.comp_width(component) as usize {
+                        let at = row * info.stride()[plane as usize] as usize
+                            + info.comp_poffset(component) as usize
+                            + column * info.comp_pstride(component) as usize;
+                        let wanted = packed[info.offset()[plane as usize] + at];
+                        assert_eq!(seen.plane_data(plane).unwrap()[at], wanted, "{format} {width}x{height}");
+                    }
+                }
+            }
+        }
+    }
+}
+
 /// Frames without an end into the element, to be disturbed.
 fn endless(filter: &str) -> gst::Pipeline {
     film::launch(&format!(

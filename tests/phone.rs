@@ -110,9 +110,9 @@ fn index_at(times: &[f64], time: f64) -> usize {
 }
 
 fn solve(clip: &Clip, settings: Settings) -> Vec<FrameSolution> {
-    let mut rectifier = Rectifier::new(settings, WIDTH, HEIGHT, Some(clip.period()));
+    let mut rectifier = Rectifier::new(settings, WIDTH, HEIGHT, Some(clip.period())).unwrap();
     for (frame, &time) in clip.frames.iter().zip(&clip.times) {
-        rectifier.push(&luma(frame), Some(time), false);
+        rectifier.push(&luma(frame), Some(time), false).unwrap();
     }
     rectifier.drain();
     std::iter::from_fn(|| rectifier.pop()).collect()
@@ -122,14 +122,14 @@ fn solve(clip: &Clip, settings: Settings) -> Vec<FrameSolution> {
 fn velocity_at(solution: &FrameSolution, share: f64) -> Vector2<f64> {
     let near = 1.0 / 64.0;
     let (from, to) = ((share - near).max(0.0), (share + near).min(1.0));
-    let moved = solution.path.carry(Vector2::zeros(), from, to);
-    moved / ((to - from) * solution.readout.time.max(1e-9))
+    let moved = solution.motion.path().carry(Vector2::zeros(), from, to);
+    moved / ((to - from) * solution.motion.readout().time.max(1e-9))
 }
 
 /// Velocity at the image centre at any time; between two readouts it goes over from one to the next.
 fn velocity(clip: &Clip, solutions: &[FrameSolution], time: f64) -> Vector2<f64> {
     let k = index_at(&clip.times, time);
-    let (since, readout) = (time - clip.times[k], solutions[k].readout.time);
+    let (since, readout) = (time - clip.times[k], solutions[k].motion.readout().time);
     match solutions.get(k + 1) {
         Some(next) if since > readout => {
             let share = (since - readout) / (clip.times[k + 1] - clip.times[k] - readout);
@@ -240,13 +240,13 @@ fn fast_rotation_agrees_with_the_gyroscope() {
     for solution in solutions.iter().step_by(10).chain(solutions.last()) {
         println!(
             "readout {:.1} ms ± {:.1} {:?}, confidence {:.2}",
-            1e3 * solution.readout.time,
+            1e3 * solution.motion.readout().time,
             1e3 * solution.readout_deviation * period,
-            solution.readout.direction,
+            solution.motion.readout().direction,
             solution.confidence
         );
     }
-    let found = solutions[102].readout;
+    let found = *solutions[102].motion.readout();
     let default = clip.difference(&solutions);
     println!("default, nothing given: {default:.2} px; readout ratio {:.2}", found.time / period);
     let known = Settings {
@@ -267,7 +267,7 @@ fn what_is_fixed_to_the_frame_does_not_disturb() {
     for first in [564, 400] {
         let clip = Clip::load(&data).with_bonnet(first);
         let solutions = solve(&clip, Settings::default());
-        let (found, difference) = (solutions[102].readout, clip.difference(&solutions));
+        let (found, difference) = (*solutions[102].motion.readout(), clip.difference(&solutions));
         println!(
             "fixed from line {first}: {difference:.2} px; readout ratio {:.2}",
             found.time / clip.period()

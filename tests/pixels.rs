@@ -50,11 +50,16 @@ static TOP_FIRST: LazyLock<Shots> = LazyLock::new(|| shots(FirstEdge::Top, 0.5, 
 
 /// The frames after a way through `format`, with `filter` in the middle: red, green, blue.
 fn through(format: &str, filter: &str, frames: &[Frame]) -> Vec<Vec<u8>> {
+    through_to("RGB", format, filter, frames)
+}
+
+/// The same in the format `shown`.
+fn through_to(shown: &str, format: &str, filter: &str, frames: &[Frame]) -> Vec<Vec<u8>> {
     init();
     let rgb = caps("RGB", WIDTH as u32, HEIGHT as u32, gst::Fraction::new(30, 1));
     let mut h = Harness::new_parse(&format!(
         "videoconvert dither=none ! capsfilter caps=video/x-raw,format={format} ! {filter} ! videoconvert dither=none \
-         ! capsfilter caps=video/x-raw,format=RGB"
+         ! capsfilter caps=video/x-raw,format={shown}"
     ));
     h.set_src_caps(rgb);
     for (number, frame) in frames.iter().enumerate() {
@@ -143,13 +148,24 @@ fn the_reference_row_is_the_instant_shown() {
 
 #[test]
 fn the_border_colour_is_that_colour_in_every_format() {
-    let purple = [255, 0, 255];
-    let is_purple = |pixel: &&[u8]| pixel.iter().zip(purple).all(|(&a, b)| a.abs_diff(b) < 12);
-    let purples = |frame: &[u8]| frame.chunks_exact(3).filter(is_purple).count();
+    // No component is at its end, none like another: none can be left out or taken for another.
+    let colour = [40, 200, 90, 128];
+    let filter = format!(
+        "rsrectify readout-time={} readout-direction=top-to-bottom estimator=sequential border-mode=constant \
+         border-color=0x8028c85a",
+        TOP_FIRST.readout_ns
+    );
     for format in formats().iter().filter(|format| !format.starts_with("GRAY")) {
-        let (_, _, frames) = judged(format, &TOP_FIRST, "border-mode=constant border-color=0xffff00ff");
-        let shown = frames[JUDGED].iter().map(|frame| purples(frame)).max().unwrap();
-        assert!(purples(&TOP_FIRST.rolling[4].rgb) == 0 && shown > 100, "{format}: {shown} pixels");
+        let info = gst_video::VideoFormatInfo::from_format(gst_video::VideoFormat::from_string(format));
+        let colour = if info.n_components() == 4 { colour } else { [40, 200, 90, 255] };
+        let is_it = |pixel: &&[u8]| pixel.iter().zip(colour).all(|(&a, b)| a.abs_diff(b) < 8);
+        let pixels = |frame: &Vec<u8>| frame.chunks_exact(4).filter(is_it).count();
+        let most = |filter: &str| {
+            let frames = through_to("RGBA", format, filter, &TOP_FIRST.rolling);
+            frames[JUDGED].iter().map(pixels).max().unwrap()
+        };
+        let (before, shown) = (most("identity"), most(&filter));
+        assert!(before < 100 && shown > 1000, "{format}: {before} pixels before, {shown} after");
     }
 }
 

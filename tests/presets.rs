@@ -24,8 +24,10 @@ fn a_preset_brings_back_every_setting() {
     std::fs::remove_dir_all(&folder).unwrap();
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stdout));
     let file = file.unwrap();
-    assert!(file.contains("[my camera]") && file.contains("readout-time=21000000"), "{file}");
+    assert!(file.contains("[camera]") && file.contains("readout-time=21000000"), "{file}");
     assert!(!file.contains("stats"), "{file}");
+    // Two elements with one preset would have the same name, and could not be in one pipeline.
+    assert!(!file.contains("\nname=") && !file.contains("\nparent="), "{file}");
 }
 
 #[test]
@@ -41,14 +43,17 @@ fn save_and_load() {
     saved.set_property_from_str("readout-direction", "right-to-left");
     saved.set_property_from_str("border-mode", "constant");
     saved.set_property("post-messages", true);
-    saved.dynamic_cast_ref::<gst::Preset>().unwrap().save_preset("my camera").unwrap();
+    saved.dynamic_cast_ref::<gst::Preset>().unwrap().save_preset("camera").unwrap();
 
     let loaded = make();
-    loaded.dynamic_cast_ref::<gst::Preset>().unwrap().load_preset("my camera").unwrap();
+    loaded.dynamic_cast_ref::<gst::Preset>().unwrap().load_preset("camera").unwrap();
     for spec in saved.list_properties().iter().filter(|spec| spec.owner_type() == saved.type_()) {
         let value = |element: &gst::Element| format!("{:?}", element.property_value(spec.name()));
         assert!(spec.name() == "stats" || value(&saved) == value(&loaded), "{}", spec.name());
     }
     let names = loaded.dynamic_cast_ref::<gst::Preset>().unwrap().preset_names();
-    assert_eq!(names.iter().map(|name| name.as_str()).collect::<Vec<_>>(), ["my camera"]);
+    assert_eq!(names.iter().map(|name| name.as_str()).collect::<Vec<_>>(), ["camera"]);
+    let both = "fakesrc ! rsrectify @preset=camera ! rsrectify @preset=camera ! fakesink";
+    let launched = gst::parse::launch(both);
+    assert!(launched.is_ok(), "{launched:?}");
 }

@@ -368,24 +368,58 @@ fn a_message_for_each_frame() {
     assert!(stats.get::<f64>("readout-deviation").unwrap() > 0.3, "{stats}");
 }
 
-#[test]
-fn strength_follows_its_curve_at_the_time_of_the_frame_given_out() {
+/// Lets a property of the element follow a curve through points in time.
+fn animate(
+    element: &gst::Element,
+    property: &str,
+    mode: gst_controller::InterpolationMode,
+    points: &[(usize, f64)],
+) {
     use gst_controller::prelude::*;
+    let curve = gst_controller::InterpolationControlSource::new();
+    curve.set_mode(mode);
+    points.iter().for_each(|&(number, value)| assert!(curve.set(time(number), value)));
+    let binding = gst_controller::DirectControlBinding::new_absolute(element, property, &curve);
+    element.add_control_binding(&binding).unwrap();
+}
+
+#[test]
+fn properties_follow_their_curves_at_the_time_of_the_frame_given_out() {
+    use gst_controller::InterpolationMode;
     let mut h = harness(3, &numbered_caps());
     let element = h.element().unwrap();
-    let curve = gst_controller::InterpolationControlSource::new();
-    curve.set_mode(gst_controller::InterpolationMode::Linear);
-    curve.set(time(0), 0.0);
-    curve.set(time(30), 1.0);
-    let binding = gst_controller::DirectControlBinding::new(&element, "strength", &curve);
-    element.add_control_binding(&binding).unwrap();
+    let curves = [("strength", 1.0), ("crop", 40.0), ("reference-row", 0.5)];
+    for (property, end) in curves {
+        animate(&element, property, InterpolationMode::Linear, &[(0, 0.0), (30, end)]);
+    }
+    let colours = [(0, f64::from(0xff11_2233u32)), (10, f64::from(0x8044_5566u32))];
+    animate(&element, "border-color", InterpolationMode::None, &colours);
     for number in 0..20usize {
         h.push(numbered(number)).unwrap();
         if let Some(out) = number.checked_sub(3) {
-            let strength: f64 = element.property("strength");
-            assert!((strength - out as f64 / 30.0).abs() < 1e-6, "frame {out}: {strength}");
+            for (property, end) in curves {
+                let (value, wanted): (f64, _) = (element.property(property), end * out as f64 / 30.0);
+                assert!((value - wanted).abs() < 1e-6, "frame {out}: {property} is {value}");
+            }
+            let colour = if out < 10 { 0xff11_2233u32 } else { 0x8044_5566 };
+            assert_eq!(element.property::<u32>("border-color"), colour, "frame {out}");
         }
     }
+}
+
+#[test]
+fn an_animated_crop_is_that_of_the_frame_given_out() {
+    let mut h = harness(3, &numbered_caps());
+    let element = h.element().unwrap();
+    element.set_property_from_str("border-mode", "crop");
+    animate(&element, "crop", gst_controller::InterpolationMode::None, &[(0, 0.0), (10, 20.0)]);
+    (0..20).for_each(|number| assert!(h.push(panned(0, number)).is_ok()));
+    h.push_event(gst::event::Eos::new());
+    let same = panned(0, 0);
+    let same = same.map_readable().unwrap();
+    let out = arrived(&mut h);
+    let first = out.iter().position(|frame| frame.map_readable().unwrap().as_slice() != same.as_slice());
+    assert_eq!((out.len(), first), (20, Some(10)));
 }
 
 /// A texture that moves 3 px to the right a step.
@@ -419,6 +453,10 @@ fn a_frame_flagged_as_repeated_is_no_motion_of_its_own() {
     let origin = |message: &gst::Message| message.structure().unwrap().get::<String>("origin").unwrap();
     let origins: Vec<_> = messages.iter().map(origin).collect();
     assert_eq!(origins.iter().position(|origin| origin == "repeated"), Some(4), "{origins:?}");
+    let count = |message: &gst::Message, name| message.structure().unwrap().get::<u32>(name).unwrap();
+    let counts = |message| [count(message, "inliers"), count(message, "correspondences")];
+    let counts: Vec<_> = messages.iter().map(counts).collect();
+    assert!(counts.iter().all(|[inliers, all]| inliers <= all) && counts[4][0] > 100, "{counts:?}");
     assert!(arrived(&mut h)[4].flags().contains(gst::BufferFlags::GAP));
 }
 

@@ -55,7 +55,7 @@ pub struct Verdict {
 pub fn judge(clip: &Clip, shutter: &Shutter, lookahead: usize, out: Option<&Path>) -> Result<Verdict> {
     ensure!(clip.frames.len() >= 3, "the clip has {} frames; it takes 3 or more", clip.frames.len());
     let solutions = solve(clip, shutter, lookahead)?;
-    let readout = solutions[solutions.len() - 1].readout;
+    let readout = *solutions[solutions.len() - 1].motion.readout();
     let confidence = median(&mut solutions.iter().map(|solution| solution.confidence).collect::<Vec<_>>());
     let corrections = corrections(solutions);
     let size = [clip.width, clip.height];
@@ -83,7 +83,7 @@ pub fn judge(clip: &Clip, shutter: &Shutter, lookahead: usize, out: Option<&Path
 fn solve(clip: &Clip, shutter: &Shutter, lookahead: usize) -> Result<Vec<FrameSolution>> {
     let period = 1.0 / clip.fps;
     let settings = shutter.settings(period, lookahead)?;
-    let mut rectifier = Rectifier::new(settings, clip.width, clip.height, Some(period));
+    let mut rectifier = Rectifier::new(settings, clip.width, clip.height, Some(period))?;
     let stamped = clip.frames.iter().enumerate().map(|(k, frame)| (frame, k as f64 * period));
     motions(&mut rectifier, stamped.progress_with(bar(clip.frames.len(), "finding the motion")))
 }

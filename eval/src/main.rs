@@ -263,7 +263,7 @@ fn measured_row(footage: &Footage, lookahead: usize) -> Result<String> {
         row += &share_left(&displacement::left(&footage.truth, &corrections), &uncorrected);
     }
     let solutions = solve(Delay::Unknown, Estimator::Continuous)?;
-    let found = solutions.last().map(|last| (last.readout, last.readout_deviation));
+    let found = solutions.last().map(|last| (*last.motion.readout(), last.readout_deviation));
     let corrections = product::corrections(solutions);
     let half = corrections.len() / 2;
     row += &share_left(&displacement::left(&footage.truth, &corrections), &uncorrected);

@@ -168,7 +168,7 @@ fn scored(pair: &Pair, shutter: &Shutter) -> Result<Score> {
         pair.name
     );
     let settings = shutter.settings(PERIOD, 1)?;
-    let mut rectifier = Rectifier::new(settings, truth.width, truth.height, Some(PERIOD));
+    let mut rectifier = Rectifier::new(settings, truth.width, truth.height, Some(PERIOD))?;
     let solutions = motions(&mut rectifier, [(&first, 0.0), (&second, PERIOD)])?;
     let solution = &solutions[1];
     let rectified = rectified(&second, &move |pixel| corrected(solution, pixel));

@@ -33,7 +33,7 @@ pub fn of_file(path: &Path, lookahead: usize) -> Result<Vec<Cost>> {
         bail!("the file is {format:?}; 8-bit 4:2:0 is needed");
     }
     let period = decoder.get_framerate().den as f64 / decoder.get_framerate().num as f64;
-    let mut job = Job::new(width, height, period, lookahead);
+    let mut job = Job::new(width, height, period, lookahead)?;
     let mut costs = Vec::new();
     loop {
         match decoder.read_frame() {
@@ -59,30 +59,26 @@ struct Job {
 }
 
 impl Job {
-    fn new(width: usize, height: usize, period: f64, lookahead: usize) -> Self {
+    fn new(width: usize, height: usize, period: f64, lookahead: usize) -> Result<Self> {
         let luma = PlaneLayout::packed(width, height, SampleFormat::U8);
         let chroma = PlaneLayout::packed(width.div_ceil(2), height.div_ceil(2), SampleFormat::U8);
         let layouts = [luma, chroma, chroma];
-        Self {
+        let settings = Settings { lookahead, ..Settings::default() };
+        Ok(Self {
             layouts,
             period,
-            rectifier: Rectifier::new(
-                Settings { lookahead, ..Settings::default() },
-                width,
-                height,
-                Some(period),
-            ),
+            rectifier: Rectifier::new(settings, width, height, Some(period))?,
             warper: Warper::new(),
             waiting: VecDeque::new(),
             output: layouts.map(|layout| vec![0; layout.stride * layout.height]),
             pushed: 0,
-        }
+        })
     }
 
     fn frame(&mut self, planes: Planes) -> Result<Cost> {
         let started = Instant::now();
         let luma = Luma::from(Plane::new(&planes[0], self.layouts[0])?);
-        self.rectifier.push(&luma, Some(self.pushed as f64 * self.period), false);
+        self.rectifier.push(&luma, Some(self.pushed as f64 * self.period), false)?;
         self.pushed += 1;
         let analysed = Instant::now();
         self.waiting.push_back(planes);
@@ -96,7 +92,7 @@ impl Job {
         let planes = self.waiting.pop_front().context("a motion without its frame")?;
         // MPEG-2 siting: chroma lies on every second luma column and between two luma rows.
         let chroma = Placement { scale: [2.0, 2.0], offset: [0.0, 0.5] };
-        self.warper.prepare(&solution.readout, &solution.path, &WarpSettings::default());
+        self.warper.prepare(&solution.motion, &WarpSettings::default());
         for (index, placement) in [Placement::FULL, chroma, chroma].into_iter().enumerate() {
             let source = Plane::new(&planes[index], self.layouts[index])?;
             let mut target = PlaneMut::new(&mut self.output[index], self.layouts[index])?;

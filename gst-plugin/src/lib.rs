@@ -4,6 +4,8 @@
 //! The algorithm is the library `rsrectify`; here is what a pipeline needs around it: negotiation,
 //! the queue of held frames and events, properties and messages.
 
+// Whoever builds the pipeline owns the terminal.
+#![cfg_attr(not(test), warn(clippy::print_stdout, clippy::print_stderr))]
 #![allow(clippy::non_send_fields_in_send_ty, unused_doc_comments)]
 
 use gst::glib;
@@ -29,7 +31,7 @@ mod plugin {
         "MIT/X11",
         env!("CARGO_PKG_NAME"),
         env!("CARGO_PKG_NAME"),
-        env!("CARGO_PKG_NAME"),
+        env!("CARGO_PKG_HOMEPAGE"),
         env!("BUILD_REL_DATE")
     );
 

@@ -14,7 +14,7 @@
 //! Places around which all motions agree cost nothing.
 
 use super::Correspondence;
-use super::field::Motion;
+use super::field::{Motion, Starts};
 use super::grid::beside;
 use super::pyramid::Level;
 use super::sampler::{LEAST_TEXTURE, Pair, to_full};
@@ -36,9 +36,6 @@ const AROUND: usize = KEPT * (2 * REACH + 1) * (2 * REACH + 1);
 
 /// Motions that are tried for a place, at most.
 const STARTS: usize = 6;
-
-/// Motions closer than this, in pixels, are one to try.
-const SAME_START: f32 = 0.7;
 
 /// Motions further than this, in pixels, from the first one around a place disagree; less is a slant.
 const DISAGREEMENT: f32 = 2.0;
@@ -169,7 +166,7 @@ impl Chooser<'_> {
             return None;
         }
         let start = own.map(|fit| fit.shift).or_else(|| self.cells.around(index).nearest())?;
-        let mut starts = Starts::default();
+        let mut starts = Starts::<STARTS>::default();
         starts.add(start);
         newest().for_each(|next| starts.add(next.fit.shift));
         let [_, others @ ..] = starts.list() else { return None };
@@ -274,32 +271,11 @@ impl Around {
     }
 
     /// Distinct motions, the nearest first.
-    fn starts(mut self) -> Starts {
+    fn starts(mut self) -> Starts<STARTS> {
         self.motions[..self.count].sort_unstable_by(|a, b| a.0.total_cmp(&b.0));
         let mut starts = Starts::default();
         self.list().iter().for_each(|(_, shift)| starts.add(*shift));
         starts
-    }
-}
-
-/// Distinct motions.
-#[derive(Default)]
-struct Starts {
-    shifts: [Vector2<f32>; STARTS],
-    count: usize,
-}
-
-impl Starts {
-    fn list(&self) -> &[Vector2<f32>] {
-        &self.shifts[..self.count]
-    }
-
-    /// Adds a motion that is unlike the others.
-    fn add(&mut self, shift: Vector2<f32>) {
-        if self.count < STARTS && self.list().iter().all(|other| (other - shift).norm() > SAME_START) {
-            self.shifts[self.count] = shift;
-            self.count += 1;
-        }
     }
 }
 

@@ -3,6 +3,9 @@
 use nalgebra::{Matrix2, Vector2};
 use std::ops::Range;
 
+/// Motions closer than this, in pixels, are one to try.
+const SAME_START: f32 = 0.7;
+
 /// Cells on each side that count as neighbours.
 const REACH: usize = 2;
 
@@ -102,6 +105,32 @@ impl<'a> Neighbourhood<'a> {
         let (last, bottom) = (across.end - right, rows.end - down);
         let cells = (rows.start..bottom).flat_map(move |j| (across.start..last).map(move |i| (i, j)));
         cells.filter_map(move |(i, j)| Some((self.motion(i, j)?, self.motion(i + right, j + down)?)))
+    }
+}
+
+/// At most `N` distinct motions to try, in the order in which they came.
+pub(super) struct Starts<const N: usize> {
+    shifts: [Vector2<f32>; N],
+    count: usize,
+}
+
+impl<const N: usize> Default for Starts<N> {
+    fn default() -> Self {
+        Self { shifts: [Vector2::zeros(); N], count: 0 }
+    }
+}
+
+impl<const N: usize> Starts<N> {
+    pub(super) fn list(&self) -> &[Vector2<f32>] {
+        &self.shifts[..self.count]
+    }
+
+    /// Adds a motion that is unlike the others, as long as there is room.
+    pub(super) fn add(&mut self, shift: Vector2<f32>) {
+        if self.count < N && self.list().iter().all(|other| (other - shift).norm() > SAME_START) {
+            self.shifts[self.count] = shift;
+            self.count += 1;
+        }
     }
 }
 

@@ -17,7 +17,7 @@
 
 use super::Correspondence;
 use super::edges::Edges;
-use super::field::{Motion, Neighbourhood};
+use super::field::{Motion, Neighbourhood, Starts};
 use super::grid::{Grid, beside, centre};
 use super::sampler::{LEAST_TEXTURE, Pair, Patch, level_scale, to_level};
 use super::search::best_shift;
@@ -47,9 +47,6 @@ const DISAGREEMENT: f32 = 1.0;
 
 /// Points of the grid further than this from a tile, in cells, do not tell what it does.
 const BESIDE: f32 = 1.5;
-
-/// Motions closer than this, in pixels, are one to try.
-const SAME_START: f32 = 0.7;
 
 /// Motions that are tried for a tile, at most.
 const STARTS: usize = 4;
@@ -173,10 +170,10 @@ impl Refinement {
         self.tiles.resize(across * (level.height / COARSE), Tile::Plain);
         self.tiles.par_iter_mut().enumerate().with_min_len(64).for_each(|(index, tile)| {
             let corner = tile_corner(index, across);
-            *tile = match around.starts(centre::<COARSE>(corner)) {
-                Starts::Agreed => Tile::Plain,
-                Starts::Few(starts, count) => {
-                    let found = follow_tile(pair, corner, &starts[..count], MOST_STRAY);
+            *tile = match around.opinion(centre::<COARSE>(corner)) {
+                Opinion::Agreed => Tile::Plain,
+                Opinion::Few(starts) => {
+                    let found = follow_tile(pair, corner, starts.list(), MOST_STRAY);
                     found.map_or(Tile::Lost, |small| Tile::Found(small, 0))
                 }
             };
@@ -307,11 +304,11 @@ struct Around<'a> {
 }
 
 /// What the points of the grid say of a tile.
-enum Starts {
+enum Opinion {
     /// Four points are near, and agree.
     Agreed,
-    /// Distinct motions, the nearest first, and how many; none where nothing is known.
-    Few([Vector2<f32>; STARTS], usize),
+    /// Distinct motions, the nearest first; none where nothing is known.
+    Few(Starts<STARTS>),
 }
 
 /// Points of the grid around a tile along one axis.
@@ -325,7 +322,7 @@ impl<'a> Around<'a> {
     }
 
     /// Distinct motions of the 4 × 4 points around a point, carried to it, the nearest first.
-    fn starts(&self, at: Vector2<f32>) -> Starts {
+    fn opinion(&self, at: Vector2<f32>) -> Opinion {
         let (motions, count) = self.motions(at);
         let motions = &motions[..count];
         if let [first, second, third, fourth, ..] = motions {
@@ -333,19 +330,12 @@ impl<'a> Around<'a> {
                 *distance < BESIDE && (motion - first.1).norm() < DISAGREEMENT
             };
             if [first, second, third, fourth].into_iter().all(agrees) {
-                return Starts::Agreed;
+                return Opinion::Agreed;
             }
         }
-        let mut starts = [Vector2::zeros(); STARTS];
-        let mut count = 0;
-        for (_, motion) in motions {
-            let is_new = starts[..count].iter().all(|start| (start - motion).norm() > SAME_START);
-            if is_new && count < STARTS {
-                starts[count] = *motion;
-                count += 1;
-            }
-        }
-        Starts::Few(starts, count)
+        let mut starts = Starts::default();
+        motions.iter().for_each(|(_, motion)| starts.add(*motion));
+        Opinion::Few(starts)
     }
 
     /// Motions of the 4 × 4 points around a point, carried to it, by distance, and how many there are.

@@ -99,7 +99,7 @@ impl Sampler {
         Self::with_cpu(CpuLevel::detect(), width, height, grid_columns, grid_rows)
     }
 
-    /// As [`new`](Self::new), with at most the instructions of `level`; all levels measure the same
+    /// As [`new`](Self::new), with the instructions of `level`; all levels measure the same
     /// to the last bit.
     pub fn with_cpu(
         level: CpuLevel,
@@ -112,7 +112,7 @@ impl Sampler {
         let grid = Grid::new(reduction.size(), grid_columns, grid_rows);
         let cells = grid.len();
         Self {
-            cpu: level.available(),
+            cpu: level,
             reduction,
             grid,
             search: Search::default(),

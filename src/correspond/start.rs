@@ -133,7 +133,7 @@ pub(super) struct Search {
 
 impl Search {
     /// Searches all regions. `expected` gives the motion expected at a point; points and motions
-    /// are in pixels of the coarsest level. `cpu` must be a level that this machine has.
+    /// are in pixels of the coarsest level.
     pub(super) fn run(
         &mut self,
         cpu: CpuLevel,
@@ -147,9 +147,9 @@ impl Search {
         scores.for_each(|(index, scores)| {
             let corner = corners(index % columns, index / columns);
             match cpu {
-                // SAFETY: the caller vouches for the level.
+                // SAFETY: the level is a proof of AVX2.
                 #[cfg(target_arch = "x86_64")]
-                CpuLevel::Avx2 => unsafe { score_avx2(first, second, corner, scores) },
+                CpuLevel::Avx2(_) => unsafe { score_avx2(first, second, corner, scores) },
                 _ => score(first, second, corner, scores),
             }
         });

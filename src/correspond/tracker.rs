@@ -10,6 +10,8 @@
 
 use super::patch::{Rows, Sums, combine, dot, remove_mean, sample_sums, stretched};
 use super::pyramid::Level;
+#[cfg(target_arch = "x86_64")]
+use crate::cpu::Avx2;
 use crate::cpu::CpuLevel;
 use nalgebra::{Matrix2, Vector2};
 
@@ -75,7 +77,7 @@ impl<const N: usize, const M: usize> Template<N, M> {
     /// fit, or where it has no contrast at all.
     ///
     /// `damping` (squared grey levels) is added to the eigenvalues: along an edge, where nothing
-    /// can be measured, the start is then kept. `cpu` must be a level that this machine has.
+    /// can be measured, the start is then kept.
     pub(super) fn new(cpu: CpuLevel, level: &Level, corner: (usize, usize), damping: f32) -> Option<Self> {
         let (x, y) = (corner.0.checked_sub(1)?, corner.1.checked_sub(1)?);
         if x + N + 2 > level.width || y + N + 2 > level.height {
@@ -87,17 +89,17 @@ impl<const N: usize, const M: usize> Template<N, M> {
             row[..N + 2].copy_from_slice(&level.data[start..start + N + 2]);
         }
         match cpu {
-            // SAFETY: the caller vouches for the level.
+            // SAFETY: the level is a proof of AVX2.
             #[cfg(target_arch = "x86_64")]
-            CpuLevel::Avx2 => unsafe { Self::from_samples_avx2(&samples, damping) },
+            CpuLevel::Avx2(avx2) => unsafe { Self::from_samples_avx2(avx2, &samples, damping) },
             _ => Self::from_samples(CpuLevel::Scalar, &samples, damping),
         }
     }
 
     #[cfg(target_arch = "x86_64")]
     #[target_feature(enable = "avx2")]
-    fn from_samples_avx2(samples: &Rows<M, M>, damping: f32) -> Option<Self> {
-        Self::from_samples(CpuLevel::Avx2, samples, damping)
+    fn from_samples_avx2(avx2: Avx2, samples: &Rows<M, M>, damping: f32) -> Option<Self> {
+        Self::from_samples(CpuLevel::Avx2(avx2), samples, damping)
     }
 
     /// From (N + 2) × (N + 2) samples: the patch and a margin of one pixel.
@@ -137,9 +139,9 @@ impl<const N: usize, const M: usize> Template<N, M> {
     /// where what is there has nothing in common with it.
     pub(super) fn find(&self, level: &Level, start: Vector2<f32>, effort: Effort) -> Option<Match> {
         match self.cpu {
-            // SAFETY: whoever made the template vouched for the level.
+            // SAFETY: the level is a proof of AVX2.
             #[cfg(target_arch = "x86_64")]
-            CpuLevel::Avx2 => unsafe { self.find_avx2(level, start, effort) },
+            CpuLevel::Avx2(_) => unsafe { self.find_avx2(level, start, effort) },
             _ => self.find_scalar(level, start, effort),
         }
     }
@@ -190,7 +192,7 @@ impl FineTemplate {
     /// centre of the patch at `corner`.
     ///
     /// Sampled linearly: c is at the same place between pixels on all sides, so the errors of the
-    /// interpolation are odd about c and cancel. `cpu` must be a level that this machine has.
+    /// interpolation are odd about c and cancel.
     pub(super) fn distorted(
         cpu: CpuLevel,
         level: &Level,
@@ -198,17 +200,22 @@ impl FineTemplate {
         distortion: &Matrix2<f32>,
     ) -> Option<Self> {
         match cpu {
-            // SAFETY: the caller vouches for the level.
+            // SAFETY: the level is a proof of AVX2.
             #[cfg(target_arch = "x86_64")]
-            CpuLevel::Avx2 => unsafe { Self::distorted_avx2(level, corner, distortion) },
+            CpuLevel::Avx2(avx2) => unsafe { Self::distorted_avx2(avx2, level, corner, distortion) },
             _ => Self::distorted_at(CpuLevel::Scalar, level, corner, distortion),
         }
     }
 
     #[cfg(target_arch = "x86_64")]
     #[target_feature(enable = "avx2")]
-    fn distorted_avx2(level: &Level, corner: (usize, usize), distortion: &Matrix2<f32>) -> Option<Self> {
-        Self::distorted_at(CpuLevel::Avx2, level, corner, distortion)
+    fn distorted_avx2(
+        avx2: Avx2,
+        level: &Level,
+        corner: (usize, usize),
+        distortion: &Matrix2<f32>,
+    ) -> Option<Self> {
+        Self::distorted_at(CpuLevel::Avx2(avx2), level, corner, distortion)
     }
 
     #[inline(always)]

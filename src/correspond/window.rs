@@ -8,6 +8,8 @@
 use super::pyramid::Level;
 use super::sampler::{Pair, Patch};
 use super::tracker::FINE;
+#[cfg(target_arch = "x86_64")]
+use crate::cpu::Avx2;
 use crate::cpu::CpuLevel;
 use nalgebra::{Matrix2, Vector2};
 
@@ -131,8 +133,6 @@ struct Look {
 
 impl Window {
     /// The window around a whole pixel; `None` where it and a margin of one pixel do not fit.
-    ///
-    /// `cpu` must be a level that this machine has.
     pub(super) fn new(cpu: CpuLevel, level: &Level, at: Vector2<f32>, scale: Scale) -> Option<Self> {
         let (x, y) = ((at.x as usize).checked_sub(WIDE / 2)?, (at.y as usize).checked_sub(WIDE / 2)?);
         if x + WIDE > level.width || y + WIDE > level.height {
@@ -144,17 +144,17 @@ impl Window {
         }
         let corner = Vector2::new(x as f32 + 1.0, y as f32 + 1.0);
         Some(match cpu {
-            // SAFETY: the caller vouches for the level.
+            // SAFETY: the level is a proof of AVX2.
             #[cfg(target_arch = "x86_64")]
-            CpuLevel::Avx2 => unsafe { Self::weighed_avx2(&samples, corner, scale) },
+            CpuLevel::Avx2(avx2) => unsafe { Self::weighed_avx2(avx2, &samples, corner, scale) },
             _ => Self::weighed(CpuLevel::Scalar, &samples, corner, scale),
         })
     }
 
     #[cfg(target_arch = "x86_64")]
     #[target_feature(enable = "avx2")]
-    fn weighed_avx2(samples: &[[f32; WIDE]; WIDE], corner: Vector2<f32>, scale: Scale) -> Self {
-        Self::weighed(CpuLevel::Avx2, samples, corner, scale)
+    fn weighed_avx2(avx2: Avx2, samples: &[[f32; WIDE]; WIDE], corner: Vector2<f32>, scale: Scale) -> Self {
+        Self::weighed(CpuLevel::Avx2(avx2), samples, corner, scale)
     }
 
     #[inline(always)]
@@ -210,9 +210,9 @@ impl Window {
 
     fn look(&self, level: &Level, shift: Vector2<f32>) -> Option<Look> {
         match self.cpu {
-            // SAFETY: whoever made the window vouched for the level.
+            // SAFETY: the level is a proof of AVX2.
             #[cfg(target_arch = "x86_64")]
-            CpuLevel::Avx2 => unsafe { self.look_avx2(level, shift) },
+            CpuLevel::Avx2(_) => unsafe { self.look_avx2(level, shift) },
             _ => self.look_scalar(level, shift),
         }
     }

@@ -2,12 +2,14 @@
 //!
 //! Points are *centred*: pixels from the image centre ((W − 1)/2, (H − 1)/2), y down.
 
+mod frame;
 pub mod generators;
 mod path;
 mod residual;
 mod sampled;
 mod twist;
 
+pub use frame::FrameMotion;
 pub use path::{MotionPath, Passage};
 pub use residual::{MeshError, ResidualField, ResidualMesh};
 pub use sampled::{PathError, SampledPath};

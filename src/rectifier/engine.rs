@@ -14,7 +14,9 @@ pub(super) struct Settled {
     /// Trust in the motion, 0 to 1, given that enough of the picture follows it.
     pub confidence: f64,
     pub origin: Origin,
-    /// Correspondences that follow the motion.
+    /// Correspondences of the pair over which it was solved.
+    pub correspondences: usize,
+    /// Those of them that follow the motion.
     pub inliers: usize,
     /// Root mean square residual of an inlier in pixels.
     pub residual: f64,
@@ -108,6 +110,7 @@ impl Engine {
                     },
                     confidence: motion.confidence,
                     origin: Origin::Continuous,
+                    correspondences: motion.correspondences,
                     inliers: motion.inliers,
                     residual: motion.sigma,
                     readout_deviation: motion.readout_deviation,
@@ -153,6 +156,7 @@ impl Sequential {
             path: MotionPath::uniform(fit.twist, readout.time),
             confidence: fit.confidence,
             origin,
+            correspondences: fit.correspondences,
             inliers: fit.inliers,
             residual: fit.energy.sqrt(),
             readout_deviation: 0.0,

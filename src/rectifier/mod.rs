@@ -3,12 +3,13 @@
 mod clock;
 mod duplicates;
 mod engine;
+mod error;
 #[cfg(test)]
 mod tests;
 
 use crate::correspond::{Correspondence, Pyramid, Sampler};
-use crate::motion::MotionPath;
 use crate::motion::generators::Model;
+use crate::motion::{FrameMotion, MotionPath};
 use crate::plane::Luma;
 use crate::readout::{Readout, ReadoutDirection, ReadoutTime};
 use crate::solve::continuous::{Camera, Found};
@@ -19,6 +20,7 @@ use std::collections::VecDeque;
 use std::time::{Duration, Instant};
 
 pub use crate::solve::Origin;
+pub use error::{PushError, SettingsError};
 
 /// Standard deviation of a tracked coordinate, in pixels of the analysed luma: what the sampler
 /// reaches on compressed footage.
@@ -52,7 +54,8 @@ pub struct Settings {
     pub estimator: Estimator,
     /// The image motions that the continuous estimator looks for.
     pub model: Model,
-    /// Focal length in frame widths; `None` if it is to be found from the picture.
+    /// Focal length in frame widths; `None` if it is to be found from the picture. Less than 0.354, a field of view of
+    /// 110°, counts as that.
     pub focal_length: Option<f64>,
     /// Which edge of the frame is read first; `None` if it is to be found from the picture, which the
     /// sequential estimator takes as from top to bottom.
@@ -79,21 +82,17 @@ impl Default for Settings {
 /// The motion of one frame and how far it is to be trusted.
 #[derive(Clone, Debug, PartialEq)]
 pub struct FrameSolution {
-    /// The shutter the motion was solved with.
-    pub readout: Readout,
-    /// The motion through the frame's readout; still where none was found.
-    pub path: MotionPath,
+    /// What the frame is rectified by: the motion through its readout, the shutter it was solved with, and how much
+    /// of the correction is applied: less where a continuous path is uncertain.
+    pub motion: FrameMotion,
     /// Trust in the motion, 0 (untouched) to 1.
     pub confidence: f64,
-    /// How much of the correction is to be applied, 0 to 1: less where a continuous path is hardly to
-    /// be trusted, so that it comes and goes without a jump.
-    pub weight: f64,
     /// Where the motion comes from.
     pub origin: Origin,
-    /// Correspondences measured with the frame before it; 0 for the first, after a gap in time and
-    /// for a duplicate.
+    /// Correspondences measured in the pair of frames over which the motion was solved. Of a frame without a motion,
+    /// those with the frame before it: 0 for the first, after a gap in time and for a duplicate.
     pub correspondences: usize,
-    /// Correspondences that follow the motion, of the pair over which it was solved.
+    /// Those of them that follow the motion.
     pub inliers: usize,
     /// Root mean square residual of an inlier in pixels: √E of 25.4, or a coordinate's deviation from
     /// the continuous path.
@@ -149,8 +148,15 @@ pub struct Rectifier {
 impl Rectifier {
     /// A rectifier for frames of `width` × `height` pixels, `period` seconds apart.
     ///
-    /// `period` is the nominal one; `None` takes it from the times of the frames.
-    pub fn new(settings: Settings, width: usize, height: usize, period: Option<f64>) -> Self {
+    /// `period` is the nominal one; `None`, or one that no camera has (under a millisecond, over ten seconds, not a
+    /// number), takes it from the times of the frames. Frames of any size will do, also those too small to be analysed.
+    pub fn new(
+        settings: Settings,
+        width: usize,
+        height: usize,
+        period: Option<f64>,
+    ) -> Result<Self, SettingsError> {
+        settings.check(width, height)?;
         let sampler = Sampler::new(width, height, settings.grid_columns, settings.grid_rows);
         let engine = match settings.estimator {
             Estimator::Sequential => Engine::sequential(),
@@ -164,7 +170,7 @@ impl Rectifier {
                 Engine::continuous(camera, (width, height), sampler.pixel_scale())
             }
         };
-        Self {
+        Ok(Self {
             settings,
             size: (width, height),
             clock: Clock::new(period),
@@ -180,16 +186,25 @@ impl Rectifier {
             solved: VecDeque::new(),
             last: None,
             timings: Timings::default(),
-        }
+        })
     }
 
     /// Adds the next frame: its luma and its timestamp in seconds.
     ///
     /// Times may fall (reverse playback) or be missing; `duplicate` marks a frame known to repeat
-    /// the one before it (most duplicates are also found by themselves). A luma that is not of the
-    /// rectifier's size is taken as a frame in which nothing can be seen.
-    pub fn push(&mut self, luma: &Luma<'_>, time: Option<f64>, duplicate: bool) {
+    /// the one before it (most duplicates are also found by themselves).
+    ///
+    /// A luma that is not of the rectifier's size is refused: nothing has been pushed then, and nothing will be popped
+    /// for it.
+    pub fn push(&mut self, luma: &Luma<'_>, time: Option<f64>, duplicate: bool) -> Result<(), PushError> {
         let started = Instant::now();
+        let (found, expected) = (luma.plane.layout(), self.size);
+        if (found.width, found.height) != expected {
+            return Err(PushError::Size {
+                found: [found.width, found.height],
+                expected: [expected.0, expected.1],
+            });
+        }
         let tick = self.clock.tick(time);
         if !tick.continues {
             self.reference = None;
@@ -207,10 +222,20 @@ impl Rectifier {
         while self.waiting.len() > self.settings.lookahead {
             self.give_out();
         }
+        Ok(())
     }
 
     /// The motion of the oldest frame not yet popped, once `lookahead` frames follow it.
     pub fn pop(&mut self) -> Option<FrameSolution> {
+        self.solved.pop_front()
+    }
+
+    /// The motion of the oldest frame not yet popped, from the frames there are: where it cannot wait for
+    /// `lookahead` more. `None` if every frame pushed has been popped.
+    pub fn pop_early(&mut self) -> Option<FrameSolution> {
+        if self.solved.is_empty() {
+            self.give_out();
+        }
         self.solved.pop_front()
     }
 
@@ -296,10 +321,8 @@ impl Rectifier {
     fn untouched(&self, frame: &Waiting) -> FrameSolution {
         let (readout, readout_deviation) = self.engine.belief(&frame.readout);
         FrameSolution {
-            readout,
-            path: MotionPath::STILL,
+            motion: FrameMotion::new(readout, MotionPath::STILL).with_weight(0.0),
             confidence: 0.0,
-            weight: 0.0,
             origin: Origin::Untouched,
             correspondences: frame.correspondences,
             inliers: 0,
@@ -313,13 +336,12 @@ impl Rectifier {
         let coverage = settled.inliers as f64 / (FULL_COVERAGE * nodes as f64).max(1.0);
         let confidence = settled.confidence * coverage.min(1.0);
         let fades = settled.origin == Origin::Continuous;
+        let weight = if fades { confidence / FULL_TRUST } else { 1.0 };
         FrameSolution {
-            readout: settled.readout,
-            path: settled.path.clone(),
+            motion: FrameMotion::new(settled.readout, settled.path.clone()).with_weight(weight),
             confidence,
-            weight: if fades { (confidence / FULL_TRUST).clamp(0.0, 1.0) } else { 1.0 },
             origin: if frame.repeats { Origin::Repeated } else { settled.origin },
-            correspondences: frame.correspondences,
+            correspondences: settled.correspondences,
             inliers: settled.inliers,
             residual: settled.residual,
             readout_deviation: settled.readout_deviation,

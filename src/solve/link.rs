@@ -50,6 +50,8 @@ pub struct Fit {
     pub energy: f64,
     /// Correspondences within the reach of the robust loss.
     pub inliers: usize,
+    /// Correspondences of the pair.
+    pub correspondences: usize,
     /// Trust in the motion, 0 to 1: the share of the displacement that it explains, and whether
     /// there is enough to tell.
     pub confidence: f64,
@@ -160,7 +162,13 @@ impl Link {
         let inliers = errors.iter().filter(|&&error| error < start.reach).count();
         let energy = mean_of_inliers(errors);
         let confidence = self.confidence(twist, energy);
-        energy.is_finite().then_some(Fit { twist, energy, inliers, confidence })
+        energy.is_finite().then_some(Fit {
+            twist,
+            energy,
+            inliers,
+            correspondences: matches.len(),
+            confidence,
+        })
     }
 
     /// How far a twist that leaves `energy` is to be trusted: 1 where it explains all displacement,

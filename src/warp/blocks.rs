@@ -22,6 +22,10 @@ pub(super) const KNOT: usize = 8;
 /// zoom asks for (1/8 − 1 a pixel), and twice as much still fits into 16 bits.
 const MAX_CHANGE: i32 = 7 * ONE;
 
+/// Displacements in plane pixels, at most: a scale near zero makes them infinite, or no number, which the vector
+/// kernels would take for another place than plain Rust.
+const FARTHEST: f32 = 4e5;
+
 /// Displacements of 16 pixels. The vector kernels read `start` and `change` as its first 8 bytes.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[repr(C)]
@@ -95,7 +99,8 @@ impl KnotTable {
             let weights = weights.map(|weight| weight as f32 / placement.scale[axis] as f32);
             let nodes = field.values.chunks_exact(field.x.count.max(1));
             for (row, nodes) in self.values.chunks_exact_mut(self.columns).zip(nodes) {
-                row[index] = weights.iter().zip(&nodes[node..]).map(|(w, v)| w * v).sum();
+                let value = weights.iter().zip(&nodes[node..]).map(|(w, v)| w * v).sum();
+                row[index] = if f32::is_nan(value) { 0.0 } else { value.clamp(-FARTHEST, FARTHEST) };
             }
         }
     }

@@ -2,7 +2,7 @@
 
 use super::WarpSettings;
 use super::inverse::Axis;
-use crate::motion::{MotionPath, Passage, image_centre};
+use crate::motion::{FrameMotion, MotionPath, Passage, image_centre};
 use crate::readout::Readout;
 use nalgebra::Vector2;
 
@@ -24,13 +24,14 @@ pub(super) struct Correction<'a> {
 }
 
 impl<'a> Correction<'a> {
-    pub fn new(readout: &'a Readout, path: &'a MotionPath, settings: &WarpSettings) -> Self {
+    pub fn new(motion: &'a FrameMotion, settings: &WarpSettings) -> Self {
+        let (readout, path) = (motion.readout(), motion.path());
         Self {
             readout,
             path,
             centre: image_centre(readout.width, readout.height),
             reference: within(settings.reference_row, 0.0, 1.0, 0.5),
-            strength: within(settings.strength, 0.0, 1.0, 1.0),
+            strength: motion.weight() * within(settings.strength, 0.0, 1.0, 1.0),
             zoom: within(settings.zoom, 1.0, MAX_ZOOM, 1.0),
         }
     }

@@ -31,7 +31,7 @@
 use super::WarpSettings;
 use super::correction::Correction;
 use super::monotone::{Inverse, limit_slopes};
-use crate::motion::{MotionPath, Passage};
+use crate::motion::{FrameMotion, MotionPath, Passage};
 use crate::readout::Readout;
 use nalgebra::Vector2;
 use rayon::prelude::*;
@@ -123,8 +123,9 @@ thread_local! {
 
 impl InverseMap {
     /// Solves the map of one frame, into the buffers that are there.
-    pub fn solve(&mut self, readout: &Readout, path: &MotionPath, settings: &WarpSettings) {
-        let correction = Correction::new(readout, path, settings);
+    pub fn solve(&mut self, motion: &FrameMotion, settings: &WarpSettings) {
+        let (readout, path) = (motion.readout(), motion.path());
+        let correction = Correction::new(motion, settings);
         let spacing = spacing(readout, path);
         let last = [readout.width as f64 - 1.0, readout.height as f64 - 1.0];
         let [x, y] = [0, 1].map(|axis| Axis::over(0.0, last[axis], spacing[axis]));

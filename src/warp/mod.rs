@@ -21,9 +21,8 @@ mod weights;
 
 pub use crate::cpu::CpuLevel;
 
-use crate::motion::MotionPath;
+use crate::motion::FrameMotion;
 use crate::plane::{Plane, PlaneLayout, PlaneMut};
-use crate::readout::Readout;
 use blocks::KnotTable;
 use inverse::InverseMap;
 use std::sync::{Arc, Mutex, PoisonError};
@@ -158,10 +157,10 @@ impl Warper {
         Self::with_cpu(CpuLevel::detect())
     }
 
-    /// A warper that uses at most the instructions of `level`.
+    /// A warper that uses the instructions of `level`.
     pub fn with_cpu(level: CpuLevel) -> Self {
         Self {
-            level: level.available(),
+            level,
             settings: WarpSettings::default(),
             identity: true,
             map: InverseMap::default(),
@@ -171,15 +170,16 @@ impl Warper {
 
     /// Computes the inverse map of one frame; [`warp`](Self::warp) then serves all its planes.
     ///
+    /// The strength that is applied is that of the settings times the motion's weight.
     /// Settings out of range count as the nearest in range; a zoom of more than 8 as 8.
-    pub fn prepare(&mut self, readout: &Readout, path: &MotionPath, settings: &WarpSettings) {
+    pub fn prepare(&mut self, motion: &FrameMotion, settings: &WarpSettings) {
         self.settings = *settings;
-        let unmoved = path.is_still() || settings.strength <= 0.0;
+        let unmoved = motion.is_still() || settings.strength <= 0.0;
         self.identity = unmoved && settings.zoom <= 1.0;
         let planes = self.planes.get_mut().unwrap_or_else(PoisonError::into_inner);
         planes.spare.extend(planes.used.drain(..).map(|(_, _, map)| map));
         if !self.identity {
-            self.map.solve(readout, path, settings);
+            self.map.solve(motion, settings);
         }
     }
 

@@ -42,7 +42,7 @@ pub fn settings(
 pub fn solve(footage: &Footage, settings: Settings) -> Result<Vec<FrameSolution>> {
     let (width, height) = (footage.settings().width, footage.settings().height);
     let period = Some(1.0 / footage.settings().delivered_fps());
-    let mut rectifier = Rectifier::new(settings, width, height, period);
+    let mut rectifier = Rectifier::new(settings, width, height, period)?;
     motions(&mut rectifier, footage.frames.iter().zip(footage.stamps.iter().copied()))
 }
 
@@ -55,7 +55,7 @@ pub fn motions<'a>(
     for (frame, stamp) in frames {
         let luma = frame.luma();
         let layout = PlaneLayout::packed(frame.width, frame.height, SampleFormat::U8);
-        rectifier.push(&Luma::from(Plane::new(&luma, layout)?), Some(stamp), false);
+        rectifier.push(&Luma::from(Plane::new(&luma, layout)?), Some(stamp), false)?;
         solutions.extend(std::iter::from_fn(|| rectifier.pop()));
         pushed += 1;
     }
@@ -74,18 +74,18 @@ pub fn corrections(solutions: Vec<FrameSolution>) -> Corrections {
 
 /// Where a solution takes a pixel: to the middle of the readout, as far as it is applied.
 pub fn corrected(solution: &FrameSolution, pixel: Vector2<f64>) -> Vector2<f64> {
-    let readout = &solution.readout;
+    let (readout, path) = (solution.motion.readout(), solution.motion.path());
     let centre = image_centre(readout.width, readout.height);
     let share = readout.share(pixel.x, pixel.y);
-    let carried = solution.path.carry(pixel - centre, share, 0.5) + centre;
-    pixel + (carried - pixel) * solution.weight
+    let carried = path.carry(pixel - centre, share, 0.5) + centre;
+    pixel + (carried - pixel) * solution.motion.weight()
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::sequence::Sequence;
-    use rsrectify::motion::{MotionPath, Twist};
+    use rsrectify::motion::{FrameMotion, MotionPath, Twist};
     use rsrectify::readout::{Readout, ReadoutDirection};
     use rsrectify::rectifier::Origin;
 
@@ -95,10 +95,8 @@ mod tests {
         let readout = Readout::new(64, 48, ReadoutDirection::BottomToTop, time, 0.04);
         let path = MotionPath::uniform(Twist::new(0.0, 100.0, 0.0), 0.02);
         let solution = FrameSolution {
-            readout,
-            path,
+            motion: FrameMotion::new(readout, path),
             confidence: 1.0,
-            weight: 1.0,
             origin: Origin::Initial,
             correspondences: 0,
             inliers: 0,
@@ -120,8 +118,8 @@ mod tests {
             let settings = super::settings(footage.settings(), Delay::True, Estimator::Continuous, lookahead);
             let solutions = solve(&footage, settings).unwrap();
             assert_eq!(solutions.len(), 5);
-            assert!((solutions[2].readout.time - 0.85 / 30.0).abs() < 1e-12);
-            assert_eq!(solutions[2].readout.direction, ReadoutDirection::BottomToTop);
+            assert!((solutions[2].motion.readout().time - 0.85 / 30.0).abs() < 1e-12);
+            assert_eq!(solutions[2].motion.readout().direction, ReadoutDirection::BottomToTop);
         }
     }
 }

@@ -79,7 +79,7 @@ impl Entry {
             System::Product { estimator, lookahead } => {
                 let settings = product::settings(footage.settings(), self.told, *estimator, *lookahead);
                 let solutions = product::solve(footage, settings)?;
-                let found = solutions.last().map(|last| last.readout);
+                let found = solutions.last().map(|last| *last.motion.readout());
                 Ok((product::corrections(solutions), found.filter(|_| self.told == Delay::Unknown)))
             }
         }

@@ -1,16 +1,19 @@
-//! Video formats → views of image planes.
+//! What the pads take, and video formats → views of image planes.
 //!
-//! Nothing here is a table of formats: GStreamer describes each format by its components, and
-//! components that lie side by side in each pixel make one view. A new format of 8, 10, 12 or 16
-//! bits is one line in [`FORMATS`].
+//! Views are not written down format by format: GStreamer describes each format by its components,
+//! and components that lie side by side in each pixel make one view. A new format of 8, 10, 12 or
+//! 16 bits a sample, in bytes or in little-endian words, is one line in [`FORMATS`].
 
+use gst::glib;
 use gst_video::prelude::*;
-use gst_video::{VideoFormat, VideoFrameRef, VideoInfo};
+use gst_video::{
+    VideoCapsBuilder, VideoFormat, VideoFrameRef, VideoInfo, VideoMeta, VideoOverlayCompositionMeta,
+};
 use rsrectify::plane::{Luma, Plane, PlaneLayout, PlaneMut, SampleFormat};
 use rsrectify::warp::Placement;
 
 /// The formats that can be rectified, the most usual first.
-pub const FORMATS: [VideoFormat; 30] = [
+pub const FORMATS: [VideoFormat; 64] = [
     VideoFormat::I420,
     VideoFormat::Nv12,
     VideoFormat::Yv12,
@@ -25,8 +28,11 @@ pub const FORMATS: [VideoFormat; 30] = [
     VideoFormat::I42210le,
     VideoFormat::Y44410le,
     VideoFormat::I42012le,
+    VideoFormat::P012Le,
     VideoFormat::I42212le,
     VideoFormat::Y44412le,
+    VideoFormat::P016Le,
+    VideoFormat::Y44416le,
     VideoFormat::Ayuv,
     VideoFormat::Bgrx,
     VideoFormat::Bgra,
@@ -41,17 +47,100 @@ pub const FORMATS: [VideoFormat; 30] = [
     VideoFormat::Gray8,
     VideoFormat::Gray16Le,
     VideoFormat::Vuya,
+    VideoFormat::Nv61,
+    VideoFormat::Nv24,
+    VideoFormat::Yvyu,
+    VideoFormat::Vyuy,
+    VideoFormat::V308,
+    VideoFormat::Iyu2,
+    VideoFormat::Y41b,
+    VideoFormat::Yuv9,
+    VideoFormat::Yvu9,
+    VideoFormat::Gbr,
+    VideoFormat::Rgbp,
+    VideoFormat::Bgrp,
+    // Alpha in a plane of its own.
+    VideoFormat::A420,
+    VideoFormat::Gbra,
+    VideoFormat::A42010le,
+    VideoFormat::A42210le,
+    VideoFormat::A44410le,
+    VideoFormat::Gbra10le,
+    VideoFormat::Gbra12le,
+    // Packed words and planes of red, green and blue of more than 8 bits.
+    VideoFormat::Y210,
+    VideoFormat::Y212Le,
+    VideoFormat::V216,
+    VideoFormat::Y412Le,
+    VideoFormat::Gbr10le,
+    VideoFormat::Gbr12le,
+    VideoFormat::Ayuv64,
+    VideoFormat::Argb64,
+    VideoFormat::Argb64Le,
+    VideoFormat::Rgba64Le,
+    VideoFormat::Bgra64Le,
+    VideoFormat::Abgr64Le,
 ];
 
 /// Longest side of a frame in pixels. No camera comes near it; caps that claim more are a mistake
 /// which would be paid for in memory.
-pub const LONGEST_SIDE: i32 = 32_768;
+const LONGEST_SIDE: i32 = 32_768;
 
 /// Most components that a pixel can have.
 const COMPONENTS: usize = 4;
 
 /// Weights of red, green and blue in the luma that is analysed (BT.601; any sensible weights do).
 const LUMA_WEIGHTS: [f32; 3] = [0.299, 0.587, 0.114];
+
+/// The component of a pixel that stands for its luma where there is none.
+const GREEN: usize = 1;
+
+/// What the pads take: frames in system memory.
+///
+/// Overlays that travel beside the picture are kept. Fields in buffers of their own pass through,
+/// as other interlaced video does.
+pub fn template_caps() -> gst::Caps {
+    // ARGB64 and AYUV64 are words in the order of the machine.
+    let is_read = |format: &VideoFormat| {
+        cfg!(target_endian = "little") || !matches!(format, VideoFormat::Argb64 | VideoFormat::Ayuv64)
+    };
+    let sides = 1..=LONGEST_SIDE;
+    let frames = VideoCapsBuilder::new().format_list(FORMATS.into_iter().filter(is_read));
+    let frames = frames.width_range(sides.clone()).height_range(sides).build();
+    let with = |features: &[&glib::GStr]| {
+        let mut caps = frames.clone();
+        caps.make_mut().set_features_simple(Some(gst::CapsFeatures::new(features.iter().copied())));
+        caps
+    };
+    let mut fields = with(&[gst_video::CAPS_FEATURE_FORMAT_INTERLACED]);
+    fields.make_mut().set("interlace-mode", "alternate");
+    let overlays = with(&[
+        gst::CAPS_FEATURE_MEMORY_SYSTEM_MEMORY,
+        gst_video::CAPS_FEATURE_META_GST_VIDEO_OVERLAY_COMPOSITION,
+    ]);
+    let mut caps = frames;
+    caps.merge(overlays);
+    caps.merge(fields);
+    caps
+}
+
+/// Lets `decide` settle an allocation query and keeps what the query has on overlays: GStreamer's base
+/// class takes out what it does not know to be kept, and upstream would draw overlays into the frames.
+pub fn keep_overlay_support<E>(
+    query: &mut gst::query::Allocation,
+    decide: impl FnOnce(&mut gst::query::Allocation) -> Result<(), E>,
+) -> Result<(), E> {
+    let index = query.find_allocation_meta::<VideoOverlayCompositionMeta>();
+    let meta = index.and_then(|index| query.allocation_metas().nth(index as usize));
+    let parameters = meta.map(|(_, parameters)| parameters.map(ToOwned::to_owned));
+    decide(query)?;
+    if let Some(parameters) = parameters
+        && query.find_allocation_meta::<VideoOverlayCompositionMeta>().is_none()
+    {
+        query.add_allocation_meta::<VideoOverlayCompositionMeta>(parameters.as_deref());
+    }
+    Ok(())
+}
 
 /// Samples of the frame that are warped together: a plane, or some components of a packed one.
 #[derive(Clone, Debug, PartialEq)]
@@ -81,10 +170,12 @@ impl FrameLayout {
     /// The layout of frames described by `info`.
     pub fn new(info: &VideoInfo) -> Option<Self> {
         let views: Vec<View> = (0..info.n_planes()).flat_map(|plane| plane_views(info, plane)).collect();
-        let luma = views.iter().find(|view| view.components.contains(&Some(0)))?.clone();
+        let brightest = if info.is_rgb() { GREEN } else { 0 };
+        let luma = views.iter().find(|view| view.components.contains(&Some(brightest)))?.clone();
+        let has_all_colours = info.is_rgb() && (0..3).all(|c| luma.components.contains(&Some(c)));
         let luma_weights = luma.components.map(|component| match component {
-            Some(c) if info.is_rgb() => LUMA_WEIGHTS.get(c).copied().unwrap_or(0.0),
-            Some(0) => 1.0,
+            Some(c) if has_all_colours => LUMA_WEIGHTS.get(c).copied().unwrap_or(0.0),
+            Some(c) if c == brightest => 1.0,
             _ => 0.0,
         });
         Some(Self { info: info.clone(), views, luma, luma_weights })
@@ -100,9 +191,19 @@ impl FrameLayout {
         &self.views
     }
 
-    /// The luma of a mapped frame.
+    /// Rows of a plane.
+    pub fn plane_height(&self, plane: u32) -> Option<usize> {
+        self.views.iter().find(|view| view.plane == plane).map(|view| view.layout.height)
+    }
+
+    /// The luma of a mapped frame; green where red, green and blue lie in planes of their own.
     pub fn luma<'a>(&self, frame: &'a VideoFrameRef<&gst::BufferRef>) -> Option<Luma<'a>> {
         Some(Luma { plane: self.luma.plane(frame)?, weights: self.luma_weights })
+    }
+
+    /// Whether a mapped frame holds all samples.
+    pub fn is_whole(&self, frame: &VideoFrameRef<&gst::BufferRef>) -> bool {
+        self.views.iter().all(|view| view.layout_in(frame).is_some())
     }
 
     /// An 0xAARRGGBB colour as one sample value a component, by the stream's colour matrix and range.
@@ -155,10 +256,22 @@ impl View {
         let plane = self.plane as usize;
         let stride = usize::try_from(*frame.plane_stride().get(plane)?).ok()?;
         let layout = PlaneLayout { stride, ..self.layout };
-        let end = frame.plane_offset().get(plane)?.checked_add(self.offset)?;
-        let end = end.checked_add(layout.required_bytes()?)?;
-        (end <= frame.buffer().size()).then_some(layout)
+        let start = *frame.plane_offset().get(plane)?;
+        let end = start.checked_add(self.offset)?.checked_add(layout.required_bytes()?)?;
+        holds(frame.buffer(), start..end).then_some(layout)
     }
+}
+
+/// Whether these bytes of a mapped frame can be read.
+///
+/// Where a meta tells the planes' places, GStreamer maps of each the one memory that it begins in.
+fn holds(buffer: &gst::BufferRef, bytes: std::ops::Range<usize>) -> bool {
+    if bytes.is_empty() || bytes.end > buffer.size() {
+        return bytes.is_empty();
+    }
+    buffer.n_memory() < 2
+        || buffer.meta::<VideoMeta>().is_none()
+        || buffer.find_memory(bytes).is_some_and(|(memories, _)| memories.len() == 1)
 }
 
 /// The views of one plane of a buffer.
@@ -171,7 +284,7 @@ fn plane_views(info: &VideoInfo, plane: u32) -> Vec<View> {
         vec![view(info, plane, &components, 0, None)]
     } else {
         // Luma and chroma of different width share the plane (YUY2, UYVY): a view for each.
-        let single = |c: &u8| view(info, plane, &[*c], info.comp_poffset(*c) as usize, Some(1));
+        let single = |c: &u8| view(info, plane, &[*c], offset(info, *c), Some(1));
         components.iter().map(single).collect()
     }
 }
@@ -192,17 +305,38 @@ fn view(info: &VideoInfo, plane: u32, components: &[u8], offset: usize, channels
     };
     let at = |channel: usize| {
         let byte = offset + channel * format.bytes();
-        components.iter().find(|&&c| info.comp_poffset(c) as usize == byte).map(|&c| usize::from(c))
+        components.iter().find(|&&c| self::offset(info, c) == byte).map(|&c| usize::from(c))
     };
     View { plane, offset, layout, placement: placement(info, first), components: std::array::from_fn(at) }
+}
+
+/// Byte of a component's first sample in its plane.
+///
+/// GStreamer's own description (1.22) lacks the offsets of some packed words, swaps the chroma of
+/// VYUY, and counts words instead of bytes in P010 and its kin.
+fn offset(info: &VideoInfo, component: u8) -> usize {
+    let known = match info.format() {
+        VideoFormat::Y210 | VideoFormat::Y212Le => [0, 2, 6, 0],
+        VideoFormat::Y412Le => [2, 0, 4, 6],
+        VideoFormat::Vyuy => [1, 2, 0, 0],
+        _ => {
+            let (offset, bytes) =
+                (info.comp_poffset(component) as usize, sample_format(info, component).bytes());
+            return if offset % bytes == 0 { offset } else { offset * bytes };
+        }
+    };
+    known.get(usize::from(component)).copied().unwrap_or(0)
 }
 
 fn sample_format(info: &VideoInfo, component: u8) -> SampleFormat {
     let shift = info.format_info().shift().get(usize::from(component)).copied().unwrap_or(0);
     match (info.comp_depth(component), shift) {
+        // Described as if its bits were the low ones of the word.
+        (10, _) if info.format() == VideoFormat::Y210 => SampleFormat::U10_HIGH,
         (10, 0) => SampleFormat::U10,
         (10, _) => SampleFormat::U10_HIGH,
-        (12, _) => SampleFormat::U12,
+        (12, 0) => SampleFormat::U12,
+        (12, _) => SampleFormat::U12_HIGH,
         (16, _) => SampleFormat::U16,
         _ => SampleFormat::U8,
     }

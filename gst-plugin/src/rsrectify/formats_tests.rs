@@ -34,6 +34,18 @@ fn planar_formats() {
     assert_eq!(shapes(VideoFormat::I42210le), planar((3, 3), 10));
     assert_eq!(shapes(VideoFormat::Y44410le), planar((5, 3), 10));
     assert_eq!(shapes(VideoFormat::I42012le), planar((3, 2), 12));
+    assert_eq!(shapes(VideoFormat::Y41b), planar((2, 3), 8));
+    assert_eq!(shapes(VideoFormat::Yuv9), planar((2, 1), 8));
+    assert_eq!(shapes(VideoFormat::Gbr12le), planar((5, 3), 12));
+    assert_eq!(shapes(VideoFormat::Y44416le), planar((5, 3), 16));
+    for (format, chroma, bits) in [
+        (VideoFormat::A420, (3, 2), 8),
+        (VideoFormat::A42210le, (3, 3), 10),
+        (VideoFormat::Gbra12le, (5, 3), 12),
+    ] {
+        let alpha = (3, 0, 5, 3, 1, 1, bits, 0);
+        assert_eq!(shapes(format), [planar(chroma, bits), vec![alpha]].concat(), "{format:?}");
+    }
     assert_eq!(shapes(VideoFormat::Gray8), [(0, 0, 5, 3, 1, 1, 8, 0)]);
     assert_eq!(shapes(VideoFormat::Gray16Le), [(0, 0, 5, 3, 1, 1, 16, 0)]);
 }
@@ -44,7 +56,13 @@ fn semi_planar_formats() {
         assert_eq!(shapes(format), [(0, 0, 5, 3, 1, 1, 8, 0), (1, 0, 3, 2, 2, 2, 8, 0)], "{format:?}");
     }
     assert_eq!(shapes(VideoFormat::Nv16), [(0, 0, 5, 3, 1, 1, 8, 0), (1, 0, 3, 3, 2, 2, 8, 0)]);
-    assert_eq!(shapes(VideoFormat::P01010le), [(0, 0, 5, 3, 1, 1, 10, 6), (1, 0, 3, 2, 2, 2, 10, 6)]);
+    assert_eq!(shapes(VideoFormat::Nv24), [(0, 0, 5, 3, 1, 1, 8, 0), (1, 0, 5, 3, 2, 2, 8, 0)]);
+    for (format, bits, shift) in
+        [(VideoFormat::P01010le, 10, 6), (VideoFormat::P012Le, 12, 4), (VideoFormat::P016Le, 16, 0)]
+    {
+        let wanted = [(0, 0, 5, 3, 1, 1, bits, shift), (1, 0, 3, 2, 2, 2, bits, shift)];
+        assert_eq!(shapes(format), wanted, "{format:?}");
+    }
 }
 
 #[test]
@@ -57,6 +75,22 @@ fn packed_formats() {
         shapes(VideoFormat::Uyvy),
         [(0, 1, 5, 3, 2, 1, 8, 0), (0, 0, 3, 3, 4, 1, 8, 0), (0, 2, 3, 3, 4, 1, 8, 0)]
     );
+    for (format, luma, chroma) in [(VideoFormat::Yvyu, 0, [3, 1]), (VideoFormat::Vyuy, 1, [2, 0])] {
+        let wanted =
+            [(0, luma, 5, 3, 2, 1, 8, 0), (0, chroma[0], 3, 3, 4, 1, 8, 0), (0, chroma[1], 3, 3, 4, 1, 8, 0)];
+        assert_eq!(shapes(format), wanted, "{format:?}");
+    }
+    for (format, bits, shift) in [(VideoFormat::Y210, 10, 6), (VideoFormat::Y212Le, 12, 4)] {
+        let wanted = [
+            (0, 0, 5, 3, 2, 1, bits, shift),
+            (0, 2, 3, 3, 4, 1, bits, shift),
+            (0, 6, 3, 3, 4, 1, bits, shift),
+        ];
+        assert_eq!(shapes(format), wanted, "{format:?}");
+    }
+    assert_eq!(shapes(VideoFormat::Y412Le), [(0, 0, 5, 3, 4, 4, 12, 4)]);
+    assert_eq!(shapes(VideoFormat::Ayuv64), [(0, 0, 5, 3, 4, 4, 16, 0)]);
+    assert_eq!(shapes(VideoFormat::Bgra64Le), [(0, 0, 5, 3, 4, 4, 16, 0)]);
     for format in [VideoFormat::Rgb, VideoFormat::Bgr] {
         assert_eq!(shapes(format), [(0, 0, 5, 3, 3, 3, 8, 0)], "{format:?}");
     }
@@ -77,7 +111,14 @@ fn luma_is_weighed_by_the_position_of_its_channels() {
     assert_eq!(weights(VideoFormat::Rgb), [r, g, b, 0.0]);
     assert_eq!(weights(VideoFormat::Bgra), [b, g, r, 0.0]);
     assert_eq!(weights(VideoFormat::Xrgb), [0.0, r, g, b]);
+    assert_eq!(weights(VideoFormat::Bgra64Le), [b, g, r, 0.0]);
+    assert_eq!(weights(VideoFormat::Y412Le), [0.0, 1.0, 0.0, 0.0]);
     assert_eq!(layout(VideoFormat::Uyvy, 4, 4).luma.offset, 1);
+    // Green alone, which lies in the first plane of GBR and in the second of RGBP.
+    for (format, plane) in [(VideoFormat::Gbr, 0), (VideoFormat::Gbra10le, 0), (VideoFormat::Rgbp, 1)] {
+        assert_eq!(weights(format), [1.0, 0.0, 0.0, 0.0]);
+        assert_eq!(layout(format, 4, 4).luma.plane, plane);
+    }
 }
 
 #[test]
@@ -117,6 +158,11 @@ fn border_colour_in_every_colour_space() {
     assert_eq!(first(fill(VideoFormat::I42010le, "bt709", 0xff00_0000)), [64, 512, 512]);
     assert_eq!(fill(VideoFormat::Argb, "sRGB", 0x8001_0203), [[0x80, 1, 2, 3]]);
     assert_eq!(fill(VideoFormat::Bgrx, "sRGB", 0x8001_0203), [[3, 2, 1, 255]]);
+    assert_eq!(first(fill(VideoFormat::Gbra, "sRGB", 0x8001_0203)), [2, 3, 1, 0x80]);
+    assert_eq!(fill(VideoFormat::Rgba64Le, "sRGB", 0x00ff_0033), [[65535, 0, 0x3333, 0]]);
+    assert_eq!(first(fill(VideoFormat::A42010le, "bt601", 0x0000_0000)), [64, 512, 512, 0]);
+    assert_eq!(fill(VideoFormat::P01010le, "bt709", 0xffff_0000)[1][..2], [409, 960]);
+    assert_eq!(first(fill(VideoFormat::Vyuy, "bt709", 0xffff_0000)), [63, 102, 240]);
     // NV21 stores Cr before Cb.
     assert_eq!(fill(VideoFormat::Nv21, "bt709", 0xffff_0000)[1][..2], [240, 102]);
 }

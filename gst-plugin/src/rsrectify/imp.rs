@@ -1,10 +1,7 @@
-//! The element proper.
+//! The element proper: what GStreamer asks of it.
 //!
-//! GStreamer's base class negotiates; the flow of frames is the element's own. A frame that comes in
-//! is analysed and queued, and frames whose motion is known are rectified and pushed. Events that
-//! travel with the frames are queued between them; those that end a stretch of the stream first
-//! drain the queue. Three mutexes are never held together, nor while anything is pushed or posted:
-//! the settings, the streaming state (streaming thread only), the report (any thread, briefly).
+//! GStreamer's base class negotiates; the flow of frames is the element's own, see `flow`. Events that travel
+//! with the frames are queued between them; those that end a stretch of the stream first drain the queue.
 
 /**
  * SECTION:element-rsrectify
@@ -16,9 +13,9 @@
  * order, with its own timestamps, flags and metas; a frame without motion is the very buffer that
  * came in. Interlaced and multiview video passes through with a warning.
  *
- * A frame that the sink says it will get too late (QoS) is analysed but goes out unrectified, with
- * a QoS message: the sink will most likely drop it, and a frame lost here would leave a hole in the
- * analysis of its neighbours. The `qos` property turns this off.
+ * In a live pipeline a frame is given out before it is held for longer than was reported, with the motion
+ * that is known by then. Where the sink tells (QoS) that frames come later and later, the correction fades out
+ * and frames go out as they came until there is time again. The `qos` property turns this off.
  *
  * The readout time and direction, and the focal length, are found from the picture while it plays,
  * and known the better the more the camera has moved; until then little is corrected. They are
@@ -41,186 +38,57 @@
  *
  * Since: plugins-rsrectify-0.1
  */
+use super::ffi;
 use super::formats;
+use super::latency::Latency;
 use super::properties::{self, Settings};
-use super::report::{self, FrameTime, Report};
-use super::state::{Output, State};
+use super::report::{Report, clock_time};
+use super::state::State;
+use super::timer::Timer;
 use gst::glib;
 use gst::prelude::*;
 use gst::subclass::prelude::*;
 use gst_base::prelude::*;
-use gst_base::subclass::base_transform::{GenerateOutputSuccess, InputBuffer, PrepareOutputBufferSuccess};
+use gst_base::subclass::base_transform::GenerateOutputSuccess;
 use gst_base::subclass::prelude::*;
 use gst_video::subclass::prelude::*;
-use rsrectify::rectifier::FrameSolution;
 use std::sync::{LazyLock, Mutex, MutexGuard, PoisonError};
-use std::time::Instant;
 
-static CAT: LazyLock<gst::DebugCategory> = LazyLock::new(|| {
+pub(super) static CAT: LazyLock<gst::DebugCategory> = LazyLock::new(|| {
     gst::DebugCategory::new("rsrectify", gst::DebugColorFlags::empty(), Some("Rolling shutter rectifier"))
 });
 
 /// The element's instance.
-#[derive(Default)]
+///
+/// Its mutexes are never held together, nor while anything is pushed or posted.
 pub struct RsRectify {
-    settings: Mutex<Settings>,
+    pub(super) settings: Mutex<Settings>,
     /// `None` until caps are known.
-    state: Mutex<Option<State>>,
-    report: Mutex<Report>,
+    pub(super) state: Mutex<Option<State>>,
+    /// For any thread, briefly.
+    pub(super) report: Mutex<Report>,
+    /// Runs while a live pipeline waits for frames.
+    pub(super) timer: Mutex<Option<Timer>>,
+}
+
+impl Default for RsRectify {
+    fn default() -> Self {
+        let latency = Latency::new(Settings::default().analysis().lookahead as u64, None, 0);
+        Self {
+            settings: Mutex::default(),
+            state: Mutex::default(),
+            report: Mutex::new(Report::new(latency)),
+            timer: Mutex::default(),
+        }
+    }
 }
 
 /// Locks a mutex; a panic elsewhere, which is reported there, does not make its data unreadable.
-fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+pub(super) fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 impl RsRectify {
-    fn settings(&self) -> Settings {
-        *lock(&self.settings)
-    }
-
-    /// Gives out everything held; on an error the rest is dropped.
-    fn drain(&self) -> Result<(), gst::FlowError> {
-        let analysis = lock(&self.state).as_mut().map(|state| {
-            state.drain();
-            state.take_timings()
-        });
-        lock(&self.report).count_analysis(analysis.unwrap_or_default());
-        self.push_ready().inspect_err(|error| {
-            gst::debug!(CAT, imp = self, "Drain ended early: {error}");
-            self.flush();
-        })
-    }
-
-    /// Drops the frames held. Sticky events between them still hold for what comes next.
-    fn flush(&self) {
-        let events = lock(&self.state).as_mut().map(State::flush).unwrap_or_default();
-        for event in events.iter().filter(|event| event.is_sticky()) {
-            if let Err(error) = self.obj().src_pad().store_sticky_event(event) {
-                gst::debug!(CAT, imp = self, "Cannot keep {event:?}: {error}");
-            }
-        }
-    }
-
-    /// Gives out the frames whose motion is known, and the events between them.
-    fn push_ready(&self) -> Result<(), gst::FlowError> {
-        loop {
-            let next = lock(&self.state).as_mut().and_then(State::next);
-            match next {
-                Some(Output::Event(event)) => {
-                    gst::debug!(CAT, imp = self, "Releasing {event:?}");
-                    self.parent_sink_event(event);
-                }
-                Some(Output::Frame(buffer, solution)) => self.push_frame(buffer, solution)?,
-                None => return Ok(()),
-            }
-        }
-    }
-
-    /// Gives out one frame.
-    fn push_frame(&self, input: gst::Buffer, solution: Option<FrameSolution>) -> Result<(), gst::FlowError> {
-        let obj = self.obj();
-        let time = FrameTime::new(&obj.segment(), &input);
-        if let Some(stream_time) = time.stream
-            && let Err(error) = obj.sync_values(stream_time)
-        {
-            gst::warning!(CAT, imp = self, "Cannot synchronise properties: {error}");
-        }
-        let settings = self.settings();
-        let motion = solution.as_ref().filter(|solution| !settings.leaves_untouched(&solution.path));
-        let output = match motion {
-            Some(motion) if !self.is_late(&time) => self.rectify(&input, motion, &settings)?,
-            _ => input,
-        };
-        lock(&self.report).count_frame(&time, solution.as_ref());
-        if let Some(solution) = solution.filter(|_| settings.post_messages) {
-            let structure = report::frame_message(&time, &solution);
-            self.post(gst::message::Element::builder(structure).src(&*obj).build());
-        }
-        gst::log!(CAT, imp = self, "Pushing {output:?}");
-        obj.src_pad().push(output).map(|_| ())
-    }
-
-    /// Whether rectifying the frame would be in vain; says so on the bus.
-    fn is_late(&self, time: &FrameTime) -> bool {
-        if !self.obj().is_qos() {
-            return false;
-        }
-        let message = lock(&self.report).late_message(&*self.obj(), time);
-        message.map(|message| self.post(message)).is_some()
-    }
-
-    /// The rectified frame, in a buffer of the negotiated pool.
-    fn rectify(
-        &self,
-        input: &gst::Buffer,
-        solution: &FrameSolution,
-        settings: &Settings,
-    ) -> Result<gst::Buffer, gst::FlowError> {
-        let mut output = match self.parent_prepare_output_buffer(InputBuffer::Readable(input))? {
-            PrepareOutputBufferSuccess::Buffer(output) => output,
-            PrepareOutputBufferSuccess::InputBuffer => return Ok(input.clone()),
-        };
-        let start = Instant::now();
-        // The lock must be gone before an error is posted.
-        let rectified = match lock(&self.state).as_mut() {
-            Some(state) => state.rectify(input, output.make_mut(), solution, settings),
-            None => return Err(gst::FlowError::Flushing),
-        };
-        rectified.map_err(|reason| self.stream_error(reason))?;
-        lock(&self.report).count_warp(start.elapsed());
-        Ok(output)
-    }
-
-    /// Adds a frame to the queue.
-    fn take_frame(&self, input: gst::Buffer, settings: &Settings) -> Result<(), gst::FlowError> {
-        let (workers, taken, analysis) = match lock(&self.state).as_mut() {
-            Some(state) => (state.configure(settings), state.push_frame(input), state.take_timings()),
-            None => return Err(gst::FlowError::NotNegotiated),
-        };
-        if let Err(error) = workers {
-            gst::warning!(CAT, imp = self, "No threads of its own, using the shared ones: {error}");
-        }
-        lock(&self.report).count_input(analysis);
-        taken.map_err(|reason| self.stream_error(reason))
-    }
-
-    fn stream_error(&self, reason: &str) -> gst::FlowError {
-        gst::element_imp_error!(self, gst::StreamError::Format, ("Cannot process a frame: {reason}"));
-        gst::FlowError::Error
-    }
-
-    fn post(&self, message: gst::Message) {
-        if self.obj().post_message(message).is_err() {
-            gst::trace!(CAT, imp = self, "No bus to post to");
-        }
-    }
-
-    /// Notes the latency and announces a change.
-    fn announce_latency(&self, latency: gst::ClockTime) {
-        let before = std::mem::replace(&mut lock(&self.report).latency, latency);
-        if before != latency {
-            gst::info!(CAT, imp = self, "Latency is {latency}");
-            self.post(gst::message::Latency::builder().src(&*self.obj()).build());
-        }
-    }
-
-    /// Queues an event that travels with the frames; without frames it goes on at once.
-    fn queue_event(&self, event: gst::Event) -> bool {
-        let event = match lock(&self.state).as_mut() {
-            Some(state) => state.push_event(event),
-            None => Some(event),
-        };
-        event.is_none_or(|event| self.parent_sink_event(event))
-    }
-
-    /// Drains, then lets the event go on.
-    fn drain_before(&self, event: gst::Event) -> bool {
-        // A failed drain is no reason to hold the event back: the next push meets the same failure.
-        let _ = self.drain();
-        self.parent_sink_event(event)
-    }
-
     /// Whether this is not the stream that was given out last: another file, perhaps another camera.
     fn is_other_stream(&self, id: &str) -> bool {
         let last = self.obj().src_pad().sticky_event::<gst::event::StreamStart>(0);
@@ -238,6 +106,10 @@ impl ObjectSubclass for RsRectify {
     type Type = super::RsRectify;
     type ParentType = gst_video::VideoFilter;
     type Interfaces = (gst::Preset,);
+
+    fn class_init(class: &mut Self::Class) {
+        ffi::keep_object_properties_out_of_presets(class);
+    }
 }
 
 impl ObjectImpl for RsRectify {
@@ -281,9 +153,7 @@ impl ElementImpl for RsRectify {
 
     fn pad_templates() -> &'static [gst::PadTemplate] {
         static TEMPLATES: LazyLock<Vec<gst::PadTemplate>> = LazyLock::new(|| {
-            let sides = 1..=formats::LONGEST_SIDE;
-            let caps = gst_video::VideoCapsBuilder::new().format_list(formats::FORMATS);
-            let caps = caps.width_range(sides.clone()).height_range(sides).build();
+            let caps = formats::template_caps();
             let template = |name, direction| {
                 gst::PadTemplate::new(name, direction, gst::PadPresence::Always, &caps).ok()
             };
@@ -300,13 +170,18 @@ impl BaseTransformImpl for RsRectify {
     const TRANSFORM_IP_ON_PASSTHROUGH: bool = false;
 
     fn start(&self) -> Result<(), gst::ErrorMessage> {
-        *lock(&self.report) = Report::default();
+        let latency = self.latency_before_caps();
+        *lock(&self.report) = Report::new(latency);
         Ok(())
     }
 
     fn stop(&self) -> Result<(), gst::ErrorMessage> {
+        // Waits for the timer's thread, which may need the other mutexes.
+        let timer = lock(&self.timer).take();
+        drop(timer);
         *lock(&self.state) = None;
-        lock(&self.report).latency = gst::ClockTime::ZERO;
+        let latency = self.latency_before_caps();
+        lock(&self.report).set_latency(latency);
         Ok(())
     }
 
@@ -317,8 +192,8 @@ impl BaseTransformImpl for RsRectify {
                     return false;
                 }
                 let (live, min, max) = latency.result();
-                let ours = lock(&self.report).note_source(live);
-                let add = |time: gst::ClockTime| time.saturating_add(ours);
+                let ours = lock(&self.report).latency.answer(live, min.nseconds());
+                let add = |time: gst::ClockTime| time.saturating_add(clock_time(ours));
                 latency.set(live, add(min), max.map(add));
                 true
             }
@@ -374,8 +249,16 @@ impl BaseTransformImpl for RsRectify {
     }
 
     fn src_event(&self, event: gst::Event) -> bool {
-        if let gst::EventView::Qos(qos) = event.view() {
-            lock(&self.report).note_quality(qos);
+        let is_slow = match event.view() {
+            gst::EventView::Qos(qos) => lock(&self.report).note_quality(qos),
+            gst::EventView::Latency(_) => {
+                lock(&self.report).latency.grant();
+                false
+            }
+            _ => false,
+        };
+        if is_slow {
+            self.post_latency();
         }
         self.parent_src_event(event)
     }
@@ -392,6 +275,14 @@ impl BaseTransformImpl for RsRectify {
             raise_minimum(query, held + 1);
         }
         Ok(())
+    }
+
+    fn decide_allocation(&self, query: &mut gst::query::Allocation) -> Result<(), gst::LoggableError> {
+        let reads_strides = query.find_allocation_meta::<gst_video::VideoMeta>().is_some();
+        if let Some(state) = lock(&self.state).as_mut() {
+            state.set_downstream_reads_strides(reads_strides);
+        }
+        formats::keep_overlay_support(query, |query| self.parent_decide_allocation(query))
     }
 
     /// The frame keeps its size and orientation, so every meta that can be copied stays true.
@@ -416,15 +307,7 @@ impl BaseTransformImpl for RsRectify {
             let flushing = self.obj().src_pad().pad_flags().contains(gst::PadFlags::FLUSHING);
             return Err(if flushing { gst::FlowError::Flushing } else { gst::FlowError::NotNegotiated });
         }
-        let settings = self.settings();
-        let drain = match lock(&self.state).as_ref() {
-            Some(state) => state.must_drain(&input, &settings),
-            None => return Err(gst::FlowError::NotNegotiated),
-        };
-        if drain {
-            self.drain()?;
-        }
-        self.take_frame(input, &settings)?;
+        self.take(input)?;
         Ok(gst::FlowSuccess::Ok)
     }
 
@@ -455,10 +338,9 @@ impl VideoFilterImpl for RsRectify {
     ) -> Result<(), gst::LoggableError> {
         let state = State::new(caps, info, &self.settings())
             .ok_or_else(|| gst::loggable_error!(CAT, "No luma in {caps}"))?;
-        let (latency, passthrough, period) = (state.latency(), state.is_passthrough(), state.period());
+        let (frames, rate, passthrough) = (state.frames_held(), state.rate(), state.is_passthrough());
         gst::info!(CAT, imp = self, "Caps {caps}");
         *lock(&self.state) = Some(state);
-        lock(&self.report).period = period;
         self.obj().set_passthrough(passthrough);
         if passthrough {
             gst::element_imp_warning!(
@@ -467,7 +349,8 @@ impl VideoFilterImpl for RsRectify {
                 ("Interlaced and multiview video is not rectified: it passes through unchanged")
             );
         }
-        self.announce_latency(latency);
+        let work = if passthrough { 0 } else { self.settings().processing_deadline };
+        self.change_latency(frames, rate, work);
         Ok(())
     }
 }

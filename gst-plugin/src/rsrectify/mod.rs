@@ -4,12 +4,19 @@ use gst::glib;
 use gst::prelude::*;
 
 mod enums;
+mod ffi;
+mod flow;
 mod formats;
 mod imp;
+mod interval;
+mod latency;
+mod load;
+mod picture;
 mod properties;
 mod queue;
 mod report;
 mod state;
+mod timer;
 
 pub use enums::{BorderMode, Estimator, Interpolation, Model, ReadoutDirection};
 
@@ -22,5 +29,6 @@ glib::wrapper! {
 
 /// Registers the element with `plugin`. It is never plugged in on its own: its rank is none.
 pub fn register(plugin: &gst::Plugin) -> Result<(), glib::BoolError> {
+    report::register_meta();
     gst::Element::register(Some(plugin), "rsrectify", gst::Rank::NONE, RsRectify::static_type())
 }

@@ -5,7 +5,7 @@
 use super::enums::{BorderMode, Estimator, Interpolation, Model, ReadoutDirection};
 use gst::glib;
 use gst::prelude::*;
-use rsrectify::motion::MotionPath;
+use rsrectify::motion::FrameMotion;
 use rsrectify::readout::ReadoutTime;
 use rsrectify::{rectifier, warp};
 use std::sync::LazyLock;
@@ -43,6 +43,10 @@ pub struct Settings {
     pub threads: u32,
     /// Whether each frame's motion is posted on the bus.
     pub post_messages: bool,
+    /// Whether each frame's motion is attached to its buffer.
+    pub attach_meta: bool,
+    /// Latency that is reported for the work on a frame, in nanoseconds.
+    pub processing_deadline: u64,
 }
 
 impl Default for Settings {
@@ -65,6 +69,8 @@ impl Default for Settings {
             strength: DEFAULT_STRENGTH,
             threads: 0,
             post_messages: false,
+            attach_meta: false,
+            processing_deadline: 0,
         }
     }
 }
@@ -109,8 +115,8 @@ impl Settings {
     }
 
     /// Whether a frame with this motion comes out as it went in.
-    pub fn leaves_untouched(&self, path: &MotionPath) -> bool {
-        (path.is_still() || self.strength == 0.0) && self.warp().zoom == 1.0
+    pub fn leaves_untouched(&self, motion: &FrameMotion) -> bool {
+        (motion.is_still() || self.strength == 0.0) && self.warp().zoom == 1.0
     }
 
     /// The value of a property; `None` for a name that is not a setting.
@@ -133,6 +139,8 @@ impl Settings {
             "strength" => self.strength.to_value(),
             "threads" => self.threads.to_value(),
             "post-messages" => self.post_messages.to_value(),
+            "attach-meta" => self.attach_meta.to_value(),
+            "processing-deadline" => self.processing_deadline.to_value(),
             _ => return None,
         })
     }
@@ -157,6 +165,8 @@ impl Settings {
             "strength" => assign(&mut self.strength, value),
             "threads" => assign(&mut self.threads, value),
             "post-messages" => assign(&mut self.post_messages, value),
+            "attach-meta" => assign(&mut self.attach_meta, value),
+            "processing-deadline" => assign(&mut self.processing_deadline, value),
             _ => (),
         }
     }
@@ -252,6 +262,7 @@ fn warp_specs() -> Vec<glib::ParamSpec> {
             .maximum(1.0)
             .default_value(DEFAULT_REFERENCE_ROW)
             .mutable_playing()
+            .controllable()
             .build(),
         glib::ParamSpecEnum::builder_with_default("interpolation", Interpolation::default())
             .nick("Interpolation")
@@ -268,6 +279,7 @@ fn warp_specs() -> Vec<glib::ParamSpec> {
             .blurb("Colour of border-mode=constant, as 0xAARRGGBB")
             .default_value(DEFAULT_BORDER_COLOR)
             .mutable_playing()
+            .controllable()
             .build(),
         glib::ParamSpecDouble::builder("crop")
             .nick("Crop")
@@ -276,6 +288,7 @@ fn warp_specs() -> Vec<glib::ParamSpec> {
             .maximum(50.0)
             .default_value(DEFAULT_CROP)
             .mutable_playing()
+            .controllable()
             .build(),
         glib::ParamSpecDouble::builder("strength")
             .nick("Strength")
@@ -302,6 +315,17 @@ fn running_specs() -> Vec<glib::ParamSpec> {
             .blurb("Post an element message \"rsrectify\" with the motion and confidence of each frame")
             .mutable_playing()
             .build(),
+        glib::ParamSpecBoolean::builder("attach-meta")
+            .nick("Attach meta")
+            .blurb("Attach a custom meta \"RsRectifyMeta\" with its motion, readout and confidence to each frame")
+            .mutable_playing()
+            .build(),
+        glib::ParamSpecUInt64::builder("processing-deadline")
+            .nick("Processing deadline")
+            .blurb("Time in nanoseconds that the work on a frame may take in a live pipeline: latency beside that of lookahead; grows by itself where frames come late because of the work")
+            .maximum(gst::ClockTime::SECOND.nseconds())
+            .mutable_ready()
+            .build(),
         glib::ParamSpecBoxed::builder::<gst::Structure>("stats")
             .nick("Statistics")
             .blurb("Frames so far, what was found in the last one (readout-time with its readout-deviation, readout-direction, confidence ...), and mean milliseconds per stage")
@@ -313,6 +337,9 @@ fn running_specs() -> Vec<glib::ParamSpec> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use rsrectify::Rectifier;
+    use rsrectify::motion::MotionPath;
+    use rsrectify::readout::Readout;
 
     #[test]
     fn a_known_readout_time_wins_over_a_delay() {
@@ -325,13 +352,39 @@ mod tests {
     }
 
     #[test]
+    fn whatever_is_set_can_be_analysed() {
+        // The ranges of the properties; a double property takes a NaN whatever its range.
+        for inter_frame_delay in [-1.0, -0.5, 0.0, 1e9, f64::NAN] {
+            for focal_length in [0.0, f64::MIN_POSITIVE, 1e3, f64::NAN] {
+                for readout_time in [0, 1, gst::ClockTime::SECOND.nseconds()] {
+                    for (grid_columns, grid_rows, lookahead) in [(2, 256, 0), (256, 2, 64)] {
+                        let settings = Settings {
+                            inter_frame_delay,
+                            focal_length,
+                            readout_time,
+                            grid_columns,
+                            grid_rows,
+                            lookahead,
+                            ..Settings::default()
+                        };
+                        let rectifier = Rectifier::new(settings.analysis(), 64, 48, Some(0.04));
+                        assert!(rectifier.is_ok(), "{settings:?}: {rectifier:?}");
+                    }
+                }
+            }
+        }
+    }
+
+    #[test]
     fn crop_enlarges_in_its_own_mode_only() {
         let mut settings = Settings { crop: 20.0, ..Settings::default() };
         assert_eq!(settings.warp().zoom, 1.0);
-        assert!(settings.leaves_untouched(&MotionPath::STILL));
+        let readout = Readout::new(8, 4, Default::default(), ReadoutTime::WholePeriod, 0.04);
+        let still = FrameMotion::new(readout, MotionPath::STILL);
+        assert!(settings.leaves_untouched(&still));
         settings.border_mode = BorderMode::Crop;
         assert_eq!(settings.warp().zoom, 1.25);
-        assert!(!settings.leaves_untouched(&MotionPath::STILL));
+        assert!(!settings.leaves_untouched(&still));
     }
 
     #[test]

@@ -39,7 +39,15 @@ impl<F, E> Queue<F, E> {
         self.items.push_back(Item::Event(event));
     }
 
-    /// The event at the front, if no frame stands before it.
+    /// The frame at the front, if no event stands before it.
+    pub fn front(&self) -> Option<&F> {
+        match self.items.front()? {
+            Item::Frame(frame) => Some(frame),
+            Item::Event(_) => None,
+        }
+    }
+
+    /// Takes the event at the front, if no frame stands before it.
     pub fn pop_event(&mut self) -> Option<E> {
         match self.items.pop_front()? {
             Item::Event(event) => Some(event),
@@ -50,7 +58,7 @@ impl<F, E> Queue<F, E> {
         }
     }
 
-    /// The frame at the front, if no event stands before it.
+    /// Takes the frame at the front, if no event stands before it.
     pub fn pop_frame(&mut self) -> Option<F> {
         match self.items.pop_front()? {
             Item::Frame(frame) => {

@@ -1,10 +1,19 @@
 //! What the element tells others: latency, position, quality of service, statistics, messages.
 
 use super::enums::ReadoutDirection;
+use super::latency::Latency;
+use super::load::{Finding, Load};
+use gst::glib;
 use gst::prelude::*;
 use rsrectify::motion::image_centre;
 use rsrectify::rectifier::{FrameSolution, Origin, Timings};
+use std::sync::Once;
 use std::time::Duration;
+
+/// A number of nanoseconds as a time; the largest number stands for no time in GStreamer.
+pub fn clock_time(nanoseconds: u64) -> gst::ClockTime {
+    gst::ClockTime::from_nseconds(nanoseconds.min(u64::MAX - 1))
+}
 
 /// The times of a frame in its segment, none of which need exist.
 #[derive(Clone, Copy, Debug, Default)]
@@ -35,25 +44,15 @@ impl FrameTime {
     }
 }
 
-/// What the sink has said of its lateness.
-#[derive(Clone, Copy, Debug)]
-struct Quality {
-    earliest: gst::ClockTime,
-    proportion: f64,
-}
-
 /// What other threads may ask for while a frame is worked on. Only ever locked for an instant.
-#[derive(Debug, Default)]
+#[derive(Debug)]
 pub struct Report {
-    /// The latency that was announced last.
-    pub latency: gst::ClockTime,
+    /// The latency that is reported, and how long frames may be held.
+    pub latency: Latency,
+    /// Whether there is time for the work.
+    pub load: Load,
     /// Stream time of the frame given out last.
     pub position: Option<gst::ClockTime>,
-    /// The nominal frame duration; 0 where the rate varies.
-    pub period: gst::ClockTime,
-    /// Whether the source is live, as upstream last said when asked for its latency.
-    live: bool,
-    quality: Option<Quality>,
     stats: Stats,
 }
 
@@ -66,65 +65,67 @@ struct Stats {
     last: Option<FrameSolution>,
     analysis: Timings,
     warp: Duration,
+    /// Time that rectifying the last frame took.
+    newest_warp: Duration,
 }
 
 impl Report {
-    /// Notes a QoS event.
-    ///
-    /// A sink that is late by some time will be so for the next frames too: twice its lateness is
-    /// skipped, so that it can catch up.
-    pub fn note_quality(&mut self, event: &gst::event::Qos) {
-        let (_, proportion, diff, timestamp) = event.get();
-        self.quality = timestamp.map(|timestamp| {
-            let lateness = gst::ClockTime::from_nseconds(diff.unsigned_abs());
-            let earliest = if diff > 0 {
-                timestamp.saturating_add(lateness.saturating_mul(2)).saturating_add(self.period)
-            } else {
-                timestamp.saturating_sub(lateness)
-            };
-            Quality { earliest, proportion }
-        });
+    /// The report of a stream whose caps are not known yet.
+    pub fn new(latency: Latency) -> Self {
+        Self { latency, load: Load::default(), position: None, stats: Stats::default() }
+    }
+
+    /// Sets the latency of a stream with new caps.
+    pub fn set_latency(&mut self, latency: Latency) {
+        self.load.set_interval(latency.interval());
+        self.latency = latency;
+    }
+
+    /// Takes in a QoS event; whether more latency must be reported.
+    pub fn note_quality(&mut self, event: &gst::event::Qos) -> bool {
+        let (kind, _, lateness, running) = event.get();
+        // A sink that throttles wants fewer frames, it is not late.
+        let Some(running) = running.filter(|_| kind != gst::QOSType::Throttle) else { return false };
+        match self.load.note(running.nseconds(), lateness) {
+            Finding::Behind(time) if self.latency.is_live() => self.latency.add_work(time),
+            _ => false,
+        }
     }
 
     /// Forgets position and lateness: another segment begins.
     pub fn start_segment(&mut self) {
-        self.quality = None;
+        self.load.interrupt();
+        self.latency.interrupt();
         self.position = None;
     }
 
-    /// The QoS message of a frame that would come too late if it were rectified.
-    pub fn late_message(&mut self, source: &impl IsA<gst::Object>, time: &FrameTime) -> Option<gst::Message> {
-        let quality = self.quality?;
-        let running = time.running.filter(|&running| running <= quality.earliest)?;
+    /// The QoS message of a frame that is not rectified for want of time; counts it.
+    pub fn overload_message(&mut self, source: &impl IsA<gst::Object>, time: &FrameTime) -> gst::Message {
         self.stats.late += 1;
-        let jitter = quality.earliest.nseconds().saturating_sub(running.nseconds());
-        let message = gst::message::Qos::builder(self.live)
+        let interval = self.latency.interval().max(1) as f64;
+        gst::message::Qos::builder(self.latency.is_live())
             .src(source)
-            .running_time(running)
+            .running_time(time.running)
             .stream_time(time.stream)
             .timestamp(time.pts)
             .duration(time.duration)
-            .values(i64::try_from(jitter).unwrap_or(i64::MAX), quality.proportion, 1_000_000)
+            .values(self.load.lateness(), self.load.work() as f64 / interval, 0)
             .stats::<gst::format::Buffers>(
                 gst::format::Buffers::from_u64(self.stats.rectified),
                 gst::format::Buffers::from_u64(self.stats.late),
-            );
-        Some(message.build())
+            )
+            .build()
     }
 
-    /// Notes whether the source is live; the element's own latency.
-    pub fn note_source(&mut self, live: bool) -> gst::ClockTime {
-        self.live = live;
-        self.latency
-    }
-
-    /// Counts a frame that came in and the time that its analysis took.
-    pub fn count_input(&mut self, time: Timings) {
+    /// Counts a frame that was analysed and the time that it took.
+    pub fn count_analysed(&mut self, time: Timings) {
         self.stats.analysed += 1;
         self.count_analysis(time);
+        let work = time.correspond + time.solve + self.stats.newest_warp;
+        self.load.count_work(u64::try_from(work.as_nanos()).unwrap_or(u64::MAX));
     }
 
-    /// Counts time that analysis takes when no frame comes in: at the end of a stretch.
+    /// Counts time that analysis takes when no frame is analysed: at the end of a stretch.
     pub fn count_analysis(&mut self, time: Timings) {
         self.stats.analysis.correspond += time.correspond;
         self.stats.analysis.solve += time.solve;
@@ -134,6 +135,7 @@ impl Report {
     pub fn count_warp(&mut self, time: Duration) {
         self.stats.rectified += 1;
         self.stats.warp += time;
+        self.stats.newest_warp = time;
     }
 
     /// Counts a frame given out.
@@ -146,7 +148,7 @@ impl Report {
     /// The `stats` property; times are means: of analysis a frame that came in, of the warp a
     /// rectified one.
     pub fn stats(&self) -> gst::Structure {
-        let Stats { analysed, frames, rectified, late, last, analysis, warp } = &self.stats;
+        let Stats { analysed, frames, rectified, late, last, analysis, warp, .. } = &self.stats;
         let mean_ms = |time: &Duration, count: u64| time.as_secs_f64() * 1e3 / count.max(1) as f64;
         let mut stats = gst::Structure::builder("rsrectify-stats")
             .field("frames", *frames)
@@ -165,7 +167,7 @@ impl Report {
 
 /// Fields common to `stats` and the element message.
 fn add_solution(structure: &mut gst::StructureRef, solution: &FrameSolution) {
-    let readout = &solution.readout;
+    let readout = solution.motion.readout();
     structure.set("correspondences", u32::try_from(solution.correspondences).unwrap_or(u32::MAX));
     structure.set("inliers", u32::try_from(solution.inliers).unwrap_or(u32::MAX));
     structure.set("residual", solution.residual);
@@ -175,26 +177,54 @@ fn add_solution(structure: &mut gst::StructureRef, solution: &FrameSolution) {
     structure.set("readout-direction", ReadoutDirection::from(readout.direction));
 }
 
-/// The structure of the element message about one frame.
-pub fn frame_message(time: &FrameTime, solution: &FrameSolution) -> gst::Structure {
-    let twist = solution.path.mean_twist();
+/// Name of the custom meta that holds a frame's motion.
+pub const META: &str = "RsRectifyMeta";
+
+/// Registers the custom meta. It has no tags: what it says stays true when the picture is converted, scaled or
+/// turned later, for it tells of the frame as it came.
+pub fn register_meta() {
+    static REGISTERED: Once = Once::new();
+    REGISTERED.call_once(|| gst::meta::CustomMeta::register(META, &[]));
+}
+
+/// Attaches a frame's motion, of which a share was `applied`, to its buffer.
+pub fn attach_meta(
+    buffer: &mut gst::BufferRef,
+    solution: &FrameSolution,
+    applied: f64,
+) -> Result<(), glib::BoolError> {
+    let mut meta = gst::meta::CustomMeta::add(buffer, META)?;
+    add_motion(meta.mut_structure(), solution, applied);
+    Ok(())
+}
+
+/// The structure of the element message about one frame, of whose motion a share was `applied`.
+pub fn frame_message(time: &FrameTime, solution: &FrameSolution, applied: f64) -> gst::Structure {
     let mut message = gst::Structure::builder("rsrectify")
         .field("timestamp", time.pts)
         .field("duration", time.duration)
         .field("stream-time", time.stream)
         .field("running-time", time.running)
-        .field("omega", twist.omega)
-        .field("vx", twist.velocity.x)
-        .field("vy", twist.velocity.y)
-        .field("origin", origin_name(solution.origin))
         .build();
-    if let Some(centre) = twist.centre() {
-        let centre = centre + image_centre(solution.readout.width, solution.readout.height);
-        message.set("centre-x", centre.x);
-        message.set("centre-y", centre.y);
-    }
-    add_solution(&mut message, solution);
+    add_motion(&mut message, solution, applied);
     message
+}
+
+/// Fields common to the element message and the custom meta.
+fn add_motion(structure: &mut gst::StructureRef, solution: &FrameSolution, applied: f64) {
+    let twist = solution.motion.path().mean_twist();
+    structure.set("origin", origin_name(solution.origin));
+    structure.set("applied", applied);
+    structure.set("omega", twist.omega);
+    structure.set("vx", twist.velocity.x);
+    structure.set("vy", twist.velocity.y);
+    if let Some(centre) = twist.centre() {
+        let readout = solution.motion.readout();
+        let centre = centre + image_centre(readout.width, readout.height);
+        structure.set("centre-x", centre.x);
+        structure.set("centre-y", centre.y);
+    }
+    add_solution(structure, solution);
 }
 
 fn origin_name(origin: Origin) -> &'static str {
@@ -211,16 +241,17 @@ fn origin_name(origin: Origin) -> &'static str {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use rsrectify::motion::{MotionPath, Twist};
+    use rsrectify::motion::{FrameMotion, MotionPath, Twist};
     use rsrectify::readout;
 
     fn solution(twist: Twist) -> FrameSolution {
         let direction = readout::ReadoutDirection::TopToBottom;
         FrameSolution {
-            readout: readout::Readout::new(101, 51, direction, readout::ReadoutTime::Seconds(0.02), 0.04),
-            path: MotionPath::uniform(twist, 0.02),
+            motion: FrameMotion::new(
+                readout::Readout::new(101, 51, direction, readout::ReadoutTime::Seconds(0.02), 0.04),
+                MotionPath::uniform(twist, 0.02),
+            ),
             confidence: 0.75,
-            weight: 1.0,
             origin: Origin::Forward,
             correspondences: 700,
             inliers: 650,
@@ -235,33 +266,12 @@ mod tests {
         let time = FrameTime { pts: Some(gst::ClockTime::SECOND), ..FrameTime::default() };
         // ω = 2 about the point 10 px right of and 5 px above the image centre (50, 25).
         let twist = Twist::new(2.0, -10.0, -20.0);
-        let message = frame_message(&time, &solution(twist));
+        let message = frame_message(&time, &solution(twist), 1.0);
         assert_eq!(message.get::<f64>("centre-x").unwrap(), 60.0);
         assert_eq!(message.get::<f64>("centre-y").unwrap(), 20.0);
         assert_eq!(message.get::<u64>("readout-time").unwrap(), 20_000_000);
         assert_eq!(message.get::<&str>("origin").unwrap(), "forward");
         assert_eq!(message.get::<gst::ClockTime>("timestamp").unwrap(), gst::ClockTime::SECOND);
-        assert!(!frame_message(&time, &solution(Twist::new(0.0, 3.0, 0.0))).has_field("centre-x"));
-    }
-
-    #[test]
-    fn frames_before_the_earliest_useful_time_are_late() {
-        gst::init().unwrap();
-        let ms = gst::ClockTime::from_mseconds;
-        let mut report = Report { period: ms(40), ..Report::default() };
-        let bin = gst::Bin::new();
-        let event = gst::event::Qos::new(gst::QOSType::Underflow, 1.5, 20_000_000, ms(100));
-        let gst::EventView::Qos(event) = event.view() else { unreachable!() };
-        report.note_quality(event);
-        let mut late = |running| {
-            let time = FrameTime { running: Some(ms(running)), ..FrameTime::default() };
-            report.late_message(&bin, &time).is_some()
-        };
-        assert!(late(180), "100 + 2 · 20 + 40 ms are past help");
-        assert!(!late(181));
-        assert_eq!(report.stats().get::<u64>("late").unwrap(), 1);
-        report.start_segment();
-        let time = FrameTime { running: Some(ms(0)), ..FrameTime::default() };
-        assert!(report.late_message(&bin, &time).is_none());
+        assert!(!frame_message(&time, &solution(Twist::new(0.0, 3.0, 0.0)), 1.0).has_field("centre-x"));
     }
 }

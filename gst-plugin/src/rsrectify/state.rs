@@ -1,22 +1,41 @@
 //! What lives as long as one set of caps: the queue, the rectifier, the warper.
 
+use super::ffi;
 use super::formats::FrameLayout;
+use super::load::Effort;
+use super::picture;
 use super::properties::Settings;
 use super::queue::Queue;
 use gst::prelude::*;
-use gst_video::{VideoFrameRef, VideoInfo};
+use gst_video::{VideoFrameRef, VideoInfo, VideoMeta};
+use rsrectify::motion::{FrameMotion, MotionPath};
+use rsrectify::readout::{Readout, ReadoutTime};
 use rsrectify::rectifier::{self, FrameSolution, Rectifier, Timings};
 use rsrectify::warp::Warper;
 
+/// Buffers of a pool that are in use elsewhere while the element holds its frames: one that is filled, one
+/// that was pushed, and what sinks and mixers keep.
+const OUTSIDE: u32 = 4;
+
 /// Something that has come to the front of the queue.
 pub enum Output {
-    /// A frame; its motion, unless the stream is passed through.
-    Frame(gst::Buffer, Option<FrameSolution>),
+    /// A frame and its motion; none where the frame was not analysed.
+    Frame(Frame, Option<FrameSolution>),
     /// An event that came after the frames before it.
     Event(gst::Event),
 }
 
-/// The streaming state for one set of caps. Used by the streaming thread alone.
+/// A frame in the queue.
+pub struct Frame {
+    /// The buffer that came, or its copy.
+    pub buffer: gst::Buffer,
+    /// What is done with it.
+    pub effort: Effort,
+    /// Running time of its timestamp.
+    pub running: Option<gst::ClockTime>,
+}
+
+/// The streaming state for one set of caps. Used by the thread that holds the sink pad's stream lock.
 pub struct State {
     caps: gst::Caps,
     layout: FrameLayout,
@@ -26,9 +45,12 @@ pub struct State {
     timed: Timings,
     analysis: rectifier::Settings,
     warper: Warper,
-    queue: Queue<gst::Buffer, gst::Event>,
+    queue: Queue<Frame, gst::Event>,
     workers: Workers,
     last_pts: Option<gst::ClockTime>,
+    /// Whether downstream understands frames with strides of their own.
+    downstream_reads_strides: bool,
+    copies: Copies,
 }
 
 impl State {
@@ -36,7 +58,7 @@ impl State {
     pub fn new(caps: &gst::Caps, info: &VideoInfo, settings: &Settings) -> Option<Self> {
         let layout = FrameLayout::new(info)?;
         let analysis = settings.analysis();
-        let rectifier = is_progressive(info).then(|| new_rectifier(analysis, info));
+        let rectifier = is_progressive(info).then(|| new_rectifier(analysis, info)).flatten();
         Some(Self {
             caps: caps.clone(),
             layout,
@@ -47,6 +69,8 @@ impl State {
             queue: Queue::default(),
             workers: Workers::default(),
             last_pts: None,
+            downstream_reads_strides: false,
+            copies: Copies::default(),
         })
     }
 
@@ -60,31 +84,26 @@ impl State {
         self.caps.as_ref() == caps
     }
 
-    /// The longest time that a frame is held.
-    pub fn latency(&self) -> gst::ClockTime {
-        if self.is_passthrough() {
-            return gst::ClockTime::ZERO;
-        }
-        let fps = self.layout.info().fps();
-        match (u64::try_from(fps.numer()), u64::try_from(fps.denom())) {
-            (Ok(num), Ok(den)) if num > 0 => {
-                let frames = self.analysis.lookahead as u64;
-                let time = (frames * den).mul_div_ceil(gst::ClockTime::SECOND.nseconds(), num);
-                gst::ClockTime::from_nseconds(time.unwrap_or(0))
-            }
-            // The frame rate varies, nothing is known.
-            _ => gst::ClockTime::ZERO,
-        }
-    }
-
     /// Frames that are held at most.
     pub fn frames_held(&self) -> u32 {
         if self.is_passthrough() { 0 } else { self.analysis.lookahead as u32 }
     }
 
+    /// The frame rate of the caps, as a fraction; `None` where it varies.
+    pub fn rate(&self) -> Option<(u64, u64)> {
+        let fps = self.layout.info().fps();
+        let parts = [fps.numer(), fps.denom()].map(|part| u64::try_from(part).ok().filter(|&part| part > 0));
+        parts[0].zip(parts[1])
+    }
+
     /// The nominal frame duration; 0 where the rate varies.
-    pub fn period(&self) -> gst::ClockTime {
+    fn period(&self) -> gst::ClockTime {
         period(self.layout.info()).map_or(gst::ClockTime::ZERO, gst::ClockTime::from_seconds_f64)
+    }
+
+    /// Notes whether downstream understands frames with strides of their own.
+    pub fn set_downstream_reads_strides(&mut self, reads: bool) {
+        self.downstream_reads_strides = reads;
     }
 
     /// Whether the frames held must be given out before `buffer` can be added: it does not follow
@@ -129,26 +148,43 @@ impl State {
     /// Starts the analysis anew without anything that was learnt of the camera; the queue has been
     /// drained.
     pub fn forget_camera(&mut self) {
-        if let Some(rectifier) = &mut self.rectifier {
-            *rectifier = new_rectifier(self.analysis, self.layout.info());
+        if let Some(rectifier) = &mut self.rectifier
+            && let Some(new) = new_rectifier(self.analysis, self.layout.info())
+        {
+            *rectifier = new;
             self.timed = Timings::default();
         }
     }
 
-    /// Adds a frame; `Err` says why it cannot be read.
-    pub fn push_frame(&mut self, buffer: gst::Buffer) -> Result<(), &'static str> {
+    /// Adds a frame, analysed if `frame.effort` asks for it; `Err` says why it cannot be read.
+    pub fn push_frame(&mut self, frame: Frame) -> Result<(), &'static str> {
+        let buffer = &frame.buffer;
         self.last_pts = buffer.pts();
         if let Some(rectifier) = &mut self.rectifier {
-            let frame = VideoFrameRef::from_buffer_ref_readable(&buffer, self.layout.info())
-                .map_err(|_| "cannot map the frame for reading")?;
-            let luma = self.layout.luma(&frame).ok_or("the buffer does not hold a whole frame")?;
-            let time = buffer.pts().map(gst::ClockTime::seconds_f64);
-            // Frame-rate converters flag the frames that they repeat.
-            let duplicate = buffer.flags().contains(gst::BufferFlags::GAP);
-            self.workers.run(|| rectifier.push(&luma, time, duplicate));
+            // All of it, so that no frame that was taken in can fail later, with others behind it.
+            let mapped = picture::map_readable(buffer, self.layout.info())?;
+            let luma = self.layout.luma(&mapped).filter(|_| self.layout.is_whole(&mapped));
+            let luma = luma.ok_or("the buffer does not hold a whole frame")?;
+            match frame.effort {
+                Effort::Full(_) => {
+                    let time = buffer.pts().map(gst::ClockTime::seconds_f64);
+                    // Frame-rate converters flag the frames that they repeat.
+                    let duplicate = buffer.flags().contains(gst::BufferFlags::GAP);
+                    self.workers
+                        .run(|| rectifier.push(&luma, time, duplicate))
+                        .map_err(|_| "the buffer is not of the negotiated size")?;
+                }
+                // The frames before it wait for nothing more, and the next one does not follow them.
+                Effort::None => self.workers.run(|| rectifier.drain()),
+            }
         }
-        self.queue.push_frame(buffer);
+        self.queue.push_frame(frame);
         Ok(())
+    }
+
+    /// Adds a buffer without a picture, which goes out as it came.
+    pub fn push_empty(&mut self, buffer: gst::Buffer) {
+        self.queue.push_frame(Frame { buffer, effort: Effort::None, running: None });
     }
 
     /// Puts a serialised event behind the frames held; gives it back if there are none.
@@ -160,16 +196,33 @@ impl State {
         None
     }
 
-    /// What can be given out now.
+    /// What can be given out now: an event, a frame that is not analysed, or one whose motion is known.
     pub fn next(&mut self) -> Option<Output> {
+        self.next_with(|rectifier, _| rectifier.pop())
+    }
+
+    /// The same without waiting for the frames that follow.
+    pub fn next_at_once(&mut self) -> Option<Output> {
+        self.next_with(|rectifier, workers| workers.run(|| rectifier.pop_early()))
+    }
+
+    fn next_with(
+        &mut self,
+        pop: impl FnOnce(&mut Rectifier, &Workers) -> Option<FrameSolution>,
+    ) -> Option<Output> {
         if let Some(event) = self.queue.pop_event() {
             return Some(Output::Event(event));
         }
-        let solution = match &mut self.rectifier {
-            Some(rectifier) => Some(rectifier.pop()?),
-            None => None,
+        let solution = match (&mut self.rectifier, self.queue.front()?.effort) {
+            (Some(rectifier), Effort::Full(_)) => Some(pop(rectifier, &self.workers)?),
+            _ => None,
         };
-        self.queue.pop_frame().map(|buffer| Output::Frame(buffer, solution))
+        self.queue.pop_frame().map(|frame| Output::Frame(frame, solution))
+    }
+
+    /// Running time of the frame at the front.
+    pub fn front_running(&self) -> Option<gst::ClockTime> {
+        self.queue.front().and_then(|frame| frame.running)
     }
 
     /// Makes all frames held ready to be given out; the next one starts anew, with the same camera.
@@ -199,23 +252,61 @@ impl State {
         self.queue.clear()
     }
 
-    /// Rectifies `input` into `output`; `Err` says why it cannot be done.
+    /// A buffer for a copy of a frame that must be given back at once, where it comes from a pool that the
+    /// frames held could empty; `None` where there is no need.
+    pub fn buffer_for_copy(&mut self, frame: &gst::BufferRef) -> Option<gst::Buffer> {
+        let frames = self.frames_held();
+        let limit = ffi::pool_of(frame).and_then(|pool| pool.config().params()).map(|params| params.3)?;
+        if frames == 0 || limit == 0 || limit > frames + OUTSIDE {
+            return None;
+        }
+        self.copies.buffer(&self.caps, self.layout.info())
+    }
+
+    /// The motion of a frame that is not analysed.
+    pub fn still(&self) -> FrameMotion {
+        let info = self.layout.info();
+        let (width, height) = (info.width() as usize, info.height() as usize);
+        let readout = Readout::new(width, height, Default::default(), ReadoutTime::WholePeriod, 1.0);
+        FrameMotion::new(readout, MotionPath::STILL)
+    }
+
+    /// Whether downstream would take the padding of a frame for picture.
+    pub fn must_repack(&self, frame: &gst::BufferRef) -> bool {
+        let info = self.layout.info();
+        let is_padded = |meta: gst::MetaRef<'_, VideoMeta>| {
+            let planes = info.n_planes() as usize;
+            meta.n_planes() as usize != planes
+                || meta.stride()[..] != info.stride()[..planes]
+                || meta.offset()[..] != info.offset()[..planes]
+        };
+        !self.is_passthrough()
+            && !self.downstream_reads_strides
+            && frame.meta::<VideoMeta>().is_some_and(is_padded)
+    }
+
+    /// Copies the picture of one buffer into another; `Err` says why it cannot be done.
+    pub fn copy(&self, input: &gst::BufferRef, output: &mut gst::BufferRef) -> Result<(), &'static str> {
+        picture::copy(&self.layout, input, output)
+    }
+
+    /// Rectifies `input` into `output`, applying a `share` of the correction; `Err` says why it cannot be done.
     pub fn rectify(
         &mut self,
         input: &gst::BufferRef,
         output: &mut gst::BufferRef,
-        solution: &FrameSolution,
+        motion: &FrameMotion,
+        share: f64,
         settings: &Settings,
     ) -> Result<(), &'static str> {
         let info = self.layout.info();
-        let input = VideoFrameRef::from_buffer_ref_readable(input, info)
-            .map_err(|_| "cannot map the frame for reading")?;
+        let input = picture::map_readable(input, info)?;
         let mut output = VideoFrameRef::from_buffer_ref_writable(output, info)
             .map_err(|_| "cannot map the output frame for writing")?;
         let fill = self.layout.fill(settings.border_color);
         let mut warp = settings.warp();
-        warp.strength *= solution.weight;
-        self.workers.run(|| self.warper.prepare(&solution.readout, &solution.path, &warp));
+        warp.strength *= share;
+        self.workers.run(|| self.warper.prepare(motion, &warp));
         for view in self.layout.views() {
             let source = view.plane(&input).ok_or("the buffer does not hold a whole frame")?;
             let mut target = view.plane_mut(&mut output).ok_or("the output buffer is too small")?;
@@ -227,8 +318,9 @@ impl State {
     }
 }
 
-fn new_rectifier(analysis: rectifier::Settings, info: &VideoInfo) -> Rectifier {
-    Rectifier::new(analysis, info.width() as usize, info.height() as usize, period(info))
+/// `None` for frames too large to be analysed: the settings are valid whatever the properties are.
+fn new_rectifier(analysis: rectifier::Settings, info: &VideoInfo) -> Option<Rectifier> {
+    Rectifier::new(analysis, info.width() as usize, info.height() as usize, period(info)).ok()
 }
 
 /// Seconds from frame to frame; `None` where the rate varies.
@@ -267,6 +359,36 @@ impl Workers {
         match &self.pool {
             Some(pool) => pool.install(work),
             None => work(),
+        }
+    }
+}
+
+/// Buffers for copies of frames that come from a pool that cannot grow.
+#[derive(Default)]
+struct Copies {
+    pool: Option<gst_video::VideoBufferPool>,
+}
+
+impl Copies {
+    /// A buffer for one frame; `None` if there is no memory for it.
+    fn buffer(&mut self, caps: &gst::Caps, info: &VideoInfo) -> Option<gst::Buffer> {
+        if self.pool.is_none() {
+            let pool = gst_video::VideoBufferPool::new();
+            let mut config = pool.config();
+            config.set_params(Some(caps), u32::try_from(info.size()).ok()?, 0, 0);
+            pool.set_config(config).ok()?;
+            pool.set_active(true).ok()?;
+            self.pool = Some(pool);
+        }
+        self.pool.as_ref()?.acquire_buffer(None).ok()
+    }
+}
+
+impl Drop for Copies {
+    fn drop(&mut self) {
+        if let Some(pool) = self.pool.take() {
+            // Buffers still in use are freed when they are given back.
+            let _ = pool.set_active(false);
         }
     }
 }

@@ -21,14 +21,15 @@ pub struct Camera {
     pub direction: Option<ReadoutDirection>,
     /// What is known of the readout time.
     pub readout_time: ReadoutTime,
-    /// Focal length in frame widths; `None` if that is to be found out.
+    /// Focal length in frame widths; `None` if that is to be found out. Less than 0.354, a field of view of 110°, counts
+    /// as that.
     pub focal_length: Option<f64>,
 }
 
 impl Camera {
     /// Whether the readout time need not be found out.
     pub(super) fn is_known(&self) -> bool {
-        self.readout_time != ReadoutTime::Unknown
+        self.readout_time.is_known()
     }
 
     /// The directions that are tried. Where the readout time is to be found out, its sign tells one edge
@@ -46,8 +47,26 @@ impl Camera {
     pub(super) fn kappa_belief(&self) -> (f64, f64) {
         match self.focal_length.filter(|focal| focal.is_finite() && *focal > 0.0) {
             _ if !self.model.has_perspective() => (0.0, KNOWN),
-            Some(focal) => ((0.5 / focal).powi(2), KNOWN),
+            Some(focal) => ((0.5 / focal).powi(2).min(KAPPA_LIMITS[1]), KNOWN),
             None => KAPPA_BELIEF,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_focal_length_is_believed_up_to_the_widest_view() {
+        let kappa = |focal: f64| {
+            let focal_length = Some(focal);
+            let readout_time = ReadoutTime::Unknown;
+            Camera { model: Model::Auto, direction: None, readout_time, focal_length }.kappa_belief().0
+        };
+        assert_eq!((kappa(1.0), kappa(0.5)), (0.25, 1.0));
+        for narrow in [0.35, 1e-3, f64::MIN_POSITIVE, 5e-324] {
+            assert_eq!(kappa(narrow), 2.0);
         }
     }
 }

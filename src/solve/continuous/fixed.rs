@@ -12,6 +12,8 @@ use nalgebra::{Matrix2x3, Matrix3, Vector2, Vector3};
 
 /// Cells across the frame.
 const COLUMNS: usize = 32;
+/// Rows of cells, at most, however narrow the frame.
+const MOST_ROWS: usize = 8 * COLUMNS;
 /// What is fixed is found to move by so many times the tracker's noise, for it covers what moves behind it.
 const UNSTEADY: f64 = 5.0;
 /// What moves by more than so many times that, moves.
@@ -45,7 +47,8 @@ pub(super) struct Fixed {
 impl Fixed {
     /// For frames of `width` × `height` pixels, whose tracker has this standard deviation in pixels.
     pub fn new(width: usize, height: usize, noise: f64) -> Self {
-        let cell = width.max(1) as f64 / COLUMNS as f64;
+        let cell =
+            (width as f64 / COLUMNS as f64).max(height as f64 / MOST_ROWS as f64).max(1.0 / COLUMNS as f64);
         let rows = (height as f64 / cell).ceil() as usize;
         Self { cell, odds: vec![PRIOR; COLUMNS * rows], spread: UNSTEADY * noise, any: false }
     }
@@ -74,7 +77,7 @@ impl Fixed {
     /// The cell that a match sets out from.
     fn index(&self, m: &Correspondence) -> Option<usize> {
         let [column, row] = [m.from.x, m.from.y].map(|pixel| (pixel + 0.5) / self.cell);
-        let is_inside = column >= 0.0 && column < COLUMNS as f64 && row >= 0.0;
+        let is_inside = column >= 0.0 && column < COLUMNS as f64 && row >= 0.0 && row < MOST_ROWS as f64;
         is_inside.then(|| row as usize * COLUMNS + column as usize)
     }
 

@@ -60,6 +60,8 @@ pub(super) struct Pair {
     /// Which of them share the motion of most.
     pub scene: Vec<bool>,
     pub stamps: [f64; 2],
+    /// Correspondences that were measured, those that the path does not stand for too.
+    pub measured: usize,
     dominant: Dominant,
     /// Before they were thinned out, by the height at which they arrive.
     found: Vec<Match>,
@@ -76,6 +78,7 @@ impl Pair {
         before: Option<&Self>,
     ) -> Option<Self> {
         let [first, second] = stamps;
+        let measured = found.len();
         let is_near = (second - first).abs() <= LONGEST && first.abs() < LATEST;
         let point = |pixel: Vector2<f64>| (pixel - centre) / radius;
         let matches = found.iter().map(|found| Match { from: point(found.from), to: point(found.to) });
@@ -90,7 +93,7 @@ impl Pair {
         let dominant = Dominant::of(&matches, &votes);
         let scene = matches.iter().map(|m| dominant.holds(m)).collect();
         found.sort_by(|a, b| a.to.y.total_cmp(&b.to.y));
-        Some(Self { tracks, matches, scene, stamps, dominant, found })
+        Some(Self { tracks, matches, scene, stamps, measured, dominant, found })
     }
 
     /// The tracks that matches of the next pair continue: to each the nearest that arrives where it sets out.

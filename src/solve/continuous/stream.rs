@@ -52,12 +52,20 @@ pub struct Motion {
     pub confidence: f64,
     /// What parts of the picture do beside that, where it was asked for and there is anything.
     pub field: Option<ResidualField>,
-    /// Correspondences that follow it.
+    /// Correspondences that were measured in the one of the frame's pairs in which most follow it.
+    pub correspondences: usize,
+    /// Those of them that follow it.
     pub inliers: usize,
     /// Standard deviation in pixels of a coordinate that it leaves in the pairs that the frame is in.
     pub sigma: f64,
-    /// Standard deviation of the readout ratio, in frame periods.
+    /// Standard deviation of the readout ratio that was found, in frame periods; 0 where it was given.
     pub readout_deviation: f64,
+}
+
+impl Motion {
+    fn is_finite(&self) -> bool {
+        self.homographies.iter().flatten().all(|element| element.is_finite())
+    }
 }
 
 #[derive(Clone, Debug)]
@@ -175,6 +183,9 @@ impl Continuous {
             let before = before.and_then(|entry| entry.to_next.as_ref());
             self.fixed.part(found.grid, &mut self.scene);
             last.to_next = Pair::new(&self.scene, centre, radius, [last.stamp, stamp], before);
+            if let Some(pair) = &mut last.to_next {
+                pair.measured = found.grid.len();
+            }
             last.detail.extend_from_slice(found.grid);
             last.detail.extend_from_slice(found.fine);
             let is_broad = |pair: &Pair| {
@@ -279,7 +290,8 @@ impl Continuous {
         choose(&mut self.hypotheses);
         self.continues = !pairs.is_empty();
         let moved = stretch.moved();
-        let mut motion = (!pairs.is_empty()).then(|| self.motion(stretch, stamp, moved));
+        let motion = (!pairs.is_empty()).then(|| self.motion(stretch, stamp, moved));
+        let mut motion = motion.filter(Motion::is_finite);
         self.sigma = motion.as_ref().map_or(f64::INFINITY, |motion| motion.sigma);
         if let Some(motion) = motion.as_mut().filter(|_| self.wants_detail()) {
             motion.field = self.field(own, past > 0, &motion.readout);
@@ -322,16 +334,19 @@ impl Continuous {
             middle * solver.flow.back(solver.time(stamp, place)) * unscale
         };
         let beside = stretch.beside();
-        let inliers = beside.clone().map(|index| solver.inliers(index)).max().unwrap_or(0);
+        let measured = |index: usize| stretch.pairs.get(index).map_or(0, |pair| pair.measured);
+        let counts = beside.clone().map(|index| (solver.inliers(index), measured(index)));
+        let (inliers, correspondences) = counts.max().unwrap_or_default();
         let sigma = beside.filter_map(|index| solver.sigma(index)).fold(0.0, f64::max);
         Motion {
             readout,
             homographies: (0..=SHARES).map(homography).collect(),
             confidence: self.confidence(solver, solver.explained(sigma, moved)),
             field: None,
+            correspondences,
             inliers,
             sigma,
-            readout_deviation: solver.readout_deviation(),
+            readout_deviation: self.readout_deviation(solver),
         }
     }
 
@@ -385,7 +400,12 @@ impl Continuous {
     /// The shutter as far as it is known, and the standard deviation of its readout ratio.
     pub fn belief(&self) -> (Readout, f64) {
         let solver = &self.hypotheses[0].solver;
-        (self.readout(solver), solver.readout_deviation())
+        (self.readout(solver), self.readout_deviation(solver))
+    }
+
+    /// Standard deviation of the readout ratio that a solver found; 0 where it was given.
+    fn readout_deviation(&self, solver: &Solver) -> f64 {
+        if self.camera.is_known() { 0.0 } else { solver.readout_deviation() }
     }
 
     /// The shutter that a solver found.

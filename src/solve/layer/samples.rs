@@ -17,6 +17,13 @@ const FARTHEST: usize = 5;
 /// one analysed pixel.
 const SAME_MOTION: f64 = 0.125;
 
+/// Pixels in a readout, at most, that parts of a picture move by beside the whole: more cannot be squared and weighed in
+/// `f32`, and is no measurement.
+const FASTEST: f64 = 1e6;
+
+/// Readouts to a neighbour, at most, for the same reason.
+const FARTHEST_AHEAD: f32 = 1e12;
+
 /// Texture (squared grey levels) of a patch whose place counts half, where it is seen without noise.
 const WEAK_TEXTURE: f32 = 4.0;
 
@@ -94,7 +101,7 @@ impl Samples {
         self.tolerance = 0.0;
         for neighbour in neighbours {
             let ahead = (neighbour.interval / readout.time) as f32;
-            if !ahead.is_finite() || ahead == 0.0 {
+            if !(ahead.abs() < FARTHEST_AHEAD && ahead.abs() > FARTHEST_AHEAD.recip()) {
                 continue;
             }
             self.tolerance = self.tolerance.max((SAME_MOTION * self.spacing) as f32 / ahead.abs());
@@ -108,10 +115,9 @@ impl Samples {
                 let to = neighbour.interval + readout.offset(there.x, there.y);
                 let apart = to - from;
                 let velocity = (there - carry(here, from, to)) * (readout.time / apart);
-                let (Some(cell), true) = (self.cell(here), velocity.iter().all(|v| v.is_finite())) else {
-                    continue;
-                };
                 let trust = trust(correspondence, usual);
+                let is_sound = velocity.iter().all(|v| v.abs() < FASTEST) && trust.is_finite();
+                let Some(cell) = self.cell(here).filter(|_| is_sound) else { continue };
                 let sample = Sample { at: here.cast(), velocity: velocity.cast(), trust, ahead };
                 self.unsorted.push((cell, sample));
             }

@@ -157,3 +157,32 @@ fn nonsense_leaves_zeros() {
         assert!(mesh.velocities.iter().all(|velocity| *velocity == Vector2::zeros()));
     }
 }
+
+#[test]
+fn what_is_no_measurement_changes_nothing() {
+    let moved = |_: Vector2<f64>, from: f64, to: f64| Vector2::new(90.0, -30.0) * (to - from);
+    let after = seen(grid(32, 24), PERIOD, moved);
+    let solve = |correspondences: &[Correspondence]| {
+        let neighbours = [Neighbour { correspondences, interval: PERIOD }];
+        let mut layer = Layer::new(640, 480, 1.0);
+        let mesh = layer.solve(&readout(READOUT), &neighbours, |point, _, _| point).clone();
+        (mesh.velocities, layer.left())
+    };
+    let sound = solve(&after);
+    let spoil: [fn(&mut Correspondence); 5] = [
+        |broken| broken.residual = f32::NAN,
+        |broken| broken.texture = f32::INFINITY,
+        |broken| broken.to.x = f64::NAN,
+        |broken| broken.to.y = f64::NEG_INFINITY,
+        |broken| broken.to.x = 1e200,
+    ];
+    for spoil in spoil {
+        let mut broken = after.clone();
+        broken.extend(after.iter().step_by(9).map(|sound| {
+            let mut broken = *sound;
+            spoil(&mut broken);
+            broken
+        }));
+        assert!(solve(&broken) == sound);
+    }
+}

@@ -8,6 +8,7 @@
 //! blended in.
 
 use super::{Fixed, Horizontal, Interpolation, Kernel, Passes, Vertical, scalar, with_kernel};
+use crate::cpu::Avx2;
 use crate::warp::blocks::{BLOCK, Block};
 use crate::warp::weights::{Cubic, FRACTION_BITS, Linear, Nearest, ONE, WEIGHT_BITS};
 use std::arch::x86_64::*;
@@ -263,13 +264,10 @@ fn scatter(block: &[u8], step: usize, task: &Horizontal<'_, i16>, pixel: usize, 
 }
 
 /// As [`scalar::knots`], eight knots at a time and the rest there.
-///
-/// # Safety
-/// The CPU must have AVX2.
-pub(super) unsafe fn knots(nodes: &[f32], weights: [f32; 4], round: f32, knots: &mut [i32]) {
+pub(super) fn knots(_: Avx2, nodes: &[f32], weights: [f32; 4], round: f32, knots: &mut [i32]) {
     let columns = knots.len();
     assert!(nodes.len() >= 4 * columns);
-    // SAFETY: the caller's promise; there are four rows of nodes.
+    // SAFETY: the caller shows that the CPU has AVX2; there are four rows of nodes.
     unsafe { eight_knots(nodes, weights, round, knots) };
     for column in columns / 8 * 8..columns {
         let four = [0, 1, 2, 3].map(|row| nodes[row * columns + column]);
@@ -298,14 +296,15 @@ unsafe fn eight_knots(nodes: &[f32], weights: [f32; 4], round: f32, knots: &mut 
 }
 
 impl Passes for Fixed {
-    unsafe fn vertical_avx2(
+    fn vertical_avx2(
+        _: Avx2,
         interpolation: Interpolation,
         task: &Vertical<'_>,
         patch: &mut Vec<u8>,
         middle: &mut Vec<i16>,
     ) -> bool {
         with_kernel!(interpolation, K => {
-            // SAFETY: the caller's promise.
+            // SAFETY: the caller shows that the CPU has AVX2.
             unsafe {
                 match task.plane.layout().step {
                     1 => vertical::<K, 1>(task, patch, middle),
@@ -319,13 +318,14 @@ impl Passes for Fixed {
         }, Lanczos => false)
     }
 
-    unsafe fn horizontal_avx2(
+    fn horizontal_avx2(
+        _: Avx2,
         interpolation: Interpolation,
         task: &Horizontal<'_, i16>,
         row: &mut [u8],
     ) -> bool {
         with_kernel!(interpolation, K => {
-            // SAFETY: the caller's promise.
+            // SAFETY: the caller shows that the CPU has AVX2.
             unsafe {
                 match task.step {
                     1 => horizontal::<K, 1>(task, row),

@@ -6,6 +6,7 @@
 
 use super::avx2::{LANES, Lanes, MAX_STEP, positions};
 use super::{Float, Horizontal, Interpolation, Kernel, Passes, Vertical, with_kernel};
+use crate::cpu::Avx2;
 use crate::warp::blocks::{BLOCK, Block};
 use crate::warp::weights::{Cubic, Linear, Nearest, ONE};
 use std::arch::x86_64::*;
@@ -219,7 +220,8 @@ fn store(block: &[u16], task: &Horizontal<'_, f32>, pixel: usize, row: &mut [u8]
 }
 
 impl Passes for Float {
-    unsafe fn vertical_avx2(
+    fn vertical_avx2(
+        _: Avx2,
         interpolation: Interpolation,
         task: &Vertical<'_>,
         patch: &mut Vec<u8>,
@@ -229,13 +231,14 @@ impl Passes for Float {
             return false;
         }
         with_kernel!(interpolation, K => {
-            // SAFETY: the caller's promise.
+            // SAFETY: the caller shows that the CPU has AVX2.
             unsafe { vertical::<K>(task, patch, middle) };
             true
         }, Lanczos => false)
     }
 
-    unsafe fn horizontal_avx2(
+    fn horizontal_avx2(
+        _: Avx2,
         interpolation: Interpolation,
         task: &Horizontal<'_, f32>,
         row: &mut [u8],
@@ -244,7 +247,7 @@ impl Passes for Float {
             return false;
         }
         with_kernel!(interpolation, K => {
-            // SAFETY: the caller's promise.
+            // SAFETY: the caller shows that the CPU has AVX2.
             unsafe { horizontal::<K>(task, row) };
             true
         }, Lanczos => false)

@@ -30,6 +30,8 @@ use super::Interpolation;
 use super::blocks::{BLOCK, Block};
 use super::border::resolve;
 use super::weights::{Cubic, Kernel, Lanczos, Linear, Nearest};
+#[cfg(target_arch = "x86_64")]
+use crate::cpu::Avx2;
 use crate::cpu::CpuLevel;
 use crate::plane::Plane;
 use scalar::Arithmetic;
@@ -197,9 +199,8 @@ pub(super) fn reach(interpolation: Interpolation) -> (isize, isize, i32) {
 /// Σ weight · node + round, rounded to integers, for four rows of `nodes` as long as `knots`.
 pub(super) fn knots(level: CpuLevel, nodes: &[f32], weights: [f32; 4], round: f32, knots: &mut [i32]) {
     #[cfg(target_arch = "x86_64")]
-    if level >= CpuLevel::Avx2 {
-        // SAFETY: a warper's level is one that the CPU has.
-        return unsafe { avx2::knots(nodes, weights, round, knots) };
+    if let CpuLevel::Avx2(avx2) = level {
+        return avx2::knots(avx2, nodes, weights, round, knots);
     }
     let _ = level;
     scalar::knots(nodes, weights, round, knots);
@@ -208,11 +209,9 @@ pub(super) fn knots(level: CpuLevel, nodes: &[f32], weights: [f32; 4], round: f3
 /// Arithmetic whose passes may have vector kernels.
 pub(super) trait Passes: Arithmetic {
     /// The vertical pass; false, with nothing done, where there is no kernel for it.
-    ///
-    /// # Safety
-    /// The CPU must have AVX2.
     #[cfg(target_arch = "x86_64")]
-    unsafe fn vertical_avx2(
+    fn vertical_avx2(
+        avx2: Avx2,
         interpolation: Interpolation,
         task: &Vertical<'_>,
         patch: &mut Vec<u8>,
@@ -220,11 +219,9 @@ pub(super) trait Passes: Arithmetic {
     ) -> bool;
 
     /// The horizontal pass; false, with nothing done, where there is no kernel for it.
-    ///
-    /// # Safety
-    /// The CPU must have AVX2.
     #[cfg(target_arch = "x86_64")]
-    unsafe fn horizontal_avx2(
+    fn horizontal_avx2(
+        avx2: Avx2,
         interpolation: Interpolation,
         task: &Horizontal<'_, Self::Number>,
         row: &mut [u8],
@@ -243,8 +240,9 @@ pub(super) fn vertical<A: Passes>(
     middle: &mut Vec<A::Number>,
 ) {
     #[cfg(target_arch = "x86_64")]
-    // SAFETY: a warper's level is one that the CPU has.
-    if level >= CpuLevel::Avx2 && unsafe { A::vertical_avx2(interpolation, task, patch, middle) } {
+    if let CpuLevel::Avx2(avx2) = level
+        && A::vertical_avx2(avx2, interpolation, task, patch, middle)
+    {
         return;
     }
     let _ = level;
@@ -259,8 +257,9 @@ pub(super) fn horizontal<A: Passes>(
     row: &mut [u8],
 ) {
     #[cfg(target_arch = "x86_64")]
-    // SAFETY: a warper's level is one that the CPU has.
-    if level >= CpuLevel::Avx2 && unsafe { A::horizontal_avx2(interpolation, task, row) } {
+    if let CpuLevel::Avx2(avx2) = level
+        && A::horizontal_avx2(avx2, interpolation, task, row)
+    {
         return;
     }
     let _ = level;

@@ -4,9 +4,9 @@ mod paths;
 mod picture;
 
 use super::*;
-use crate::motion::Twist;
+use crate::motion::{MotionPath, Twist};
 use crate::plane::SampleFormat;
-use crate::readout::{ReadoutDirection, ReadoutTime};
+use crate::readout::{Readout, ReadoutDirection, ReadoutTime};
 use nalgebra::Vector2;
 
 /// A readout of ratio `gamma` at one frame a second, so that twists are per frame.

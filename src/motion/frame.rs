@@ -1,0 +1,70 @@
+//! The motion of one frame with the shutter it was solved for and how much of it is applied.
+
+use super::MotionPath;
+use crate::readout::Readout;
+
+/// All that the rectification of one frame needs to know of its motion.
+///
+/// The parts belong together: a path is by share of *its* readout, and where the path is uncertain only a part of
+/// the correction improves the frame. So they are handed on as one.
+#[derive(Clone, Debug, PartialEq)]
+pub struct FrameMotion {
+    readout: Readout,
+    path: MotionPath,
+    weight: f64,
+}
+
+impl FrameMotion {
+    /// A motion that is trusted in full.
+    pub const fn new(readout: Readout, path: MotionPath) -> Self {
+        Self { readout, path, weight: 1.0 }
+    }
+
+    /// The same motion, of whose correction this share is applied: 0 to 1, otherwise the nearest of these; 0 where it
+    /// is not a number.
+    pub fn with_weight(self, weight: f64) -> Self {
+        Self { weight: if weight.is_nan() { 0.0 } else { weight.clamp(0.0, 1.0) }, ..self }
+    }
+
+    /// The shutter that the motion was solved for.
+    pub const fn readout(&self) -> &Readout {
+        &self.readout
+    }
+
+    /// The motion through the frame's readout; still where none was found.
+    pub const fn path(&self) -> &MotionPath {
+        &self.path
+    }
+
+    /// Share of the correction that is applied, 0 to 1: less where the motion is uncertain, so that the correction
+    /// comes and goes without a jump.
+    pub const fn weight(&self) -> f64 {
+        self.weight
+    }
+
+    /// Whether the frame needs no correction: nothing moved, or nothing that is known for certain.
+    pub fn is_still(&self) -> bool {
+        self.weight == 0.0 || self.path.is_still()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::motion::Twist;
+    use crate::readout::{ReadoutDirection, ReadoutTime};
+
+    #[test]
+    fn weights_are_shares() {
+        let readout = Readout::new(8, 4, ReadoutDirection::TopToBottom, ReadoutTime::WholePeriod, 1.0);
+        let motion = FrameMotion::new(readout, MotionPath::uniform(Twist::new(0.0, 1.0, 0.0), 1.0));
+        assert_eq!(motion.weight(), 1.0);
+        for (weight, share) in
+            [(0.25, 0.25), (-1.0, 0.0), (7.0, 1.0), (f64::NAN, 0.0), (f64::INFINITY, 1.0), (-0.0, 0.0)]
+        {
+            let motion = motion.clone().with_weight(weight);
+            assert_eq!((motion.weight(), motion.is_still()), (share, share == 0.0));
+        }
+        assert!(FrameMotion::new(readout, MotionPath::STILL).is_still());
+    }
+}

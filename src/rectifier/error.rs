@@ -1,0 +1,125 @@
+//! What a rectifier refuses.
+
+use super::Settings;
+use crate::readout::ReadoutTime;
+use thiserror::Error;
+
+/// Pixels along a side of a frame, at most.
+const MAX_SIDE: usize = 1 << 20;
+/// Columns, and rows, of the sampling grid, at most.
+const MAX_GRID: usize = 1 << 10;
+
+/// Why there can be no rectifier with some settings.
+#[derive(Clone, Copy, Debug, PartialEq, Error)]
+#[non_exhaustive]
+pub enum SettingsError {
+    /// A readout time that is negative, infinite or not a number.
+    #[error("readout time of {0} s: must be finite and not negative")]
+    ReadoutTime(f64),
+    /// An inter-frame delay that is negative, infinite or not a number.
+    #[error("inter-frame delay of {0} rows: must be finite and not negative")]
+    Delay(f64),
+    /// A focal length that is not positive, infinite or not a number.
+    #[error("focal length of {0} frame widths: must be finite and positive")]
+    FocalLength(f64),
+    /// A sampling grid of more points than any picture shows.
+    #[error("sampling grid of {columns} x {rows} points: at most {MAX_GRID} along a side")]
+    Grid {
+        /// Columns asked for.
+        columns: usize,
+        /// Rows asked for.
+        rows: usize,
+    },
+    /// A frame larger than any sensor.
+    #[error("frames of {width} x {height} pixels: at most {MAX_SIDE} along a side")]
+    Size {
+        /// Width in pixels.
+        width: usize,
+        /// Height in pixels.
+        height: usize,
+    },
+}
+
+/// Why a frame was not added.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
+#[non_exhaustive]
+pub enum PushError {
+    /// The luma is not of the rectifier's size.
+    #[error("luma of {} x {} pixels for frames of {} x {}", found[0], found[1], expected[0], expected[1])]
+    Size {
+        /// Width and height of the luma.
+        found: [usize; 2],
+        /// Width and height of the rectifier's frames.
+        expected: [usize; 2],
+    },
+}
+
+impl Settings {
+    /// Whether there can be a rectifier with these settings for frames of `width` × `height` pixels.
+    pub(super) fn check(&self, width: usize, height: usize) -> Result<(), SettingsError> {
+        match self.readout_time {
+            ReadoutTime::Seconds(time) if !self.readout_time.is_valid() => {
+                return Err(SettingsError::ReadoutTime(time));
+            }
+            ReadoutTime::DelayRows(delay) if !self.readout_time.is_valid() => {
+                return Err(SettingsError::Delay(delay));
+            }
+            _ => (),
+        }
+        if let Some(focal) = self.focal_length.filter(|focal| !(focal.is_finite() && *focal > 0.0)) {
+            return Err(SettingsError::FocalLength(focal));
+        }
+        let (columns, rows) = (self.grid_columns, self.grid_rows);
+        if columns.max(rows) > MAX_GRID {
+            return Err(SettingsError::Grid { columns, rows });
+        }
+        if width.max(height) > MAX_SIDE {
+            return Err(SettingsError::Size { width, height });
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_cannot_be_is_refused_by_name() {
+        let check = |settings: Settings| settings.check(64, 48).map_err(|error| error.to_string());
+        let time = |readout_time| check(Settings { readout_time, ..Settings::default() });
+        for value in [f64::NAN, -1.0, -1e-300, f64::INFINITY, f64::NEG_INFINITY] {
+            assert!(time(ReadoutTime::Seconds(value)).unwrap_err().starts_with("readout time"));
+            assert!(time(ReadoutTime::DelayRows(value)).unwrap_err().starts_with("inter-frame delay"));
+            let settings = Settings { focal_length: Some(value), ..Settings::default() };
+            assert!(check(settings).unwrap_err().starts_with("focal length"));
+        }
+        let focal_length = Some(0.0);
+        assert!(check(Settings { focal_length, ..Settings::default() }).is_err());
+        for (grid_columns, grid_rows) in [(usize::MAX, 0), (0, usize::MAX), (1025, 24)] {
+            let settings = Settings { grid_columns, grid_rows, ..Settings::default() };
+            assert!(check(settings).unwrap_err().starts_with("sampling grid"));
+        }
+        assert!(Settings::default().check(usize::MAX, 1).unwrap_err().to_string().starts_with("frames of"));
+    }
+
+    #[test]
+    fn what_can_be_is_not() {
+        for readout_time in [
+            ReadoutTime::Unknown,
+            ReadoutTime::WholePeriod,
+            ReadoutTime::Seconds(0.0),
+            ReadoutTime::Seconds(0.033),
+            ReadoutTime::DelayRows(0.0),
+            ReadoutTime::DelayRows(1e9),
+        ] {
+            let focal_length = Some(1e-3);
+            let settings = Settings { readout_time, focal_length, ..Settings::default() };
+            for (width, height) in [(0, 0), (1, 1), (1, 1 << 20), (7680, 4320)] {
+                assert_eq!(settings.check(width, height), Ok(()), "{readout_time:?}");
+            }
+        }
+        let largest = Settings { grid_columns: 1024, grid_rows: 1024, ..Settings::default() };
+        assert_eq!(largest.check(64, 48), Ok(()));
+    }
+}

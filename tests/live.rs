@@ -1,0 +1,185 @@
+//! Live pipelines: a frame goes out in time, with whatever frame rate the caps claim.
+
+mod common;
+
+use common::film::launch;
+use common::shake::shaken;
+use common::*;
+use gst::prelude::*;
+use gst_check::Harness;
+
+const MS: fn(u64) -> gst::ClockTime = gst::ClockTime::from_mseconds;
+
+/// A harness whose upstream is live with a latency of 10 ms, and whose pipeline was set to the whole latency.
+fn live_harness(lookahead: u32, fps: (i32, i32)) -> Harness {
+    let mut h = harness(lookahead, &caps("GRAY8", SIZE.0, SIZE.1, gst::Fraction::new(fps.0, fps.1)));
+    h.use_testclock();
+    h.set_upstream_latency(MS(10));
+    distribute_latency(&mut h);
+    h
+}
+
+/// What a pipeline does when it starts and when it handles a `LATENCY` message.
+fn distribute_latency(h: &mut Harness) -> gst::ClockTime {
+    let latency = h.query_latency().unwrap();
+    h.push_upstream_event(gst::event::Latency::new(latency));
+    latency
+}
+
+/// Sets the clock, lets those who wait for that time act, and tells which frames have come out: `count` unless
+/// something is wrong.
+fn at(h: &mut Harness, now: gst::ClockTime, count: usize) -> Vec<gst::Buffer> {
+    let clock = h.testclock().unwrap();
+    clock.set_time(now);
+    let mut out = Vec::new();
+    // The limit of ten seconds is for a test that fails; nothing is measured.
+    for _ in 0..2000 {
+        while clock.next_entry_time().is_some_and(|due| due <= now) {
+            clock.process_next_clock_id();
+        }
+        out.extend(arrived(h));
+        if out.len() >= count {
+            break;
+        }
+        std::thread::sleep(std::time::Duration::from_millis(5));
+    }
+    out
+}
+
+fn frame_at(number: usize, pts: gst::ClockTime) -> gst::Buffer {
+    let mut frame = shaken(number);
+    frame.get_mut().unwrap().set_pts(pts);
+    frame
+}
+
+#[test]
+fn a_frame_goes_out_before_it_is_late_though_the_next_ones_do_not_come() {
+    // 4 frames of 33.3 ms are waited for; frames come every 100 ms.
+    let mut h = live_harness(4, (30, 1));
+    h.push(frame_at(0, MS(0))).unwrap();
+    h.push(frame_at(1, MS(100))).unwrap();
+    assert!(at(&mut h, MS(140), 0).is_empty(), "10 + 133 ms are not over");
+    let out = at(&mut h, MS(150), 1);
+    assert_eq!(out.iter().map(|buffer| buffer.pts()).collect::<Vec<_>>(), [Some(MS(0))]);
+    h.push(frame_at(2, MS(200))).unwrap();
+    let out = at(&mut h, MS(360), 2);
+    assert_eq!(out.iter().map(|buffer| buffer.pts()).collect::<Vec<_>>(), [Some(MS(100)), Some(MS(200))]);
+}
+
+#[test]
+fn a_longer_latency_holds_once_the_pipeline_is_set_to_it() {
+    let mut h = live_harness(2, (0, 1));
+    let bus = bus(&h);
+    let mut out = Vec::new();
+    // Whatever the application does, no frame is late.
+    for handled in [false, true] {
+        let offset = if handled { 3000 } else { 0 };
+        for number in 0..30 {
+            let pts = MS(offset + 100 * number);
+            h.push(frame_at(number as usize, pts)).unwrap();
+            out.extend(at(&mut h, pts + MS(99), 0));
+        }
+        let announced = messages(&bus, gst::MessageType::Latency).len();
+        assert_eq!(announced, usize::from(!handled), "told once");
+        if !handled {
+            // 10 + 67 + 5 ms after its timestamp each frame must be out.
+            out.extend(at(&mut h, MS(2999), 30 - out.len()));
+            assert_eq!(out.len(), 30);
+            assert_eq!(distribute_latency(&mut h), MS(210));
+        }
+    }
+    // Now the last two wait for those that follow them.
+    assert_eq!(out.len(), 58);
+}
+
+#[test]
+fn held_frames_are_rectified_as_far_as_their_motion_is_known() {
+    let mut h = live_harness(8, (30, 1));
+    let element = h.element().unwrap();
+    element.set_property("readout-time", 20_000_000u64);
+    element.set_property_from_str("readout-direction", "bottom-to-top");
+    // 30 frames a second, but the clock runs so fast that no frame can wait for eight others.
+    let mut out = Vec::new();
+    for number in 0..30u64 {
+        h.push(shaken(number as usize)).unwrap();
+        out.extend(at(&mut h, time(number as usize) + MS(400), number as usize + 1 - out.len()));
+    }
+    let expected: Vec<_> = (0..30).collect();
+    assert_eq!(numbers(&out), expected);
+    let stats = element.property::<gst::Structure>("stats");
+    assert!(stats.get::<u64>("rectified").unwrap() > 25, "{stats:?}");
+}
+
+#[test]
+fn a_flush_and_a_stop_end_the_wait() {
+    let mut h = live_harness(4, (30, 1));
+    h.push(frame_at(0, MS(0))).unwrap();
+    assert!(h.push_event(gst::event::FlushStart::new()));
+    assert!(h.push_event(gst::event::FlushStop::new(true)));
+    assert!(at(&mut h, MS(1000), 0).is_empty());
+    let element = h.element().unwrap();
+    drop(h);
+    element.set_state(gst::State::Null).unwrap();
+    assert_eq!(element.current_state(), gst::State::Null);
+}
+
+/// Plays a live pipeline; how many frames its sink showed and dropped, and how many were rectified.
+fn shown_and_dropped(description: &str) -> (u64, u64, u64) {
+    let pipeline = launch(description);
+    let (sink, element) = (pipeline.by_name("sink").unwrap(), pipeline.by_name("r").unwrap());
+    pipeline.set_state(gst::State::Playing).unwrap();
+    let bus = pipeline.bus().unwrap();
+    loop {
+        let message = bus.timed_pop(gst::ClockTime::from_seconds(60)).expect("nothing happened for a minute");
+        match message.view() {
+            gst::MessageView::Eos(_) => break,
+            gst::MessageView::Latency(_) => pipeline.recalculate_latency().unwrap(),
+            gst::MessageView::Error(error) => panic!("{error:?}"),
+            _ => (),
+        }
+    }
+    let stats = sink.property::<gst::Structure>("stats");
+    let counts = (stats.get::<u64>("rendered").unwrap(), stats.get::<u64>("dropped").unwrap());
+    let rectified = element.property::<gst::Structure>("stats").get::<u64>("rectified").unwrap();
+    pipeline.set_state(gst::State::Null).unwrap();
+    (counts.0, counts.1, rectified)
+}
+
+/// Frames that are all warped, few a second, and a sink that tolerates 400 ms, so that a machine with other work keeps up.
+fn live_pipeline(actual: &str, claimed: &str) -> String {
+    format!(
+        "videotestsrc is-live=true num-buffers=30 ! video/x-raw,format=I420,width=160,height=120,framerate={actual} \
+         ! capssetter caps=video/x-raw,format=I420,framerate={claimed} \
+         ! rsrectify name=r lookahead=8 border-mode=crop \
+         ! fakesink name=sink sync=true qos=true max-lateness=400000000"
+    )
+}
+
+#[test]
+fn a_true_frame_rate() {
+    // Without the latency of 8 frames (800 ms) every frame would come more than 400 ms late.
+    assert_eq!(shown_and_dropped(&live_pipeline("10/1", "10/1")), (30, 0, 30));
+}
+
+#[test]
+fn no_frame_rate() {
+    // As VP8, WebRTC and screencasts have it. 8 frames take 1.6 s.
+    assert_eq!(shown_and_dropped(&live_pipeline("5/1", "0/1")), (30, 0, 30));
+}
+
+#[test]
+fn half_the_frame_rate() {
+    // As a webcam in low light.
+    assert_eq!(shown_and_dropped(&live_pipeline("5/1", "10/1")), (30, 0, 30));
+}
+
+#[test]
+fn vp8_over_rtp() {
+    let (shown, dropped, rectified) = shown_and_dropped(
+        "videotestsrc is-live=true num-buffers=40 ! video/x-raw,width=160,height=120,framerate=10/1 \
+         ! vp8enc deadline=1 ! rtpvp8pay ! rtpjitterbuffer latency=20 ! rtpvp8depay ! vp8dec \
+         ! rsrectify name=r lookahead=8 border-mode=crop \
+         ! fakesink name=sink sync=true qos=true max-lateness=400000000",
+    );
+    assert_eq!((shown, dropped, rectified), (40, 0, 40));
+}
