@@ -1,0 +1,160 @@
+//! The solvers on correspondences that no sampler would measure.
+
+use super::input::{DIRECTIONS, real, settings, small};
+use arbitrary::{Result, Unstructured};
+use nalgebra::Vector2;
+use rsrectify::correspond::Correspondence;
+use rsrectify::motion::{SampledPath, Twist, image_centre};
+use rsrectify::readout::Readout;
+use rsrectify::solve::continuous::{Camera, Continuous, Found, Motion};
+use rsrectify::solve::layer::{Layer, Neighbour};
+use rsrectify::solve::link::{Known, Scratch};
+use rsrectify::solve::{Link, ShutterEstimator, Window};
+
+const WIDTH: usize = 640;
+const HEIGHT: usize = 480;
+/// Frames in a window, at most.
+const FRAMES: usize = 14;
+/// Deviation of a measured coordinate in pixels.
+const NOISE: f64 = 0.1;
+
+/// Not a number, infinities, duplicates, points on a line or in one place: no solver panics, and no motion that one
+/// gives out is anything but finite.
+pub fn check(data: &[u8]) {
+    let mut u = Unstructured::new(data);
+    // Bytes that end make the rest of a case its defaults; they are no failure.
+    let _ = window(&mut u);
+}
+
+fn window(u: &mut Unstructured<'_>) -> Result<()> {
+    let settings = settings(u)?;
+    let camera = Camera {
+        model: settings.model,
+        direction: settings.direction,
+        readout_time: settings.readout_time,
+        focal_length: settings.focal_length,
+    };
+    let mut continuous = Continuous::new(camera, WIDTH, HEIGHT, 1.0);
+    let mut sequential = Window::default();
+    let mut shutter = ShutterEstimator::new(WIDTH, HEIGHT);
+    let mut layer = Layer::new(WIDTH, HEIGHT, 1.0);
+    let direction = *u.choose(&DIRECTIONS)?;
+    let (mut time, mut waiting) = (0.0, 0);
+    for _ in 0..FRAMES {
+        let pair = measured(u)?;
+        let fine = if u.ratio(1, 4)? { measured(u)? } else { Vec::new() };
+        let period = if u.ratio(1, 8)? { small(u, 10.0)?.abs().max(1e-6) } else { 0.04 };
+        let interval = if u.ratio(1, 4)? { real(u, 0.3)? } else { 0.04 };
+        time += interval;
+        let readout = Readout::new(WIDTH, HEIGHT, direction, settings.readout_time, period);
+
+        let found = (!u.ratio(1, 8)?).then_some(Found { grid: &pair, fine: &fine });
+        continuous.push(found, time, period);
+        waiting += 1;
+        let expected = continuous.expected(Vector2::new(small(u, 640.0)?, small(u, 480.0)?));
+        assert!(expected.iter().all(|coordinate| coordinate.is_finite()), "{expected}");
+        while waiting > settings.lookahead {
+            continuous.settle().iter().for_each(verify);
+            waiting -= 1;
+        }
+
+        one_pair(u, &pair, &readout, interval)?;
+        sequential.push(Some(Link::new(&pair, &readout, interval, NOISE)));
+        if u.arbitrary()? {
+            let settled = sequential.settle();
+            assert!(settled.is_none_or(|settled| settled.fit.twist.is_finite()), "{settled:?}");
+        }
+
+        shutter.push(&pair, interval);
+        if let Some(estimate) = shutter.estimate() {
+            assert!(estimate.time.is_finite() && estimate.confidence.is_finite(), "{estimate:?}");
+        }
+        let neighbours = [
+            Neighbour { correspondences: &pair, interval },
+            Neighbour { correspondences: &fine, interval: -interval },
+        ];
+        let mesh = layer.solve(&readout, &neighbours, |point, _, _| point);
+        assert!(mesh.velocities.iter().flatten().all(|velocity| velocity.is_finite()));
+        let deviation = layer.left();
+        assert!(!deviation.is_nan() && deviation >= 0.0, "{deviation}");
+        if u.ratio(1, 16)? {
+            continuous.restart();
+            sequential.reset();
+            waiting = 0;
+        }
+        if u.is_empty() {
+            break;
+        }
+    }
+    for _ in 0..waiting {
+        continuous.settle().iter().for_each(verify);
+    }
+    Ok(())
+}
+
+fn one_pair(
+    u: &mut Unstructured<'_>,
+    pair: &[Correspondence],
+    readout: &Readout,
+    interval: f64,
+) -> Result<()> {
+    let (link, mut scratch) = (Link::new(pair, readout, interval, NOISE), Scratch::default());
+    let known = Twist::new(real(u, 1.0)?, real(u, 100.0)?, real(u, 100.0)?);
+    let uniform = link.uniform(&mut scratch);
+    let relayed = [Known::First, Known::Second].map(|side| link.relay(side, known, &mut scratch));
+    for fit in relayed.into_iter().chain([uniform]).flatten() {
+        assert!(fit.twist.is_finite() && fit.energy.is_finite() && fit.energy >= 0.0, "{fit:?}");
+        assert!((0.0..=1.0).contains(&fit.confidence) && fit.inliers <= fit.correspondences, "{fit:?}");
+    }
+    Ok(())
+}
+
+fn verify(motion: &Motion) {
+    let Motion {
+        readout, homographies, confidence, correspondences, inliers, sigma, readout_deviation, ..
+    } = motion;
+    assert!(homographies.iter().flatten().all(|element| element.is_finite()), "{homographies:?}");
+    assert!((0.0..=1.0).contains(confidence), "{confidence}");
+    assert!(sigma.is_finite() && *sigma >= 0.0, "{sigma}");
+    assert!(readout.time.is_finite() && readout.time >= 0.0, "{readout:?}");
+    assert!(readout_deviation.is_finite() && *readout_deviation >= 0.0, "{readout_deviation}");
+    assert!(inliers <= correspondences, "{inliers} of {correspondences}");
+    // What is trusted is a path.
+    let path = SampledPath::new(homographies, readout.time);
+    assert!(path.is_ok() || *confidence == 0.0, "{:?} at confidence {confidence}", path.err());
+}
+
+/// Correspondences of a motion, some of them broken, or all in one place or on a line.
+fn measured(u: &mut Unstructured<'_>) -> Result<Vec<Correspondence>> {
+    let count = u.int_in_range(0..=80usize)?;
+    let twist = Twist::new(small(u, 2.0)?, small(u, 900.0)?, small(u, 900.0)?).after(0.04);
+    let centre = image_centre(WIDTH, HEIGHT);
+    let shape = u.int_in_range(0..=7u8)?;
+    let broken = u.ratio(1, 2)?;
+    let mut pair = Vec::with_capacity(count);
+    for index in 0..count {
+        let along = index as f64 / count as f64;
+        let from = match shape {
+            // All in one place, on a line, on a row, on a column; otherwise scattered.
+            0 => Vector2::new(100.0, 100.0),
+            1 => Vector2::new(640.0 * along, 480.0 * along),
+            2 => Vector2::new(640.0 * along, 200.0),
+            3 => Vector2::new(300.0, 480.0 * along),
+            _ => Vector2::new((index * 167 % 640) as f64, (index * 211 % 480) as f64),
+        };
+        let to = twist.apply(from - centre) + centre;
+        let mut found = Correspondence { from, to, texture: 50.0, residual: 1.0 };
+        if broken && u.ratio(1, 4)? {
+            match u.int_in_range(0..=5u8)? {
+                0 => found.from.x = real(u, 700.0)?,
+                1 => found.from.y = real(u, 500.0)?,
+                2 => found.to.x = real(u, 700.0)?,
+                3 => found.to.y = real(u, 500.0)?,
+                4 => found.texture = real(u, 100.0)? as f32,
+                _ => found.residual = real(u, 100.0)? as f32,
+            }
+        }
+        pair.push(found);
+    }
+    Ok(pair)
+}
