@@ -11,6 +11,11 @@ use nalgebra::{SVector, Vector2};
 /// Generators other than the turns.
 const OTHERS: usize = GENERATORS - TURNS;
 
+/// Bands of lines in which residuals are alike if a motion is faster than the path.
+const LINES: usize = 16;
+/// Matches that tell whether those of a line have anything in common.
+const FEWEST: f64 = 4.0;
+
 /// What a pair is held against.
 pub(super) struct View<'a> {
     pub path: &'a SplinePath,
@@ -59,6 +64,64 @@ pub(super) struct Left {
     /// that has no say.
     pub parallax: Option<f64>,
     squares: Vec<f64>,
+}
+
+impl Left {
+    /// Share of the residuals' square sum that is the same, or a turn, along a line of the sensor, 0 to 1: a motion faster
+    /// than the path does the same to all that is exposed at the same time; depth, and things with motions of their
+    /// own, do not.
+    pub fn share_by_line(&self, reading: Reading) -> f64 {
+        let mut lines = vec![Line::default(); LINES];
+        let most = 2.0 * 9.0 * self.sigma * self.sigma;
+        for leg in self.legs.iter().filter(|leg| leg.residual.norm_squared() < most) {
+            let place = (reading.place(leg.m.from) * LINES as f64).clamp(0.0, (LINES - 1) as f64);
+            let along = if reading.by_rows { leg.m.from.x } else { leg.m.from.y };
+            if let Some(line) = lines.get_mut(place as usize) {
+                line.add(along, leg.residual);
+            }
+        }
+        let [shared, all] = lines
+            .iter()
+            .map(|line| [line.shared(), line.square])
+            .fold([0.0; 2], |sums, of| [sums[0] + of[0], sums[1] + of[1]]);
+        if all > 0.0 { (shared / all).clamp(0.0, 1.0) } else { 0.0 }
+    }
+}
+
+/// Residuals of matches that are exposed at about the same time.
+#[derive(Clone, Default)]
+struct Line {
+    count: f64,
+    /// Sums of where they are along the line, and of its square.
+    along: [f64; 2],
+    /// Sums of the residuals, and of those times where they are.
+    sums: [Vector2<f64>; 2],
+    square: f64,
+}
+
+impl Line {
+    fn add(&mut self, along: f64, residual: Vector2<f64>) {
+        self.count += 1.0;
+        self.along[0] += along;
+        self.along[1] += along * along;
+        self.sums[0] += residual;
+        self.sums[1] += residual * along;
+        self.square += residual.norm_squared();
+    }
+
+    /// What a residual that changes linearly along the line explains of their square sum, less what it explains of as
+    /// many that have nothing in common: two of them.
+    fn shared(&self) -> f64 {
+        if self.count < FEWEST {
+            return 0.0;
+        }
+        let mean = self.sums[0] / self.count;
+        let spread = self.along[1] - self.along[0] * self.along[0] / self.count;
+        let slope = self.sums[1] - mean * self.along[0];
+        let by_slope = if spread > 0.0 { slope.norm_squared() / spread } else { 0.0 };
+        let explained = self.count * mean.norm_squared() + by_slope;
+        explained - 2.0 * (self.square - explained) / (self.count - 2.0)
+    }
 }
 
 impl View<'_> {
@@ -117,5 +180,49 @@ impl View<'_> {
         let leg = |track: &Track| self.leg(track.stamps, &track.before);
         out.before.clear();
         out.before.extend(pair.followed(self.scene_alone).map(|(_, track)| track.and_then(leg)));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::solve::random::Random;
+
+    /// What a path leaves of a grid of points, as it is given for each.
+    fn left(residual: impl FnMut(Vector2<f64>) -> Vector2<f64>) -> Left {
+        let points =
+            (0..384).map(|k| Vector2::new((k % 24) as f64 / 12.0 - 0.96, (k / 24) as f64 / 11.0 - 0.68));
+        let mut residual = residual;
+        let leg = |from| Leg {
+            m: Match { from, to: from },
+            times: [0.0; 2],
+            residual: residual(from),
+            parallax: Vector2::zeros(),
+            by_readout: [Vector2::zeros(); 2],
+            by_kappa: Vector2::zeros(),
+        };
+        Left { legs: points.map(leg).collect(), sigma: 1.0, ..Left::default() }
+    }
+
+    const ROWS: Reading = Reading { by_rows: true, length: 1.5 };
+    const COLUMNS: Reading = Reading { by_rows: false, length: 2.0 };
+
+    #[test]
+    fn a_vibration_is_common_to_the_lines_that_it_is_read_along() {
+        // A shift and a roll, twice to and fro while the rows are read.
+        let vibrating = left(|at| Vector2::new((9.0 * at.y).sin(), at.x * (9.0 * at.y).cos()));
+        assert!(vibrating.share_by_line(ROWS) > 0.9, "{}", vibrating.share_by_line(ROWS));
+        assert!(vibrating.share_by_line(COLUMNS) < 0.3, "{}", vibrating.share_by_line(COLUMNS));
+    }
+
+    #[test]
+    fn noise_and_things_of_their_own_are_common_to_no_line() {
+        let mut random = Random(3);
+        let noise = left(|_| Vector2::new(random.normal(), random.normal()) * 0.5);
+        assert!(noise.share_by_line(ROWS) < 0.15, "{}", noise.share_by_line(ROWS));
+        let thing = left(|at| Vector2::new(f64::from(u8::from(at.norm() < 0.4)), 0.0));
+        assert!(thing.share_by_line(ROWS) < 0.5, "{}", thing.share_by_line(ROWS));
+        assert_eq!(left(|_| Vector2::zeros()).share_by_line(ROWS), 0.0);
+        assert_eq!(Left::default().share_by_line(ROWS), 0.0);
     }
 }

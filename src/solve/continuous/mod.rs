@@ -19,7 +19,10 @@
 //! | `banded` | banded Cholesky factors, and the inverse inside the band |
 //! | `running` | what was seen so far of a number that belongs to the camera |
 //! | `solver` | Gauss–Newton over a window for one reading axis and one tempo |
+//! | `search` | fits from several starts, side by side |
+//! | `stretch` | the pairs that a path is fitted to |
 //! | `hypothesis` | one reading axis: a solver, its tempo, its likelihood |
+//! | `scene` | whether the path stands for the scene alone |
 //! | `camera` | what is known of the camera, and believed of the rest |
 //! | `stream` | frames in, motions out: window, choice of the axis, confidence, residual layer |
 //!
@@ -47,10 +50,13 @@ mod pair;
 mod path;
 mod prediction;
 mod running;
+mod scene;
+mod search;
 mod smoothness;
 mod solver;
 mod spline;
 mod stream;
+mod stretch;
 mod sums;
 mod tracks;
 

@@ -67,11 +67,13 @@ impl Smoothness {
         *self = Self::new(self.active, self.turns);
     }
 
-    /// Forgets what was learnt, and presumes a camera that moves where else it presumes one that turns.
-    pub fn presume_moving(&mut self) {
+    /// Forgets what was learnt, and presumes a camera that moves, or else one that turns.
+    pub fn presume(&mut self, is_moving: bool) {
         self.restart();
-        let turns = self.turns;
-        self.variance = std::array::from_fn(|j| if j < TURNS { UNTURNED } else { turns });
+        if is_moving {
+            let turns = self.turns;
+            self.variance = std::array::from_fn(|j| if j < TURNS { UNTURNED } else { turns });
+        }
     }
 
     /// Places of a generator's coefficients.

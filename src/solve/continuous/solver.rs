@@ -168,10 +168,10 @@ impl Solver {
         self.seen = [None; SHARED];
     }
 
-    /// The same, and presumes a camera that moves where else it presumes one that turns.
-    pub fn presume_moving(&mut self) {
-        self.restart();
-        self.smoothness.presume_moving();
+    /// Takes what another one knows of the camera.
+    pub fn learn_camera(&mut self, other: &Self) {
+        (self.beliefs, self.hint, self.limits) = (other.beliefs, other.hint, other.limits);
+        self.reopened = other.reopened;
     }
 
     /// Takes γ as known.
@@ -206,6 +206,11 @@ impl Solver {
     /// Standard deviation of a coordinate in pixels that the path leaves in pair `index`.
     pub fn sigma(&self, index: usize) -> Option<f64> {
         self.held.get(index).map(|held| held.left.sigma)
+    }
+
+    /// Share of what the path leaves of pair `index` that is a function of the line alone, 0 to 1.
+    pub fn share_by_line(&self, index: usize) -> f64 {
+        self.held.get(index).map_or(0.0, |held| held.left.share_by_line(self.reading))
     }
 
     /// Standard deviation of what is new in a coordinate of pair `index`, given the pair before.

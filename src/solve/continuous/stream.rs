@@ -6,11 +6,13 @@
 
 use super::camera::{Camera, KAPPA_LIMITS, KNOWN, READOUT_BELIEF};
 use super::fixed::Fixed;
-use super::hypothesis::{Hypothesis, NOTICEABLE, Stretch, TRIAL, breadth, try_scene};
+use super::hypothesis::{Hypothesis, NOTICEABLE};
 use super::pair::{Pair, Reading};
 use super::running::Running;
+use super::scene::SceneTrial;
 use super::smoothness::Smoothness;
 use super::solver::{Solver, Tempo};
+use super::stretch::{Stretch, breadth};
 use crate::correspond::Correspondence;
 use crate::motion::{ResidualField, ResidualMesh, image_centre};
 use crate::readout::{Readout, ReadoutDirection};
@@ -22,6 +24,8 @@ use std::collections::VecDeque;
 
 /// Frames before the one that is settled that are remembered.
 const PAST: usize = 10;
+/// Pairs after the frame that is settled that its path is fitted to, at most: a path forgets what is further away.
+const AHEAD: usize = 12;
 /// Standard deviation of a coordinate in analysed pixels that the tracker reaches on clean footage.
 const NOISE: f64 = 0.03;
 /// Shares of the readout at which the homographies of a frame are given out, less one.
@@ -113,8 +117,8 @@ pub struct Continuous {
     layer: Layer,
     /// Standard deviation of a coordinate in the last frame that was settled.
     sigma: f64,
-    /// Frames since a path for the scene alone was tried, or one for everything again.
-    since_scene: usize,
+    /// Whether the path should stand for the scene alone.
+    scene_trial: SceneTrial,
     /// Where the picture is fixed to the frame, and the last pair's correspondences elsewhere.
     fixed: Fixed,
     scene: Vec<Correspondence>,
@@ -158,7 +162,7 @@ impl Continuous {
             taken: 0,
             layer: Layer::new(width, height, pixel_scale),
             sigma: f64::INFINITY,
-            since_scene: TRIAL,
+            scene_trial: SceneTrial::new(),
             fixed: Fixed::new(width, height, noise),
             scene: Vec::new(),
             spare: Vec::new(),
@@ -205,6 +209,24 @@ impl Continuous {
         }
         let detail = self.spare.pop().unwrap_or_default();
         self.frames.push_back(Entry { stamp, to_next: None, detail });
+        self.prepare();
+    }
+
+    /// Goes on with the fit to the last frames while none of them is due.
+    fn prepare(&mut self) {
+        let last = self.frames.len().saturating_sub(1);
+        let first =
+            self.frames.iter().take(last).rposition(|entry| entry.to_next.is_none()).map_or(0, |gap| gap + 1);
+        if first < self.settled || first == self.settled && self.continues {
+            return;
+        }
+        let pairs: Vec<&Pair> =
+            self.frames.iter().skip(first).map_while(|entry| entry.to_next.as_ref()).take(AHEAD).collect();
+        let stretch = Stretch { pairs: &pairs, past: 0, in_question: self.hypotheses.len() > 1 };
+        self.hypotheses.par_iter_mut().for_each(|hypothesis| hypothesis.prepare(stretch));
+        if first == 0 && pairs.len() > 1 {
+            self.scene_trial.prepare(&self.hypotheses, stretch);
+        }
     }
 
     /// Takes what the rough estimate says into each hypothesis: γ if only its axis is read along, and how
@@ -266,7 +288,7 @@ impl Continuous {
         let own = self.settled;
         let joined = |entry: &Entry| entry.to_next.is_some();
         let past = self.frames.iter().take(own).rev().take_while(|entry| joined(entry)).count().min(PAST);
-        let ahead = self.frames.iter().skip(own).take_while(|entry| joined(entry)).count();
+        let ahead = self.frames.iter().skip(own).take_while(|entry| joined(entry)).take(AHEAD).count();
         let pairs: Vec<&Pair> = self
             .frames
             .iter()
@@ -285,7 +307,10 @@ impl Continuous {
             }
             hypothesis.settle(stretch, starts);
         });
-        try_scene(&mut self.hypotheses, stretch, &mut self.since_scene);
+        if starts && own > 0 {
+            self.scene_trial.stop();
+        }
+        self.scene_trial.settle(&mut self.hypotheses, stretch, starts);
         weigh(&mut self.hypotheses, stretch);
         choose(&mut self.hypotheses);
         self.continues = !pairs.is_empty();
@@ -317,6 +342,8 @@ impl Continuous {
         self.settled = 0;
         self.unit_before = self.clock.take().map(|(unit, _)| unit).or(self.unit_before);
         self.continues = false;
+        self.hypotheses.iter_mut().for_each(Hypothesis::drop_searches);
+        self.scene_trial.stop();
     }
 
     /// The motion of the frame in a stretch, whose points moved by this much (mean square, squared radii).

@@ -1,0 +1,217 @@
+//! Which path fits, where a fit may end in the wrong place: several starts, fitted side by side.
+//!
+//! A start costs as many steps as a window has iterations, and there are several of them. They go on with each frame
+//! that comes, so that no frame takes much longer than another: what was fitted to a few pairs is near the path of one
+//! more.
+
+use super::solver::{Solver, Tempo};
+use super::stretch::Stretch;
+use rayon::prelude::*;
+
+/// Steps to the first path, and to each one after it, at most. As many as to the first where γ has not come
+/// to rest: while it is far off, the splines bend to imitate the shutter, and learn to be straight again only
+/// as it comes nearer. Not all at once, for a live stream does not wait.
+pub(super) const STEPS: [usize; 2] = [12, 4];
+/// Readout ratios beside the one in hand from which a vague one is sought: the ends, as what is in between is reached.
+const ENDS: [f64; 2] = [0.9, -0.9];
+/// A step that changes the displacements at the frame by less than this share of the least noise (root mean
+/// square) is the last.
+const SETTLED: f64 = 0.3;
+/// Or γ by less than this.
+const SETTLED_READOUT: f64 = 0.01;
+/// What a window says of γ is believed where the last step moved points by less than they scatter, and γ by
+/// no more than this share of what is uncertain of it anyway.
+const UNCERTAIN: f64 = 0.5;
+/// Steps after which a path that starts from a turning camera is compared with one that starts from a moving one.
+const ROUND: usize = 3;
+/// Residuals that are the tracker's to this degree need no other explanation.
+pub(super) const TRUSTED: f64 = 0.5;
+
+/// Pairs times steps that are taken a frame: as many as the path in hand takes, four steps over eight pairs.
+const WORK: usize = 32;
+/// Pairs that show which of the starts are worth going on with before all have come.
+const SHOWN_PAIRS: usize = 8;
+/// A candidate whose evidence is less than the best one's by a factor of e to this power is dropped, and so is one whose
+/// readout ratio is no further from the best one's than that.
+const BEHIND: f64 = 5.0;
+const NEAR: f64 = 0.2;
+
+/// A start and what has become of it.
+#[derive(Clone, Debug)]
+struct Candidate {
+    solver: Solver,
+    /// The readout ratio that it started from.
+    start: f64,
+    /// Steps so far, and those on stretches that are long enough to count.
+    taken: usize,
+    steps: usize,
+    /// Whether it is to be compared with one for a camera that moves, or is that.
+    is_turning: bool,
+    is_moving: bool,
+}
+
+/// Paths that are fitted from several starts.
+#[derive(Clone, Debug)]
+pub(super) struct Search {
+    candidates: Vec<Candidate>,
+    is_narrowed: bool,
+}
+
+impl Search {
+    /// For the path and the readout ratio, from the one in hand and, if that is vague, from the ends of what it may be.
+    pub fn new(solver: &Solver, is_vague: bool) -> Self {
+        let [low, high] = solver.limits[0];
+        let ends = ENDS.into_iter().filter(|end| is_vague && (low..=high).contains(end));
+        let candidate = |start: f64| {
+            let mut solver = solver.clone();
+            solver.restart();
+            solver.shared[0] = start;
+            Candidate { solver, start, taken: 0, steps: 0, is_turning: true, is_moving: false }
+        };
+        let candidates = std::iter::once(solver.shared[0]).chain(ends).map(candidate).collect();
+        Self { candidates, is_narrowed: false }
+    }
+
+    /// For a path of a tempo, from the readout ratio in hand and from these.
+    pub fn at_tempo(solver: &Solver, tempo: Tempo, readouts: &[f64]) -> Self {
+        let [low, high] = solver.limits[0];
+        let candidate = |start: f64| {
+            let mut solver = solver.at_tempo(tempo);
+            solver.shared[0] = start;
+            Candidate { solver, start, taken: 0, steps: 0, is_turning: false, is_moving: false }
+        };
+        let readouts = readouts.iter().map(|readout| readout.clamp(low, high));
+        let candidates = readouts.chain([solver.shared[0]]).map(candidate).collect();
+        Self { candidates, is_narrowed: false }
+    }
+
+    /// Steps that the last one that was begun has taken.
+    fn steps(&self) -> usize {
+        self.candidates.iter().map(|candidate| candidate.steps).min().unwrap_or(0)
+    }
+
+    /// Whether all have taken enough steps to be compared.
+    pub fn is_done(&self) -> bool {
+        self.steps() >= STEPS[0]
+    }
+
+    /// Steps that the chosen one has yet to take, some at least.
+    pub fn steps_left(&self) -> usize {
+        STEPS[0].saturating_sub(self.steps()).max(STEPS[1])
+    }
+
+    /// Steps with a frame that takes about as long as any other one.
+    pub fn pace(&self, stretch: Stretch<'_>) -> usize {
+        let pairs = stretch.pairs.len() * self.candidates.len();
+        (WORK / pairs.max(1)).clamp(1, STEPS[0])
+    }
+
+    /// Goes so many steps further with each, to a stretch that grows.
+    pub fn prepare(&mut self, stretch: Stretch<'_>, steps: usize, camera: &Solver) {
+        self.advance(stretch, steps, camera);
+        if stretch.is_short() {
+            // A pair or two do not tell which generators are needed.
+            self.candidates.iter_mut().for_each(|one| one.solver.smoothness.presume(one.is_moving));
+        }
+        if stretch.pairs.len() >= SHOWN_PAIRS && !self.is_narrowed {
+            self.is_narrowed = true;
+            self.narrow(stretch);
+        }
+    }
+
+    /// Goes so many steps further with each, with what the path in hand knows of the camera.
+    ///
+    /// In one pair a camera that moves does much the same to a picture as one that turns, and at first it is presumed to
+    /// turn. But only what moves it has a parallax, and unless that is known for what it is, it weighs as noise and holds
+    /// the path where it is. So where a path leaves more than noise, another one is begun for a camera that moves.
+    pub fn advance(&mut self, stretch: Stretch<'_>, steps: usize, camera: &Solver) {
+        let fit = |candidate: &mut Candidate| {
+            let Candidate { solver, start, .. } = candidate;
+            solver.learn_camera(camera);
+            if stretch.is_short() {
+                solver.limits[0] = [*start; 2];
+            }
+            iterate(solver, stretch, steps);
+            solver.limits = camera.limits;
+            candidate.taken += steps;
+            candidate.steps += if stretch.is_short() { 0 } else { steps };
+        };
+        self.candidates.par_iter_mut().for_each(fit);
+        let moving = |candidate: &mut Candidate| {
+            let is_due =
+                candidate.is_turning && candidate.taken >= ROUND && candidate.solver.trust() < TRUSTED;
+            is_due.then(|| {
+                candidate.is_turning = false;
+                let mut other = Candidate { taken: 0, steps: 0, is_moving: true, ..candidate.clone() };
+                other.solver.restart();
+                other.solver.smoothness.presume(true);
+                other.solver.shared[0] = other.start;
+                other
+            })
+        };
+        let mut moving: Vec<Candidate> = self.candidates.iter_mut().filter_map(moving).collect();
+        moving.par_iter_mut().for_each(fit);
+        self.candidates.extend(moving);
+    }
+
+    /// Goes on only with the likeliest, and with those that say something else and are nearly as likely.
+    fn narrow(&mut self, stretch: Stretch<'_>) {
+        let evidence = |candidate: &mut Candidate| {
+            let solver = &mut candidate.solver;
+            let evidence = solver.evidence(stretch.of_tempo(solver.tempo).pairs);
+            (evidence.unwrap_or(f64::NEG_INFINITY), candidate.solver.shared[0])
+        };
+        let seen: Vec<(f64, f64)> = self.candidates.par_iter_mut().map(evidence).collect();
+        let Some(best) = (0..seen.len()).max_by(|a, b| seen[*a].0.total_cmp(&seen[*b].0)) else { return };
+        let (most, readout) = seen[best];
+        let is_rival =
+            |(evidence, other): (f64, f64)| most - evidence <= BEHIND && (other - readout).abs() > NEAR;
+        let mut index = 0;
+        self.candidates.retain(|_| {
+            index += 1;
+            index - 1 == best || is_rival(seen[index - 1])
+        });
+    }
+
+    /// The paths with the logarithm of their evidence, the likeliest first.
+    pub fn ranked(self, stretch: Stretch<'_>) -> Vec<(f64, Solver)> {
+        // A pair or two are explained by a camera that moves as well as by one that turns.
+        let is_told = |candidate: &Candidate| !(candidate.is_moving && stretch.is_short());
+        let ranked =
+            self.candidates.into_par_iter().filter(is_told).filter_map(|Candidate { mut solver, .. }| {
+                let evidence = solver.evidence(stretch.of_tempo(solver.tempo).pairs)?;
+                Some((evidence, solver))
+            });
+        let mut ranked: Vec<(f64, Solver)> = ranked.collect();
+        ranked.sort_by(|a, b| b.0.total_cmp(&a.0));
+        ranked
+    }
+}
+
+/// Steps until nothing changes any more at the frame, at most so many; whether γ came to rest.
+pub(super) fn iterate(solver: &mut Solver, stretch: Stretch<'_>, steps: usize) -> bool {
+    let stretch = stretch.of_tempo(solver.tempo);
+    let mut rests = false;
+    for _ in 0..steps {
+        let before = solver.shared[0];
+        if !solver.step(stretch.pairs) {
+            solver.restart();
+            continue;
+        }
+        let change = stretch.beside().map(|index| solver.moved(index)).fold(0.0, f64::max);
+        let moved = (solver.shared[0] - before).abs();
+        if change < SETTLED * solver.noise && moved < SETTLED_READOUT {
+            rests = true;
+            if solver.is_foreseeing() {
+                continue;
+            }
+            break;
+        }
+        // Robust weights may go back and forth for ever, by less than is uncertain anyway.
+        let sigma = stretch.beside().filter_map(|index| solver.sigma(index)).fold(0.0, f64::max);
+        let slack = UNCERTAIN * solver.seen_deviation();
+        rests = change < sigma && moved < SETTLED_READOUT.max(slack);
+    }
+    solver.cover(stretch.pairs);
+    rests
+}
