@@ -4,6 +4,7 @@ use anyhow::{Context, Result};
 use clap::{Args, Parser, Subcommand};
 use eval::cache::Cache;
 use eval::clip;
+use eval::dense;
 use eval::footage::Footage;
 use eval::media;
 use eval::methods::product::{self, Delay};
@@ -64,6 +65,16 @@ enum Command {
         /// A real clip instead of sequences.
         #[arg(long, conflicts_with = "sequence")]
         clip: Option<PathBuf>,
+        /// Names of sequences; all without it.
+        #[arg(long)]
+        sequence: Vec<String>,
+        #[command(flatten)]
+        changes: Changes,
+        #[command(flatten)]
+        place: Place,
+    },
+    /// Measures the library's dense flow against the exact one, and its time.
+    Flow {
         /// Names of sequences; all without it.
         #[arg(long)]
         sequence: Vec<String>,
@@ -184,6 +195,7 @@ fn main() -> Result<()> {
         }
         Command::Readout { clip: Some(file), .. } => readout_of_clip(&file),
         Command::Readout { clip: None, sequence, changes, place } => readouts(&sequence, &changes, &place),
+        Command::Flow { sequence, changes, place } => flows(&sequence, &changes, &place),
         Command::Speed { file, lookahead } => speed(&file, lookahead),
         Command::Report { scenes, sequence: sequences, frames, redraw, place } => {
             let photographs = place.textures.is_some();
@@ -224,6 +236,14 @@ fn readouts(names: &[String], changes: &Changes, place: &Place) -> Result<()> {
     println!("{}", readout::HEADING);
     for settings in chosen(names)? {
         println!("{}", readout::row(&place.footage(&changes.apply(settings))?)?);
+    }
+    Ok(())
+}
+
+fn flows(names: &[String], changes: &Changes, place: &Place) -> Result<()> {
+    println!("{}", dense::HEADING);
+    for settings in chosen(names)? {
+        println!("{}", dense::row(&place.footage(&changes.apply(settings))?)?);
     }
     Ok(())
 }

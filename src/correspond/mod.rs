@@ -2,7 +2,7 @@
 //!
 //! | step | file | what it does |
 //! |---|---|---|
-//! | reduce | `luma` | any luma view → grey of at most 960 pixels a side, by area average |
+//! | reduce | [`pyramid`](crate::pyramid) | any luma view → grey of at most 960 pixels a side, by area average |
 //! | halve | `pyramid` | the coarser levels, and the detail image that the search looks at |
 //! | place | `grid` | the points that are measured: the middles of a uniform grid of cells |
 //! | start | `start` | exhaustive search of large regions on the coarsest level |
@@ -32,7 +32,6 @@
 mod edges;
 mod field;
 mod grid;
-mod luma;
 mod patch;
 mod pyramid;
 mod refine;

@@ -3,7 +3,6 @@
 use super::Correspondence;
 use super::field::{Motion, Neighbourhood};
 use super::grid::{Grid, centre};
-use super::luma::Reduction;
 use super::pyramid::{Level, Pyramid};
 use super::refine::{Local, Refinement};
 use super::start::Search;
@@ -11,6 +10,7 @@ use super::tracker::{COARSE, CoarseTemplate, Effort, FINE, FineTemplate, Match};
 use super::window::Scale;
 use crate::cpu::CpuLevel;
 use crate::plane::Luma;
+use crate::pyramid::Reduction;
 use nalgebra::{Matrix2, Vector2};
 use rayon::prelude::*;
 

@@ -1,0 +1,146 @@
+//! How far the library's dense flow is from the exact one, and how long it takes.
+
+use crate::footage::Footage;
+use crate::scene::Frame;
+use crate::speed::median_ms;
+use anyhow::Result;
+use nalgebra::Vector2;
+use rsrectify::flow::DenseFlow;
+use rsrectify::plane::{Luma, Plane, PlaneLayout, SampleFormat};
+use rsrectify::pyramid::{Pyramid, Reducer};
+use std::time::{Duration, Instant};
+
+/// From this confidence on a displacement counts as trusted.
+const TRUSTED: f64 = 0.5;
+
+/// The heading of the rows that [`row`] writes.
+pub const HEADING: &str = "| sequence | flow error px: median | p90 | trusted | of these: median | p90 | wrong by > 2 px \
+    | pyramid ms | both directions ms | slowest |\n|---|---|---|---|---|---|---|---|---|---|";
+
+/// What was measured of a sequence.
+#[derive(Clone, Debug, Default)]
+pub struct Measured {
+    /// Distance of each point's displacement from the truth in pixels, and the confidence stated.
+    pub errors: Vec<(f64, f64)>,
+    /// Time of each frame's pyramid.
+    pub pyramids: Vec<Duration>,
+    /// Time of each pair's flow, both directions.
+    pub flows: Vec<Duration>,
+}
+
+/// The error that `share` of some errors do not exceed; not a number for none.
+pub fn quantile(errors: &mut [f64], share: f64) -> f64 {
+    if errors.is_empty() {
+        return f64::NAN;
+    }
+    let rank = ((share * errors.len() as f64) as usize).min(errors.len() - 1);
+    *errors.select_nth_unstable_by(rank, f64::total_cmp).1
+}
+
+/// The pyramid of a frame.
+///
+/// # Errors
+/// If the frame has no pixels.
+pub fn pyramid(reducer: &Reducer, frame: &Frame) -> Result<Pyramid> {
+    let luma = frame.luma();
+    let layout = PlaneLayout::packed(frame.width, frame.height, SampleFormat::U8);
+    let mut pyramid = Pyramid::new();
+    reducer.build(&Luma::from(Plane::new(&luma, layout)?), &mut pyramid);
+    Ok(pyramid)
+}
+
+/// Measures the flow between successive frames, forward, without a prediction.
+///
+/// # Errors
+/// If the frames have no pixels.
+pub fn measure(footage: &Footage) -> Result<Measured> {
+    let settings = footage.settings();
+    let reducer = Reducer::new(settings.width, settings.height);
+    let mut flow = DenseFlow::new(&reducer);
+    let mut measured = Measured::default();
+    for run in footage.runs() {
+        let mut before: Option<(usize, Pyramid)> = None;
+        for index in run {
+            let started = Instant::now();
+            let now = pyramid(&reducer, &footage.frames[index])?;
+            measured.pyramids.push(started.elapsed());
+            if let Some((first, before)) = &before {
+                let started = Instant::now();
+                flow.estimate(before, &now, |point: Vector2<f64>| point);
+                measured.flows.push(started.elapsed());
+                measured.errors.extend(errors(footage, *first, &flow));
+            }
+            before = Some((index, now));
+        }
+    }
+    Ok(measured)
+}
+
+fn errors<'a>(
+    footage: &'a Footage,
+    index: usize,
+    flow: &'a DenseFlow,
+) -> impl Iterator<Item = (f64, f64)> + 'a {
+    let truth = footage.truth[index].forward.iter();
+    let points = truth.flat_map(|map| {
+        map.values.iter().enumerate().filter_map(|(index, value)| Some((map.pixel(index), (*value)?)))
+    });
+    points.filter_map(|(pixel, [u, v])| {
+        let ([x, y], confidence) = flow.forward().sample(pixel.x, pixel.y)?;
+        Some(((x - f64::from(u)).hypot(y - f64::from(v)), confidence))
+    })
+}
+
+/// One row of the table.
+///
+/// # Errors
+/// Those of [`measure`].
+pub fn row(footage: &Footage) -> Result<String> {
+    let measured = measure(footage)?;
+    let mut all: Vec<f64> = measured.errors.iter().map(|(error, _)| *error).collect();
+    let trusted = measured.errors.iter().filter(|(_, confidence)| *confidence >= TRUSTED);
+    let mut trusted: Vec<f64> = trusted.map(|(error, _)| *error).collect();
+    let share = trusted.len() as f64 / all.len().max(1) as f64;
+    let wrong = trusted.iter().filter(|error| **error > 2.0).count() as f64 / trusted.len().max(1) as f64;
+    let slowest = measured.flows.iter().max().copied().unwrap_or_default();
+    Ok(format!(
+        "| {} | {:.2} | {:.2} | {:.1} % | {:.2} | {:.2} | {:.2} % | {:.2} | {:.2} | {:.2} |",
+        footage.settings().name,
+        quantile(&mut all, 0.5),
+        quantile(&mut all, 0.9),
+        100.0 * share,
+        quantile(&mut trusted, 0.5),
+        quantile(&mut trusted, 0.9),
+        100.0 * wrong,
+        median_ms(measured.pyramids.iter().copied()),
+        median_ms(measured.flows.iter().copied()),
+        slowest.as_secs_f64() * 1e3,
+    ))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::footage::STEP;
+    use crate::sequence::named;
+
+    #[test]
+    fn quantiles_are_those_of_the_sorted_errors() {
+        let mut errors = [3.0, 1.0, 2.0, 5.0, 4.0];
+        assert_eq!((quantile(&mut errors, 0.5), quantile(&mut errors, 0.9)), (3.0, 5.0));
+        assert!(quantile(&mut [], 0.5).is_nan());
+    }
+
+    #[test]
+    fn a_small_sequence_is_measured_at_every_point_with_truth() {
+        let settings =
+            crate::sequence::Settings { width: 160, height: 120, frames: 3, ..named("hand_g08").unwrap() };
+        let footage = Footage::of_settings(&settings).unwrap();
+        let measured = measure(&footage).unwrap();
+        let points = (160 / STEP) * (120 / STEP);
+        assert_eq!((measured.pyramids.len(), measured.flows.len()), (3, 2));
+        assert!(measured.errors.len() > points && measured.errors.len() <= 2 * points);
+        let mut errors: Vec<f64> = measured.errors.iter().map(|(error, _)| *error).collect();
+        assert!(quantile(&mut errors, 0.5) < 1.0);
+    }
+}

@@ -1,0 +1,246 @@
+//! The flow of one frame to the other on one level after another.
+
+use super::level::{CELL, Found, Mean, Pair, cells, mean};
+use super::patch::SIDE;
+use super::prediction::Prediction;
+use super::search::exhaustive;
+use crate::cpu::CpuLevel;
+use crate::pyramid::Level;
+use rayon::prelude::*;
+
+/// Comparisons after the candidates': on the coarse levels, where steps are long, and on the finest.
+const COARSE_STEPS: usize = 4;
+const FINE_STEPS: usize = 3;
+
+/// Comparisons after those with the neighbours' displacements.
+const SPREAD_STEPS: usize = 1;
+
+/// Where a level stands among the others.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Stage<'a> {
+    pub(super) cpu: CpuLevel,
+    pub(super) first: &'a Level,
+    pub(super) second: &'a Level,
+    /// It is 2^depth times coarser than the analysed luma.
+    pub(super) depth: usize,
+    /// It is the first of the levels.
+    pub(super) is_coarsest: bool,
+    /// It is the last of them.
+    pub(super) is_finest: bool,
+}
+
+/// What one direction knows.
+#[derive(Debug, Default)]
+pub(super) struct Direction {
+    pub(super) prediction: Prediction,
+    patches: Vec<Found>,
+    spread: Vec<Found>,
+    /// Of the level done last.
+    pub(super) means: Vec<Mean>,
+    pub(super) columns: usize,
+    pub(super) rows: usize,
+    /// What the other direction says of each cell, where it says anything.
+    reversed: Vec<Option<[f32; 2]>>,
+}
+
+/// What a patch starts from.
+#[derive(Clone, Copy)]
+struct Known<'a> {
+    stage: Stage<'a>,
+    prediction: &'a Prediction,
+    /// The next coarser level's cells, in its pixels.
+    coarse: &'a [Mean],
+    reversed: &'a [Option<[f32; 2]>],
+    columns: usize,
+    rows: usize,
+}
+
+impl Direction {
+    /// Does one level, given those that are coarser.
+    pub(super) fn run(&mut self, stage: &Stage<'_>) {
+        let (columns, rows) = cells(stage.first);
+        let (across, down) = (columns.saturating_sub(1).max(1), rows.saturating_sub(1).max(1));
+        let known = Known {
+            stage: *stage,
+            prediction: &self.prediction,
+            coarse: &self.means,
+            reversed: &self.reversed,
+            columns: self.columns,
+            rows: self.rows,
+        };
+        self.patches.resize(across * down, Found::default());
+        self.spread.resize(across * down, Found::default());
+        self.patches
+            .par_chunks_mut(across)
+            .enumerate()
+            .for_each(|(row, out)| dispatch(stage.cpu, || first_row(&known, row, out)));
+        let spreads = if stage.is_coarsest { 2 } else { usize::from(!stage.is_finest) };
+        for _ in 0..spreads {
+            let patches = &self.patches;
+            self.spread
+                .par_chunks_mut(across)
+                .enumerate()
+                .for_each(|(row, out)| dispatch(stage.cpu, || spread_row(stage, patches, row, out)));
+            std::mem::swap(&mut self.patches, &mut self.spread);
+        }
+        (self.columns, self.rows) = (columns, rows);
+        self.means.resize(columns * rows, Mean::default());
+        let patches = &self.patches;
+        self.means.par_chunks_mut(columns.max(1)).enumerate().for_each(|(row, out)| {
+            dispatch(stage.cpu, || {
+                for (column, out) in out.iter_mut().enumerate() {
+                    *out = mean(patches, across, column, row);
+                }
+            });
+        });
+    }
+
+    /// Takes over what the other direction says: where its cells lead, minus their displacement; of two that lead to
+    /// one place the one that fits better.
+    pub(super) fn listen(&mut self, other: &Self) {
+        self.reversed.clear();
+        self.reversed.resize(self.columns * self.rows, None);
+        let side = CELL as f32;
+        let mut best: Vec<f32> = vec![f32::INFINITY; self.reversed.len()];
+        for (index, mean) in other.means.iter().enumerate() {
+            let (column, row) = (index % other.columns.max(1), index / other.columns.max(1));
+            let x = (column as f32 + mean.shift[0] / side).round();
+            let y = (row as f32 + mean.shift[1] / side).round();
+            if !(x >= 0.0 && y >= 0.0 && x < self.columns as f32 && y < self.rows as f32) {
+                continue;
+            }
+            let place = y as usize * self.columns + x as usize;
+            if let (Some(reversed), Some(best)) = (self.reversed.get_mut(place), best.get_mut(place))
+                && mean.residual < *best
+            {
+                *reversed = Some([-mean.shift[0], -mean.shift[1]]);
+                *best = mean.residual;
+            }
+        }
+    }
+
+    /// Forgets the levels of the pair before.
+    pub(super) fn restart(&mut self) {
+        self.means.clear();
+        self.reversed.clear();
+        (self.columns, self.rows) = (0, 0);
+    }
+
+    /// The displacement at a point, pixels of the level both, interpolated linearly.
+    pub(super) fn at(&self, x: f32, y: f32) -> [f32; 2] {
+        between(
+            &self.means,
+            self.columns,
+            self.rows,
+            (x + 0.5) / CELL as f32 - 0.5,
+            (y + 0.5) / CELL as f32 - 0.5,
+        )
+    }
+}
+
+/// Runs a kernel with the instructions of the level.
+#[inline(always)]
+fn dispatch(cpu: CpuLevel, kernel: impl FnOnce()) {
+    #[cfg(target_arch = "x86_64")]
+    #[target_feature(enable = "avx2")]
+    fn avx2(kernel: impl FnOnce()) {
+        kernel();
+    }
+    match cpu {
+        // SAFETY: the level is a proof of AVX2.
+        #[cfg(target_arch = "x86_64")]
+        CpuLevel::Avx2(_) => unsafe { avx2(kernel) },
+        _ => kernel(),
+    }
+}
+
+/// A row of patches from what coarser levels say.
+#[inline(always)]
+fn first_row(known: &Known<'_>, row: usize, out: &mut [Found]) {
+    let Stage { first, second, is_coarsest, is_finest, .. } = known.stage;
+    let pair = Pair { first, second, steps: if is_finest { FINE_STEPS } else { COARSE_STEPS } };
+    for (column, out) in out.iter_mut().enumerate() {
+        let (x, y) = (column * CELL, row * CELL);
+        let found = if is_coarsest {
+            let searched = exhaustive(first, second, x, y);
+            pair.find(x, y, [searched, known.predicted(x, y)].into_iter())
+        } else {
+            pair.find(x, y, known.candidates(column, row, x, y).into_iter())
+        };
+        *out = found.unwrap_or_default();
+    }
+}
+
+/// A row of patches from what the patches beside them found.
+#[inline(always)]
+fn spread_row(stage: &Stage<'_>, patches: &[Found], row: usize, out: &mut [Found]) {
+    let pair = Pair { first: stage.first, second: stage.second, steps: SPREAD_STEPS };
+    let across = out.len();
+    let at = |row: usize, column: usize| patches.get(row * across + column).map(|found| found.shift);
+    for (column, out) in out.iter_mut().enumerate() {
+        let Some(own) = at(row, column) else { continue };
+        let left = column.checked_sub(1).and_then(|column| at(row, column)).unwrap_or(own);
+        let right = if column + 1 < across { at(row, column + 1).unwrap_or(own) } else { own };
+        let above = row.checked_sub(1).and_then(|row| at(row, column)).unwrap_or(own);
+        let below = at(row + 1, column).unwrap_or(own);
+        *out = pair
+            .find(column * CELL, row * CELL, [own, left, right, above, below].into_iter())
+            .unwrap_or_default();
+    }
+}
+
+impl Known<'_> {
+    fn predicted(&self, x: usize, y: usize) -> [f32; 2] {
+        let unit = (1usize << self.stage.depth) as f32;
+        let middle = |at: usize| (at as f32 + 0.5 * SIDE as f32) * unit - 0.5;
+        self.prediction.at(middle(x), middle(y)).map(|shift| shift / unit)
+    }
+
+    /// The middle of a patch is at half its index among the coarser cells: on one, or between two.
+    #[inline(always)]
+    fn candidates(&self, column: usize, row: usize, x: usize, y: usize) -> [[f32; 2]; 8] {
+        let (i, j) = (0.5 * column as f32, 0.5 * row as f32);
+        let interpolated = twice(between(self.coarse, self.columns, self.rows, i, j));
+        let last = |count: usize| count.saturating_sub(1);
+        let below = |index: usize| (index.max(1) - 1) / 2;
+        let above = |index: usize| index / 2 + 1;
+        let cell = |row: usize, column: usize| {
+            let (row, column) = (row.min(last(self.rows)), column.min(last(self.columns)));
+            row * self.columns + column
+        };
+        let coarse = |index: usize| twice(self.coarse.get(index).map(|mean| mean.shift).unwrap_or_default());
+        let own = cell(row / 2, column / 2);
+        let reversed = self.reversed.get(own).copied().flatten().map_or(interpolated, twice);
+        [
+            interpolated,
+            coarse(cell(below(row), below(column))),
+            coarse(cell(below(row), above(column))),
+            coarse(cell(above(row), below(column))),
+            coarse(cell(above(row), above(column))),
+            reversed,
+            self.predicted(x, y),
+            [0.0; 2],
+        ]
+    }
+}
+
+fn twice(shift: [f32; 2]) -> [f32; 2] {
+    shift.map(|value| 2.0 * value)
+}
+
+/// The displacement at a place among cells, whose centres are at integers; the outermost ones go on.
+#[inline(always)]
+fn between(means: &[Mean], columns: usize, rows: usize, x: f32, y: f32) -> [f32; 2] {
+    let last = |count: usize| count.saturating_sub(1);
+    let (x, y) = (x.clamp(0.0, last(columns) as f32), y.clamp(0.0, last(rows) as f32));
+    let (column, row) = (x as usize, y as usize);
+    let at = |row: usize, column: usize| {
+        let index = row.min(last(rows)) * columns + column.min(last(columns));
+        means.get(index).map(|mean| mean.shift).unwrap_or_default()
+    };
+    let blend =
+        |a: [f32; 2], b: [f32; 2], share: f32| [a[0] + share * (b[0] - a[0]), a[1] + share * (b[1] - a[1])];
+    let above = blend(at(row, column), at(row, column + 1), x.fract());
+    let below = blend(at(row + 1, column), at(row + 1, column + 1), x.fract());
+    blend(above, below, y.fract())
+}
