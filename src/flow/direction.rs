@@ -3,10 +3,10 @@
 use super::level::{CELL, Found, Mean, Pair, cells, mean};
 use super::patch::SIDE;
 use super::prediction::Prediction;
+use super::rows::{RowKernel, fill};
 use super::search::exhaustive;
 use crate::cpu::CpuLevel;
 use crate::pyramid::Level;
-use rayon::prelude::*;
 
 /// Comparisons after the candidates': on the coarse levels, where steps are long, and on the finest.
 const COARSE_STEPS: usize = 4;
@@ -70,29 +70,16 @@ impl Direction {
         };
         self.patches.resize(across * down, Found::default());
         self.spread.resize(across * down, Found::default());
-        self.patches
-            .par_chunks_mut(across)
-            .enumerate()
-            .for_each(|(row, out)| dispatch(stage.cpu, || first_row(&known, row, out)));
+        fill(stage.cpu, &known, across, &mut self.patches);
         let spreads = if stage.is_coarsest { 2 } else { usize::from(!stage.is_finest) };
         for _ in 0..spreads {
-            let patches = &self.patches;
-            self.spread
-                .par_chunks_mut(across)
-                .enumerate()
-                .for_each(|(row, out)| dispatch(stage.cpu, || spread_row(stage, patches, row, out)));
+            let spread = Spread { stage: *stage, patches: &self.patches };
+            fill(stage.cpu, &spread, across, &mut self.spread);
             std::mem::swap(&mut self.patches, &mut self.spread);
         }
         (self.columns, self.rows) = (columns, rows);
         self.means.resize(columns * rows, Mean::default());
-        let patches = &self.patches;
-        self.means.par_chunks_mut(columns.max(1)).enumerate().for_each(|(row, out)| {
-            dispatch(stage.cpu, || {
-                for (column, out) in out.iter_mut().enumerate() {
-                    *out = mean(patches, across, column, row);
-                }
-            });
-        });
+        fill(stage.cpu, &Overlap { patches: &self.patches, across }, columns, &mut self.means);
     }
 
     /// Takes over what the other direction says: where its cells lead, minus their displacement; of two that lead to
@@ -138,54 +125,60 @@ impl Direction {
     }
 }
 
-/// Runs a kernel with the instructions of the level.
-#[inline(always)]
-fn dispatch(cpu: CpuLevel, kernel: impl FnOnce()) {
-    #[cfg(target_arch = "x86_64")]
-    #[target_feature(enable = "avx2")]
-    fn avx2(kernel: impl FnOnce()) {
-        kernel();
-    }
-    match cpu {
-        // SAFETY: the level is a proof of AVX2.
-        #[cfg(target_arch = "x86_64")]
-        CpuLevel::Avx2(_) => unsafe { avx2(kernel) },
-        _ => kernel(),
-    }
-}
-
-/// A row of patches from what coarser levels say.
-#[inline(always)]
-fn first_row(known: &Known<'_>, row: usize, out: &mut [Found]) {
-    let Stage { first, second, is_coarsest, is_finest, .. } = known.stage;
-    let pair = Pair { first, second, steps: if is_finest { FINE_STEPS } else { COARSE_STEPS } };
-    for (column, out) in out.iter_mut().enumerate() {
-        let (x, y) = (column * CELL, row * CELL);
-        let found = if is_coarsest {
-            let searched = exhaustive(first, second, x, y);
-            pair.find(x, y, [searched, known.predicted(x, y)].into_iter())
-        } else {
-            pair.find(x, y, known.candidates(column, row, x, y).into_iter())
-        };
-        *out = found.unwrap_or_default();
+/// Patches from what coarser levels say.
+impl RowKernel<Found> for Known<'_> {
+    #[inline(always)]
+    fn fill(&self, row: usize, out: &mut [Found]) {
+        let Stage { cpu, first, second, is_coarsest, is_finest, .. } = self.stage;
+        let pair = Pair { cpu, first, second, steps: if is_finest { FINE_STEPS } else { COARSE_STEPS } };
+        for (column, out) in out.iter_mut().enumerate() {
+            let (x, y) = (column * CELL, row * CELL);
+            let mut candidates = self.candidates(column, row, x, y);
+            if is_coarsest {
+                candidates[0] = exhaustive(cpu, first, second, x, y);
+            }
+            *out = pair.find(x, y, &candidates).unwrap_or_default();
+        }
     }
 }
 
-/// A row of patches from what the patches beside them found.
-#[inline(always)]
-fn spread_row(stage: &Stage<'_>, patches: &[Found], row: usize, out: &mut [Found]) {
-    let pair = Pair { first: stage.first, second: stage.second, steps: SPREAD_STEPS };
-    let across = out.len();
-    let at = |row: usize, column: usize| patches.get(row * across + column).map(|found| found.shift);
-    for (column, out) in out.iter_mut().enumerate() {
-        let Some(own) = at(row, column) else { continue };
-        let left = column.checked_sub(1).and_then(|column| at(row, column)).unwrap_or(own);
-        let right = if column + 1 < across { at(row, column + 1).unwrap_or(own) } else { own };
-        let above = row.checked_sub(1).and_then(|row| at(row, column)).unwrap_or(own);
-        let below = at(row + 1, column).unwrap_or(own);
-        *out = pair
-            .find(column * CELL, row * CELL, [own, left, right, above, below].into_iter())
-            .unwrap_or_default();
+/// Patches from what those beside them found.
+struct Spread<'a> {
+    stage: Stage<'a>,
+    patches: &'a [Found],
+}
+
+impl RowKernel<Found> for Spread<'_> {
+    #[inline(always)]
+    fn fill(&self, row: usize, out: &mut [Found]) {
+        let Stage { cpu, first, second, .. } = self.stage;
+        let pair = Pair { cpu, first, second, steps: SPREAD_STEPS };
+        let across = out.len();
+        let at = |row: usize, column: usize| self.patches.get(row * across + column).map(|found| found.shift);
+        for (column, out) in out.iter_mut().enumerate() {
+            let Some(own) = at(row, column) else { continue };
+            let left = column.checked_sub(1).and_then(|column| at(row, column)).unwrap_or(own);
+            let right = if column + 1 < across { at(row, column + 1).unwrap_or(own) } else { own };
+            let above = row.checked_sub(1).and_then(|row| at(row, column)).unwrap_or(own);
+            let below = at(row + 1, column).unwrap_or(own);
+            let candidates = [own, left, right, above, below];
+            *out = pair.find(column * CELL, row * CELL, &candidates).unwrap_or_default();
+        }
+    }
+}
+
+/// Cells from the patches that see them.
+struct Overlap<'a> {
+    patches: &'a [Found],
+    across: usize,
+}
+
+impl RowKernel<Mean> for Overlap<'_> {
+    #[inline(always)]
+    fn fill(&self, row: usize, out: &mut [Mean]) {
+        for (column, out) in out.iter_mut().enumerate() {
+            *out = mean(self.patches, self.across, column, row);
+        }
     }
 }
 
@@ -196,6 +189,8 @@ impl Known<'_> {
         self.prediction.at(middle(x), middle(y)).map(|shift| shift / unit)
     }
 
+    /// Displacements to be tried, of which the first is preferred.
+    ///
     /// The middle of a patch is at half its index among the coarser cells: on one, or between two.
     #[inline(always)]
     fn candidates(&self, column: usize, row: usize, x: usize, y: usize) -> [[f32; 2]; 8] {

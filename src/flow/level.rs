@@ -5,6 +5,7 @@
 //! direction) only decides whether it is tried. The number of comparisons is the same for every patch of a level.
 
 use super::patch::{AREA, SIDE, Template};
+use crate::cpu::CpuLevel;
 use crate::pyramid::Level;
 
 /// Side of a cell in pixels of the level.
@@ -57,6 +58,7 @@ pub(super) fn cells(level: &Level) -> (usize, usize) {
 /// Two levels, and how often a patch is compared.
 #[derive(Clone, Copy)]
 pub(super) struct Pair<'a> {
+    pub(super) cpu: CpuLevel,
     pub(super) first: &'a Level,
     pub(super) second: &'a Level,
     /// Comparisons after the candidates'.
@@ -86,17 +88,12 @@ impl Pair<'_> {
     /// being preferred where others are hardly better, and from there by Gauss–Newton steps for as long as the residual
     /// falls.
     #[inline(always)]
-    pub(super) fn find(
-        &self,
-        x: usize,
-        y: usize,
-        candidates: impl Iterator<Item = [f32; 2]>,
-    ) -> Option<Found> {
-        let template = Template::new(self.first, x as isize, y as isize)?;
+    pub(super) fn find(&self, x: usize, y: usize, candidates: &[[f32; 2]]) -> Option<Found> {
+        let template = Template::new(self.cpu, self.first, x, y)?;
         let at = [x as f32, y as f32];
         let mut best: Option<Best> = None;
         for shift in candidates {
-            let next = Best::of(&template, self.second, at, shift)?;
+            let next = Best::of(&template, self.second, at, *shift)?;
             let is_better = |best: &Best| BETTER * next.total + AREA * NOTICEABLE < best.total;
             if best.as_ref().is_none_or(is_better) {
                 best = Some(next);
@@ -113,7 +110,7 @@ impl Pair<'_> {
                 best.step = best.step.map(|step| 0.5 * step);
             }
         }
-        let Template { tensor, energy, .. } = template;
+        let (tensor, energy) = (template.tensor(), template.energy());
         Some(Found { shift: best.shift, squares: best.squares, tensor, energy })
     }
 }

@@ -6,9 +6,10 @@
 //! |---|---|---|
 //! | search | `search` | every patch of the coarsest level, over a quarter of the frame's width |
 //! | predict | `prediction` | a predicted motion as one more candidate |
-//! | compare | `patch` | the kernel: residual and step of one patch |
+//! | compare | `patch`, `kernels` | residual and step of one patch |
 //! | step | `level` | the best of some candidates, steps from it, the mean of overlapping patches |
 //! | descend | `direction` | from level to level |
+//! | dispatch | `rows` | kernels on all cores, with the machine's instructions |
 //! | judge | `confidence` | forward–backward consistency, residual, texture |
 //! | hand out | `field` | cells, and interpolation between them |
 //!
@@ -26,9 +27,11 @@
 mod confidence;
 mod direction;
 mod field;
+mod kernels;
 mod level;
 mod patch;
 mod prediction;
+mod rows;
 mod search;
 #[cfg(test)]
 mod tests;

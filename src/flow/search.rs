@@ -4,6 +4,7 @@
 //! the frame's width is 12 pixels at most and 25 × 25 displacements are compared for each of some 80 patches.
 
 use super::patch::{AREA, SIDE, Template};
+use crate::cpu::CpuLevel;
 use crate::pyramid::Level;
 
 /// Longest displacement that is searched, as a share of the frame's width; along both axes.
@@ -15,8 +16,8 @@ const LENGTH_COST: f32 = 0.05;
 /// The displacement (pixels of the level) at which the patch with its top left pixel at (x, y) fits best; zero where
 /// nothing fits.
 #[inline(always)]
-pub(super) fn exhaustive(first: &Level, second: &Level, x: usize, y: usize) -> [f32; 2] {
-    let Some(template) = Template::new(first, x as isize, y as isize) else { return [0.0; 2] };
+pub(super) fn exhaustive(cpu: CpuLevel, first: &Level, second: &Level, x: usize, y: usize) -> [f32; 2] {
+    let Some(template) = Template::new(cpu, first, x, y) else { return [0.0; 2] };
     let reach = (REACH * second.width() as f32).ceil() as isize;
     // At least half of the patch is to be seen in the second frame, along each axis.
     let half = SIDE as isize / 2;

@@ -1,0 +1,81 @@
+//! The sums over a patch of 8 × 8 pixels, which take nearly all of the flow's time, for each level of instructions.
+//!
+//! Each function reads rows of a picture from the first of the slice on, `stride` samples apart; `None` where the slice
+//! is too short. All levels add in the same order and contract nothing, so that they agree to the last bit.
+
+#[cfg(target_arch = "x86_64")]
+mod avx2;
+mod scalar;
+#[cfg(test)]
+mod tests;
+
+use crate::cpu::CpuLevel;
+
+/// Side of a patch in pixels.
+pub(super) const SIDE: usize = 8;
+
+/// Pixels of a patch.
+pub(super) const AREA: f32 = (SIDE * SIDE) as f32;
+
+/// A patch, row by row.
+pub(super) type Block = [[f32; SIDE]; SIDE];
+
+/// A patch and its gradients, each less its mean.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct Centred {
+    pub(super) values: Block,
+    pub(super) gradient_x: Block,
+    pub(super) gradient_y: Block,
+    /// Sums of the products of gradients: xx, xy, yy; and of the squared values.
+    pub(super) products: [f32; 4],
+}
+
+/// Sums over the difference of two patches.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Sums {
+    /// Of difference times gradient in x and in y.
+    pub(super) slope: [f32; 2],
+    /// Of the difference, over the quarters: top left, top right, bottom left, bottom right.
+    pub(super) differences: [f32; 4],
+    /// Of its square.
+    pub(super) squares: [f32; 4],
+}
+
+/// The patch whose top left pixel is one row below and one column right of the first sample of `rows`.
+#[inline(always)]
+pub(super) fn centred(cpu: CpuLevel, rows: &[f32], stride: usize) -> Option<Centred> {
+    match cpu {
+        // SAFETY: the level is a proof of AVX2.
+        #[cfg(target_arch = "x86_64")]
+        CpuLevel::Avx2(_) => unsafe { avx2::centred(rows, stride) },
+        _ => scalar::centred(rows, stride),
+    }
+}
+
+/// Compares a patch with the picture, which is read `across` and `down` of a pixel (0 to 1) after the first sample.
+#[inline(always)]
+pub(super) fn sums(
+    cpu: CpuLevel,
+    patch: &Centred,
+    rows: &[f32],
+    stride: usize,
+    [across, down]: [f32; 2],
+) -> Option<Sums> {
+    match cpu {
+        // SAFETY: the level is a proof of AVX2.
+        #[cfg(target_arch = "x86_64")]
+        CpuLevel::Avx2(_) => unsafe { avx2::sums(patch, rows, stride, across, down) },
+        _ => scalar::sums(patch, rows, stride, across, down),
+    }
+}
+
+/// Sums of the difference and of its square where the patch is compared with whole pixels.
+#[inline(always)]
+pub(super) fn whole_sums(cpu: CpuLevel, values: &Block, rows: &[f32], stride: usize) -> Option<[f32; 2]> {
+    match cpu {
+        // SAFETY: the level is a proof of AVX2.
+        #[cfg(target_arch = "x86_64")]
+        CpuLevel::Avx2(_) => unsafe { avx2::whole_sums(values, rows, stride) },
+        _ => scalar::whole_sums(values, rows, stride),
+    }
+}
