@@ -12,6 +12,9 @@ use crate::pyramid::Level;
 const COARSE_STEPS: usize = 4;
 const FINE_STEPS: usize = 3;
 
+/// Candidates on the finest level: the coarser level's displacement here, and the two of those around that differ most.
+const FINE_CANDIDATES: usize = 3;
+
 /// Comparisons after those with the neighbours' displacements.
 const SPREAD_STEPS: usize = 1;
 
@@ -41,6 +44,8 @@ pub(super) struct Direction {
     pub(super) rows: usize,
     /// What the other direction says of each cell, where it says anything.
     reversed: Vec<Option<[f32; 2]>>,
+    /// Residuals of what led there.
+    costs: Vec<f32>,
 }
 
 /// What a patch starts from.
@@ -88,16 +93,17 @@ impl Direction {
         self.reversed.clear();
         self.reversed.resize(self.columns * self.rows, None);
         let side = CELL as f32;
-        let mut best: Vec<f32> = vec![f32::INFINITY; self.reversed.len()];
+        self.costs.clear();
+        self.costs.resize(self.reversed.len(), f32::INFINITY);
         for (index, mean) in other.means.iter().enumerate() {
             let (column, row) = (index % other.columns.max(1), index / other.columns.max(1));
-            let x = (column as f32 + mean.shift[0] / side).round();
-            let y = (row as f32 + mean.shift[1] / side).round();
+            let x = column as f32 + mean.shift[0] / side + 0.5;
+            let y = row as f32 + mean.shift[1] / side + 0.5;
             if !(x >= 0.0 && y >= 0.0 && x < self.columns as f32 && y < self.rows as f32) {
                 continue;
             }
             let place = y as usize * self.columns + x as usize;
-            if let (Some(reversed), Some(best)) = (self.reversed.get_mut(place), best.get_mut(place))
+            if let (Some(reversed), Some(best)) = (self.reversed.get_mut(place), self.costs.get_mut(place))
                 && mean.residual < *best
             {
                 *reversed = Some([-mean.shift[0], -mean.shift[1]]);
@@ -137,7 +143,8 @@ impl RowKernel<Found> for Known<'_> {
             if is_coarsest {
                 candidates[0] = exhaustive(cpu, first, second, x, y);
             }
-            *out = pair.find(x, y, &candidates).unwrap_or_default();
+            let tried = if is_finest { &candidates[..FINE_CANDIDATES] } else { &candidates[..] };
+            *out = pair.find(x, y, tried).unwrap_or_default();
         }
     }
 }
@@ -206,16 +213,24 @@ impl Known<'_> {
         let coarse = |index: usize| twice(self.coarse.get(index).map(|mean| mean.shift).unwrap_or_default());
         let own = cell(row / 2, column / 2);
         let reversed = self.reversed.get(own).copied().flatten().map_or(interpolated, twice);
-        [
-            interpolated,
+        let mut around = [
             coarse(cell(below(row), below(column))),
             coarse(cell(below(row), above(column))),
             coarse(cell(above(row), below(column))),
             coarse(cell(above(row), above(column))),
-            reversed,
-            self.predicted(x, y),
-            [0.0; 2],
-        ]
+        ];
+        let distance = |shift: &[f32; 2]| {
+            let (x, y) = (shift[0] - interpolated[0], shift[1] - interpolated[1]);
+            x * x + y * y
+        };
+        // The two furthest from the first candidate come first.
+        for (a, b) in [(0, 1), (2, 3), (0, 2), (1, 3), (1, 2)] {
+            if distance(&around[a]) < distance(&around[b]) {
+                around.swap(a, b);
+            }
+        }
+        let [a, b, c, d] = around;
+        [interpolated, a, b, c, d, reversed, self.predicted(x, y), [0.0; 2]]
     }
 }
 

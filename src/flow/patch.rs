@@ -72,9 +72,10 @@ impl Template {
     pub(super) fn compare(&self, level: &Level, corner: [f32; 2]) -> Option<Difference> {
         let x = corner[0].clamp(-(SIDE as f32), level.width() as f32);
         let y = corner[1].clamp(-(SIDE as f32), level.height() as f32);
-        let (left, top) = (x.floor(), y.floor());
+        let (left, top) = (floor(x), floor(y));
         let rows = level.from(left as isize, top as isize)?;
-        let sums = kernels::sums(self.cpu, &self.patch, rows, level.stride(), [x - left, y - top])?;
+        let shift = [x - left as f32, y - top as f32];
+        let sums = kernels::sums(self.cpu, &self.patch, rows, level.stride(), shift)?;
         let [a, b, c] = self.inverse;
         let [x, y] = sums.slope;
         let all = sums.differences;
@@ -96,4 +97,10 @@ impl Template {
         let [sum, square] = kernels::whole_sums(self.cpu, &self.patch.values, rows, level.stride())?;
         Some((square - sum * sum * (1.0 / AREA)).max(0.0))
     }
+}
+
+/// The whole number at or before one that is at least −[`SIDE`]; `f32::floor` is a call where SSE4.1 is not a given.
+#[inline(always)]
+fn floor(at: f32) -> i32 {
+    (at + SIDE as f32) as i32 - SIDE as i32
 }
