@@ -212,7 +212,10 @@ fn main() -> Result<()> {
             Ok(())
         }
         Command::List => {
-            sequence::catalogue().iter().for_each(|settings| println!("{}", settings.name));
+            sequence::catalogue()
+                .iter()
+                .chain(&sequence::hard())
+                .for_each(|settings| println!("{}", settings.name));
             Ok(())
         }
     }

@@ -49,6 +49,33 @@ pub fn catalogue() -> Vec<Settings> {
     ]
 }
 
+/// The settings of the sequences in which motion is hard to measure. They are no part of the report.
+pub fn hard() -> Vec<Settings> {
+    let own = Strength::Amplitude(1.0);
+    let of = |name: &str, scene, motion| Settings {
+        scene,
+        readout_ratio: 0.8,
+        noise: 2.0,
+        frames: 30,
+        ..Settings::new(name, motion, own)
+    };
+    // Half of the frame time at 30 frames a second.
+    let exposure = 1.0 / 60.0;
+    let hand = shake(0.015, 0.15, 0.03);
+    vec![
+        Settings { exposure, readout_ratio: 0.6, ..of("selfie", SceneKind::Selfie, Motion::Pan) },
+        Settings { readout_ratio: 1.0, ..of("driving", SceneKind::Street, Motion::Drive) },
+        of("thin", SceneKind::Thin, hand),
+        Settings { exposure, readout_ratio: 0.42, ..of("whip_pan", SceneKind::Room, Motion::Pan) },
+        of("tracking", SceneKind::Followed, Motion::Follow),
+        of("crowd", SceneKind::Crowd, hand),
+        Settings { noise: 12.0, exposure, ..of("night", SceneKind::Room, hand) },
+        of("blinds", SceneKind::Blinds, hand),
+        of("caption", SceneKind::Caption, Motion::Pan),
+        Settings { width: 1920, height: 1080, frames: 8, ..of("thin_1080", SceneKind::Thin, hand) },
+    ]
+}
+
 /// Takes most of a hand's shake out of the frame's middle.
 const STABILISATION: Stabilisation = Stabilisation { smoothing: 5.0, zoom: 1.25 };
 
@@ -85,7 +112,7 @@ fn shake(lowest: f64, highest: f64, sway: f64) -> Motion {
 
 /// The settings of the sequence with this name.
 pub fn named(name: &str) -> Option<Settings> {
-    catalogue().into_iter().find(|settings| settings.name == name)
+    catalogue().into_iter().chain(hard()).find(|settings| settings.name == name)
 }
 
 /// The clip that shows what a rolling shutter does: 4.5 s at 1280×720, strongly shaken.
