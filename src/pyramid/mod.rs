@@ -48,6 +48,11 @@ impl Pyramid {
         !self.filled
     }
 
+    /// The analysed luma, row by row without border; empty where it holds no frame.
+    pub(crate) fn grey(&self) -> &[f32] {
+        if self.filled { &self.grey } else { &[] }
+    }
+
     /// The levels, finest first; none where it holds no frame.
     pub(crate) fn levels(&self) -> &[Level] {
         if self.filled { &self.levels } else { &[] }

@@ -1,0 +1,126 @@
+//! Correspondences sampled from dense flow at the grid.
+
+use super::Correspondence;
+use super::field::{Motion, Neighbourhood};
+use super::grid::{Grid, centre};
+use super::polish::{Measurement, Start, polish};
+use super::pyramid::Level;
+use super::sampler::to_full;
+use super::tracker::FINE;
+use crate::cpu::CpuLevel;
+use crate::flow::{DenseFlow, FlowField};
+use crate::plane::Luma;
+use crate::pyramid::{Pyramid, Reducer};
+use nalgebra::Vector2;
+use rayon::prelude::*;
+
+/// From this confidence on a displacement of the flow is taken up.
+const LEAST_CONFIDENCE: f64 = 0.5;
+
+/// What the sampler keeps of a frame. Keep two and swap them: their buffers are reused.
+#[derive(Clone, Debug, Default)]
+pub struct DenseFrame {
+    pyramid: Pyramid,
+    finest: Level,
+}
+
+/// Measures correspondences between frames of one size on a uniform grid, from dense flow.
+#[derive(Debug)]
+pub struct DenseSampler {
+    cpu: CpuLevel,
+    reducer: Reducer,
+    grid: Grid,
+    flow: DenseFlow,
+    motions: Vec<Option<Motion>>,
+    found: Vec<Option<Measurement>>,
+}
+
+impl DenseSampler {
+    /// For frames of `width` × `height` pixels and a grid of cells, one point in each.
+    ///
+    /// Any size will do; frames (or grids) too small for a single patch yield no correspondences.
+    pub fn new(width: usize, height: usize, grid_columns: usize, grid_rows: usize) -> Self {
+        let cpu = CpuLevel::detect();
+        let reducer = Reducer::new(width, height);
+        let grid = Grid::new(reducer.size(), grid_columns, grid_rows);
+        let flow = DenseFlow::with_cpu(cpu, &reducer);
+        let cells = grid.len();
+        Self { cpu, reducer, grid, flow, motions: vec![None; cells], found: vec![None; cells] }
+    }
+
+    /// Reduces `luma` into `frame`. A luma that is not of the sampler's size leaves nothing to be seen.
+    pub fn build(&self, luma: &Luma<'_>, frame: &mut DenseFrame) {
+        self.reducer.build(luma, &mut frame.pyramid);
+        let is_filled = !frame.pyramid.is_empty();
+        (frame.finest.width, frame.finest.height) = if is_filled { self.reducer.size() } else { (0, 0) };
+        frame.finest.data.clear();
+        frame.finest.data.extend_from_slice(frame.pyramid.grey());
+    }
+
+    /// Estimates the flow between two frames, and measures its correspondences into `out`, in the order of the grid.
+    ///
+    /// `predict` says where a point (full-frame pixels) of the first frame is expected in the second; the identity where
+    /// nothing is known.
+    pub fn measure(
+        &mut self,
+        first: &DenseFrame,
+        second: &DenseFrame,
+        predict: impl Fn(Vector2<f64>) -> Vector2<f64>,
+        out: &mut Vec<Measurement>,
+    ) {
+        out.clear();
+        self.flow.estimate(&first.pyramid, &second.pyramid, predict);
+        if self.flow.forward().cells().is_empty() {
+            return;
+        }
+        let (scale, grid, field) = (self.reducer.scale(), &self.grid, self.flow.forward());
+        for (index, motion) in self.motions.iter_mut().enumerate() {
+            *motion = grid.corner(index).and_then(|corner| sampled(field, corner, scale));
+        }
+        let (motions, cpu) = (&self.motions, self.cpu);
+        self.found.par_iter_mut().enumerate().with_min_len(16).for_each(|(index, found)| {
+            *found = grid.corner(index).and_then(|corner| {
+                let motion = motions.get(index).copied().flatten()?;
+                let agreed = Neighbourhood::new(motions, grid.columns, index).agreement(motion.at);
+                let start = Start { corner, shift: motion.shift, distortion: agreed.distortion };
+                polish(cpu, [&first.finest, &second.finest], &start, scale)
+            });
+        });
+        out.extend(self.found.iter().flatten());
+    }
+
+    /// As [`measure`](Self::measure), without the covariances: the correspondences whose deviation along any axis is at
+    /// most `most` full-frame pixels.
+    pub fn correspond(
+        &mut self,
+        first: &DenseFrame,
+        second: &DenseFrame,
+        predict: impl Fn(Vector2<f64>) -> Vector2<f64>,
+        most: f64,
+        out: &mut Vec<Correspondence>,
+    ) {
+        let mut all = Vec::new();
+        self.measure(first, second, predict, &mut all);
+        out.clear();
+        let is_sure = |found: &&Measurement| {
+            let c = found.covariance;
+            let half = 0.5 * (c.m11 - c.m22);
+            0.5 * (c.m11 + c.m22) + half.hypot(c.m12) <= most * most
+        };
+        out.extend(all.iter().filter(is_sure).map(|found| found.point));
+    }
+
+    /// The flow of the pair measured last.
+    pub fn flow(&self) -> &DenseFlow {
+        &self.flow
+    }
+}
+
+/// The flow at the middle of a patch, in analysed pixels; `None` where it is not trusted.
+fn sampled(field: &FlowField, corner: (usize, usize), scale: f64) -> Option<Motion> {
+    let at = centre::<FINE>(Vector2::new(corner.0 as f32, corner.1 as f32));
+    let full = to_full(at, scale);
+    let (flow, confidence) = field.sample(full.x, full.y)?;
+    let shift = Vector2::from(flow).map(|value| (value / scale) as f32);
+    (confidence >= LEAST_CONFIDENCE).then_some(Motion { at, shift })
+}
