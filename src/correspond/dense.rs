@@ -8,7 +8,7 @@ use super::pyramid::Level;
 use super::sampler::to_full;
 use super::tracker::FINE;
 use crate::cpu::CpuLevel;
-use crate::flow::{DenseFlow, FlowField};
+use crate::flow::{Cell, DenseFlow, FlowField};
 use crate::plane::Luma;
 use crate::pyramid::{Pyramid, Reducer};
 use nalgebra::Vector2;
@@ -16,6 +16,15 @@ use rayon::prelude::*;
 
 /// From this confidence on a displacement of the flow is taken up.
 const LEAST_CONFIDENCE: f64 = 0.5;
+
+/// The same for cells near depth edges.
+const LEAST_FINE_CONFIDENCE: f32 = 0.7;
+
+/// Flow that changes by less, in analysed pixels, within …
+const MOST_EVEN: f64 = 1.0;
+
+/// … so many cells is that of one surface.
+const EDGE: usize = 2;
 
 /// What the sampler keeps of a frame. Keep two and swap them: their buffers are reused.
 #[derive(Clone, Debug, Default)]
@@ -108,6 +117,42 @@ impl DenseSampler {
             0.5 * (c.m11 + c.m22) + half.hypot(c.m12) <= most * most
         };
         out.extend(all.iter().filter(is_sure).map(|found| found.point));
+    }
+
+    /// Adds the flow of cells near depth edges, of the pair measured last: where it changes by more than a pixel within
+    /// two cells. They are not polished, and for local motion only.
+    pub fn refine(&self, out: &mut Vec<Correspondence>) {
+        let field = self.flow.forward();
+        let (columns, rows) = (field.columns(), field.rows());
+        let most = MOST_EVEN * self.reducer.scale();
+        let cell = |column: usize, row: usize| field.cells().get(row * columns + column);
+        for (row, column) in (0..rows).flat_map(|row| (0..columns).map(move |column| (row, column))) {
+            let Some(own) = cell(column, row).filter(|own| own.confidence >= LEAST_FINE_CONFIDENCE) else {
+                continue;
+            };
+            let beside = [
+                cell(column.saturating_sub(EDGE), row),
+                cell((column + EDGE).min(columns - 1), row),
+                cell(column, row.saturating_sub(EDGE)),
+                cell(column, (row + EDGE).min(rows - 1)),
+            ];
+            let differs = |other: &Cell| {
+                f64::from((other.flow[0] - own.flow[0]).hypot(other.flow[1] - own.flow[1])) > most
+            };
+            if !beside.into_iter().flatten().any(differs) {
+                continue;
+            }
+            let from = Vector2::from(field.centre(column, row));
+            let [xx, xy, yy] = own.tensor;
+            let half = 0.5 * (xx - yy);
+            let smaller = 0.5 * (xx + yy) - (half * half + xy * xy).sqrt();
+            out.push(Correspondence {
+                from,
+                to: from + Vector2::from(own.flow).map(f64::from),
+                texture: smaller.max(0.0),
+                residual: own.residual.sqrt(),
+            });
+        }
     }
 
     /// The flow of the pair measured last.

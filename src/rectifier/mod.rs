@@ -312,6 +312,9 @@ impl Rectifier {
             if let Some(Dense { sampler, before, now }) = self.dense.as_deref_mut() {
                 let most = MOST_DEVIATION * self.sampler.pixel_scale();
                 sampler.correspond(before, now, predict, most, &mut self.correspondences);
+                if self.engine.wants_detail() {
+                    sampler.refine(&mut self.fine);
+                }
             } else {
                 self.sampler.correspond(&self.before, &self.now, predict, &mut self.correspondences);
                 if self.engine.wants_detail() {
