@@ -26,6 +26,21 @@ const MOST_EVEN: f64 = 1.0;
 /// … so many cells is that of one surface.
 const EDGE: usize = 2;
 
+/// First decile of the smallest of the four squared deviations of [`scatter`] where the covariances are true: by
+/// simulation of 60,000 points with normal errors.
+const USUAL_DEVIATION: f64 = 0.0269;
+
+/// Errors that are larger than their covariance says are in part the same for neighbours, where they do not show: as
+/// much again, measured on footage through H.264 at 1.5 Mbit/s.
+const SHARED: f64 = 2.0;
+
+/// Fewer deviations tell nothing.
+const FEWEST_DEVIATIONS: usize = 30;
+
+/// What the covariances are multiplied by at least and at most.
+const LEAST_SCATTER: f64 = 0.5;
+const MOST_SCATTER: f64 = 100.0;
+
 /// What the sampler keeps of a frame. Keep two and swap them: their buffers are reused.
 #[derive(Clone, Debug, Default)]
 pub struct DenseFrame {
@@ -42,6 +57,8 @@ pub struct DenseSampler {
     flow: DenseFlow,
     motions: Vec<Option<Motion>>,
     found: Vec<Option<Measurement>>,
+    /// Scratch.
+    deviations: Vec<f64>,
 }
 
 impl DenseSampler {
@@ -54,7 +71,15 @@ impl DenseSampler {
         let grid = Grid::new(reducer.size(), grid_columns, grid_rows);
         let flow = DenseFlow::with_cpu(cpu, &reducer);
         let cells = grid.len();
-        Self { cpu, reducer, grid, flow, motions: vec![None; cells], found: vec![None; cells] }
+        Self {
+            cpu,
+            reducer,
+            grid,
+            flow,
+            motions: vec![None; cells],
+            found: vec![None; cells],
+            deviations: Vec::new(),
+        }
     }
 
     /// Reduces `luma` into `frame`. A luma that is not of the sampler's size leaves nothing to be seen.
@@ -95,7 +120,8 @@ impl DenseSampler {
                 polish(cpu, [&first.finest, &second.finest], &start, scale)
             });
         });
-        out.extend(self.found.iter().flatten());
+        let share = scatter(&self.found, self.grid.columns, &mut self.deviations);
+        out.extend(self.found.iter().flatten().map(|found| found.scaled(share)));
     }
 
     /// As [`measure`](Self::measure), without the covariances: the correspondences whose deviation along any axis is at
@@ -159,6 +185,43 @@ impl DenseSampler {
     pub fn flow(&self) -> &DenseFlow {
         &self.flow
     }
+}
+
+/// By what the covariances of a pair are to be multiplied: what neighbours say of each other's errors.
+///
+/// The residual of a patch tells nothing of errors that are the same all over it, as those of coded video are. They show
+/// between patches: the difference of a displacement from the mean of those on either side is free of all that changes
+/// evenly. Of the four pairs of opposite neighbours the best counts, and of all points the lowest tenth, so that depth
+/// edges have no say.
+fn scatter(found: &[Option<Measurement>], columns: usize, deviations: &mut Vec<f64>) -> f64 {
+    let at = |index: Option<usize>| found.get(index?)?.as_ref();
+    let shift = |found: &Measurement| found.point.to - found.point.from;
+    deviations.clear();
+    for (index, own) in found.iter().enumerate() {
+        let Some(own) = own else { continue };
+        let column = index % columns.max(1);
+        if column == 0 || column + 1 == columns {
+            continue;
+        }
+        let mut squares = [f64::INFINITY; 4];
+        for (square, offset) in squares.iter_mut().zip([1, columns - 1, columns, columns + 1]) {
+            if let (Some(before), Some(after)) = (at(index.checked_sub(offset)), at(Some(index + offset))) {
+                let difference = shift(own) - 0.5 * (shift(before) + shift(after));
+                let trace = before.covariance.trace() + after.covariance.trace();
+                *square = difference.norm_squared() / (own.covariance.trace() + 0.25 * trace);
+            }
+        }
+        squares.sort_unstable_by(f64::total_cmp);
+        if squares.iter().all(|square| square.is_finite()) {
+            deviations.push(squares[0]);
+        }
+    }
+    if deviations.len() < FEWEST_DEVIATIONS {
+        return 1.0;
+    }
+    let rank = deviations.len() / 10;
+    let low = *deviations.select_nth_unstable_by(rank, f64::total_cmp).1;
+    (1.0 + SHARED * (low / USUAL_DEVIATION - 1.0)).clamp(LEAST_SCATTER, MOST_SCATTER)
 }
 
 /// The flow at the middle of a patch, in analysed pixels; `None` where it is not trusted.

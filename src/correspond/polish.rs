@@ -30,7 +30,7 @@ const FLOW_DEVIATION: f32 = 0.7;
 const LEAST_VARIANCE: f32 = 1.0 / 6.0;
 
 /// κ: how much larger the variance is than white noise of the residual's variance would make it.
-const CORRELATED: f32 = 1.5;
+const CORRELATED: f32 = 1.0;
 
 /// σ₀ in analysed pixels: what remains on footage without noise.
 const FLOOR: f32 = 0.02;
@@ -47,6 +47,13 @@ pub struct Measurement {
     pub point: Correspondence,
     /// Covariance of `point.to` given `point.from`, squared full-frame pixels.
     pub covariance: Matrix2<f64>,
+}
+
+impl Measurement {
+    /// With `share` times the covariance.
+    pub(super) fn scaled(self, share: f64) -> Self {
+        Self { covariance: self.covariance * share, ..self }
+    }
 }
 
 /// Where a point starts from.

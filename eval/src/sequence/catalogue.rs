@@ -61,18 +61,20 @@ pub fn hard() -> Vec<Settings> {
     };
     // Half of the frame time at 30 frames a second.
     let exposure = 1.0 / 60.0;
-    let hand = shake(0.015, 0.15, 0.03);
+    // As a phone in a hand, which also walks where there is parallax to be seen.
+    let held =
+        |name: &str, scene, sway| Settings { scene, ..phone_with(name, Strength::Displacement(4.0), sway) };
     vec![
         Settings { exposure, readout_ratio: 0.6, ..of("selfie", SceneKind::Selfie, Motion::Pan) },
         Settings { readout_ratio: 1.0, ..of("driving", SceneKind::Street, Motion::Drive) },
-        of("thin", SceneKind::Thin, hand),
+        held("thin", SceneKind::Thin, 2.0 * SWAY),
         Settings { exposure, readout_ratio: 0.42, ..of("whip_pan", SceneKind::Room, Motion::Pan) },
         of("tracking", SceneKind::Followed, Motion::Follow),
-        of("crowd", SceneKind::Crowd, hand),
-        Settings { noise: 12.0, exposure, ..of("night", SceneKind::Room, hand) },
-        of("blinds", SceneKind::Blinds, hand),
+        held("crowd", SceneKind::Crowd, SWAY),
+        Settings { noise: 12.0, exposure, ..held("night", SceneKind::Room, SWAY) },
+        held("blinds", SceneKind::Blinds, SWAY),
         of("caption", SceneKind::Caption, Motion::Pan),
-        Settings { width: 1920, height: 1080, frames: 8, ..of("thin_1080", SceneKind::Thin, hand) },
+        Settings { width: 1920, height: 1080, frames: 8, ..held("thin_1080", SceneKind::Thin, 2.0 * SWAY) },
     ]
 }
 
@@ -102,7 +104,12 @@ fn from_the_bottom(name: &str, sway: f64) -> Settings {
 
 /// What a phone in a hand takes: 30 frames with shake up to 0.15 cycles a frame, γ = 0.8, some noise.
 fn phone(name: &str, strength: Strength) -> Settings {
-    let motion = shake(0.015, 0.15, SWAY);
+    phone_with(name, strength, SWAY)
+}
+
+/// The same with another translation.
+fn phone_with(name: &str, strength: Strength, sway: f64) -> Settings {
+    let motion = shake(0.015, 0.15, sway);
     Settings { readout_ratio: 0.8, noise: 2.0, frames: 30, ..Settings::new(name, motion, strength) }
 }
 
