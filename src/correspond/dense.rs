@@ -17,7 +17,10 @@ use rayon::prelude::*;
 /// From this confidence on a displacement of the flow is taken up.
 const LEAST_CONFIDENCE: f64 = 0.5;
 
-/// The same for cells near depth edges.
+/// A correspondence whose deviation is so many times the usual one is left out.
+const UNSURE: f64 = 2.0;
+
+/// The same as [`LEAST_CONFIDENCE`] for cells near depth edges.
 const LEAST_FINE_CONFIDENCE: f32 = 0.7;
 
 /// Flow that changes by less, in analysed pixels, within …
@@ -59,6 +62,7 @@ pub struct DenseSampler {
     found: Vec<Option<Measurement>>,
     /// Scratch.
     deviations: Vec<f64>,
+    measured: Vec<Measurement>,
 }
 
 impl DenseSampler {
@@ -79,6 +83,7 @@ impl DenseSampler {
             motions: vec![None; cells],
             found: vec![None; cells],
             deviations: Vec::new(),
+            measured: Vec::new(),
         }
     }
 
@@ -125,7 +130,7 @@ impl DenseSampler {
     }
 
     /// As [`measure`](Self::measure), without the covariances: the correspondences whose deviation along any axis is at
-    /// most `most` full-frame pixels.
+    /// most `most` full-frame pixels, or twice what is usual in the pair. For solvers that know one noise for all.
     pub fn correspond(
         &mut self,
         first: &DenseFrame,
@@ -134,15 +139,19 @@ impl DenseSampler {
         most: f64,
         out: &mut Vec<Correspondence>,
     ) {
-        let mut all = Vec::new();
+        let mut all = std::mem::take(&mut self.measured);
         self.measure(first, second, predict, &mut all);
-        out.clear();
-        let is_sure = |found: &&Measurement| {
-            let c = found.covariance;
-            let half = 0.5 * (c.m11 - c.m22);
-            0.5 * (c.m11 + c.m22) + half.hypot(c.m12) <= most * most
+        self.deviations.clear();
+        self.deviations.extend(all.iter().map(Measurement::variance));
+        let middle = self.deviations.len() / 2;
+        let usual = match self.deviations.get(middle) {
+            Some(_) => *self.deviations.select_nth_unstable_by(middle, f64::total_cmp).1,
+            None => 0.0,
         };
-        out.extend(all.iter().filter(is_sure).map(|found| found.point));
+        let limit = (most * most).max(UNSURE * UNSURE * usual);
+        out.clear();
+        out.extend(all.iter().filter(|found| found.variance() <= limit).map(|found| found.point));
+        self.measured = all;
     }
 
     /// Adds the flow of cells near depth edges, of the pair measured last: where it changes by more than a pixel within

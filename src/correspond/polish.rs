@@ -50,6 +50,12 @@ pub struct Measurement {
 }
 
 impl Measurement {
+    /// The variance along the axis where it is largest, squared full-frame pixels.
+    pub fn variance(&self) -> f64 {
+        let c = self.covariance;
+        0.5 * (c.m11 + c.m22) + (0.5 * (c.m11 - c.m22)).hypot(c.m12)
+    }
+
     /// With `share` times the covariance.
     pub(super) fn scaled(self, share: f64) -> Self {
         Self { covariance: self.covariance * share, ..self }
