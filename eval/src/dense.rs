@@ -11,6 +11,8 @@ use rsrectify::correspond::{Correspondence, DenseFrame, DenseSampler};
 use rsrectify::flow::DenseFlow;
 use rsrectify::plane::{Luma, Plane, PlaneLayout, SampleFormat};
 use rsrectify::pyramid::{Pyramid, Reducer};
+use std::fs;
+use std::path::Path;
 use std::time::{Duration, Instant};
 
 /// From this confidence on a displacement counts as trusted.
@@ -172,16 +174,44 @@ pub fn measure(footage: &Footage) -> Result<Measured> {
     Ok(measured)
 }
 
+/// Writes frames and the exact flow between successive ones for other programs: `0000.pgm` and so on, and for each pair
+/// `0000_0001.truth` with lines of x, y and the displacement in x and y, in pixels.
+///
+/// # Errors
+/// If the files cannot be written.
+pub fn export(footage: &Footage, folder: &Path) -> Result<()> {
+    fs::create_dir_all(folder)?;
+    for run in footage.runs() {
+        for index in &run {
+            let frame = &footage.frames[*index];
+            let header = format!("P5 {} {} 255\n", frame.width, frame.height);
+            fs::write(folder.join(format!("{index:04}.pgm")), [header.as_bytes(), &frame.luma()].concat())?;
+        }
+        for pair in run.windows(2) {
+            let lines = truth(footage, pair[0]);
+            let lines = lines.map(|(pixel, [u, v])| format!("{} {} {u} {v}\n", pixel.x, pixel.y));
+            fs::write(
+                folder.join(format!("{:04}_{:04}.truth", pair[0], pair[1])),
+                lines.collect::<String>(),
+            )?;
+        }
+    }
+    Ok(())
+}
+
+/// The points of a frame with truth, and where the next frame of the run sees them.
+fn truth(footage: &Footage, index: usize) -> impl Iterator<Item = (Vector2<f64>, [f32; 2])> {
+    footage.truth[index].forward.iter().flat_map(|map| {
+        map.values.iter().enumerate().filter_map(|(index, value)| Some((map.pixel(index), (*value)?)))
+    })
+}
+
 fn errors<'a>(
     footage: &'a Footage,
     index: usize,
     flow: &'a DenseFlow,
 ) -> impl Iterator<Item = (f64, f64)> + 'a {
-    let truth = footage.truth[index].forward.iter();
-    let points = truth.flat_map(|map| {
-        map.values.iter().enumerate().filter_map(|(index, value)| Some((map.pixel(index), (*value)?)))
-    });
-    points.filter_map(|(pixel, [u, v])| {
+    truth(footage, index).filter_map(|(pixel, [u, v])| {
         let ([x, y], confidence) = flow.forward().sample(pixel.x, pixel.y)?;
         Some(((x - f64::from(u)).hypot(y - f64::from(v)), confidence))
     })

@@ -84,6 +84,9 @@ enum Command {
         /// Measures correspondences sampled from it instead, beside the tracker's.
         #[arg(long)]
         points: bool,
+        /// Writes frames and exact flow into this folder instead, for other programs.
+        #[arg(long, conflicts_with = "points")]
+        export: Option<PathBuf>,
         /// Names of sequences; all without it.
         #[arg(long)]
         sequence: Vec<String>,
@@ -209,7 +212,10 @@ fn main() -> Result<()> {
         }
         Command::Readout { clip: Some(file), .. } => readout_of_clip(&file),
         Command::Readout { clip: None, sequence, changes, place } => readouts(&sequence, &changes, &place),
-        Command::Flow { points, sequence, changes, place } => {
+        Command::Flow { points: _, export: Some(folder), sequence, changes, place } => chosen(&sequence)?
+            .into_iter()
+            .try_for_each(|settings| dense::export(&place.footage(&changes.apply(settings))?, &folder)),
+        Command::Flow { points, export: None, sequence, changes, place } => {
             let (heading, row): (_, fn(&Footage) -> Result<String>) = if points {
                 (dense::POINTS_HEADING, dense::points_row)
             } else {
