@@ -9,14 +9,14 @@ use crate::cpu::CpuLevel;
 use crate::pyramid::Level;
 
 /// Comparisons after the candidates': on the coarse levels, where steps are long, and on the finest.
-const COARSE_STEPS: usize = 4;
-const FINE_STEPS: usize = 3;
-
-/// Candidates on the finest level: the coarser level's displacement here, and the two of those around that differ most.
-const FINE_CANDIDATES: usize = 3;
+const COARSE_STEPS: usize = 3;
+const FINE_STEPS: usize = 2;
 
 /// Comparisons after those with the neighbours' displacements.
 const SPREAD_STEPS: usize = 1;
+
+/// Levels as fine as this take nothing from the patches beside: the coarser cells say what those would.
+const LAST_SPREAD: usize = 2;
 
 /// Where a level stands among the others.
 #[derive(Clone, Copy, Debug)]
@@ -76,7 +76,7 @@ impl Direction {
         self.patches.resize(across * down, Found::default());
         self.spread.resize(across * down, Found::default());
         fill(stage.cpu, &known, across, &mut self.patches);
-        let spreads = if stage.is_coarsest { 2 } else { usize::from(!stage.is_finest) };
+        let spreads = if stage.is_coarsest { 2 } else { usize::from(stage.depth > LAST_SPREAD) };
         for _ in 0..spreads {
             let spread = Spread { stage: *stage, patches: &self.patches };
             fill(stage.cpu, &spread, across, &mut self.spread);
@@ -139,12 +139,16 @@ impl RowKernel<Found> for Known<'_> {
         let pair = Pair { cpu, first, second, steps: if is_finest { FINE_STEPS } else { COARSE_STEPS } };
         for (column, out) in out.iter_mut().enumerate() {
             let (x, y) = (column * CELL, row * CELL);
-            let mut candidates = self.candidates(column, row, x, y);
-            if is_coarsest {
-                candidates[0] = exhaustive(cpu, first, second, x, y);
-            }
-            let tried = if is_finest { &candidates[..FINE_CANDIDATES] } else { &candidates[..] };
-            *out = pair.find(x, y, tried).unwrap_or_default();
+            let found = if is_finest && !is_coarsest {
+                pair.find(x, y, &self.fine_candidates(column, row))
+            } else {
+                let mut candidates = self.candidates(column, row, x, y);
+                if is_coarsest {
+                    candidates[0] = exhaustive(cpu, first, second, x, y);
+                }
+                pair.find(x, y, &candidates)
+            };
+            *out = found.unwrap_or_default();
         }
     }
 }
@@ -196,41 +200,45 @@ impl Known<'_> {
         self.prediction.at(middle(x), middle(y)).map(|shift| shift / unit)
     }
 
-    /// Displacements to be tried, of which the first is preferred.
+    /// The coarser level's displacement at a patch, and those of the cells diagonally around.
     ///
     /// The middle of a patch is at half its index among the coarser cells: on one, or between two.
     #[inline(always)]
-    fn candidates(&self, column: usize, row: usize, x: usize, y: usize) -> [[f32; 2]; 8] {
-        let (i, j) = (0.5 * column as f32, 0.5 * row as f32);
-        let interpolated = twice(between(self.coarse, self.columns, self.rows, i, j));
+    fn coarser(&self, column: usize, row: usize) -> ([f32; 2], [[f32; 2]; 4]) {
+        let interpolated =
+            between(self.coarse, self.columns, self.rows, 0.5 * column as f32, 0.5 * row as f32);
         let last = |count: usize| count.saturating_sub(1);
-        let below = |index: usize| (index.max(1) - 1) / 2;
-        let above = |index: usize| index / 2 + 1;
-        let cell = |row: usize, column: usize| {
-            let (row, column) = (row.min(last(self.rows)), column.min(last(self.columns)));
-            row * self.columns + column
+        let before = |index: usize| (index.max(1) - 1) / 2;
+        let (left, right) = (before(column), (column / 2 + 1).min(last(self.columns)));
+        let (above, below) = (before(row), (row / 2 + 1).min(last(self.rows)));
+        let at = |row: usize, column: usize| {
+            twice(self.coarse.get(row * self.columns + column).map(|mean| mean.shift).unwrap_or_default())
         };
-        let coarse = |index: usize| twice(self.coarse.get(index).map(|mean| mean.shift).unwrap_or_default());
-        let own = cell(row / 2, column / 2);
-        let reversed = self.reversed.get(own).copied().flatten().map_or(interpolated, twice);
-        let mut around = [
-            coarse(cell(below(row), below(column))),
-            coarse(cell(below(row), above(column))),
-            coarse(cell(above(row), below(column))),
-            coarse(cell(above(row), above(column))),
-        ];
-        let distance = |shift: &[f32; 2]| {
+        (twice(interpolated), [at(above, left), at(above, right), at(below, left), at(below, right)])
+    }
+
+    /// Displacements to be tried, of which the first is preferred.
+    #[inline(always)]
+    fn candidates(&self, column: usize, row: usize, x: usize, y: usize) -> [[f32; 2]; 8] {
+        let (interpolated, [a, b, c, d]) = self.coarser(column, row);
+        let own = self.reversed.get((row / 2) * self.columns + column / 2);
+        let reversed = own.copied().flatten().map_or(interpolated, twice);
+        [interpolated, a, b, c, d, reversed, self.predicted(x, y), [0.0; 2]]
+    }
+
+    /// Those of the finest level: of the cells around only the one that differs most.
+    #[inline(always)]
+    fn fine_candidates(&self, column: usize, row: usize) -> [[f32; 2]; 2] {
+        let (interpolated, around) = self.coarser(column, row);
+        let mut furthest = (interpolated, 0.0);
+        for shift in around {
             let (x, y) = (shift[0] - interpolated[0], shift[1] - interpolated[1]);
-            x * x + y * y
-        };
-        // The two furthest from the first candidate come first.
-        for (a, b) in [(0, 1), (2, 3), (0, 2), (1, 3), (1, 2)] {
-            if distance(&around[a]) < distance(&around[b]) {
-                around.swap(a, b);
+            let distance = x * x + y * y;
+            if distance > furthest.1 {
+                furthest = (shift, distance);
             }
         }
-        let [a, b, c, d] = around;
-        [interpolated, a, b, c, d, reversed, self.predicted(x, y), [0.0; 2]]
+        [interpolated, furthest.0]
     }
 }
 

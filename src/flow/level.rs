@@ -78,8 +78,7 @@ impl Best {
     #[inline(always)]
     fn of(template: &Template, second: &Level, at: [f32; 2], shift: [f32; 2]) -> Option<Self> {
         let difference = template.compare(second, [at[0] + shift[0], at[1] + shift[1]])?;
-        let total = difference.total();
-        Some(Self { shift, step: difference.step, squares: difference.squares, total })
+        Some(Self { shift, step: difference.step, squares: difference.squares, total: difference.total })
     }
 }
 
@@ -128,7 +127,7 @@ pub(super) fn mean(patches: &[Found], across: usize, column: usize, row: usize) 
             continue;
         }
         let Some(patch) = patches.get(y * across + x) else { continue };
-        let residual = patch.squares[2 * j + i] * (4.0 / AREA);
+        let residual = patch.squares[2 * i + j] * (4.0 / AREA);
         let all = patch.total() * (1.0 / AREA);
         let noise = WEIGHT_NOISE + residual;
         let weight = 1.0 / (noise * (WEIGHT_NOISE + all));

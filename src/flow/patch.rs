@@ -30,17 +30,11 @@ pub(super) struct Template {
 pub(super) struct Difference {
     /// The step of Gauss and Newton in pixels, to be added to the displacement.
     pub(super) step: [f32; 2],
-    /// Squared differences, about the mean of the patch, summed over its quarters: top left, top right, bottom left,
+    /// Squared differences, about the mean of the patch, summed over its quarters: top left, bottom left, top right,
     /// bottom right; squared grey levels.
     pub(super) squares: [f32; 4],
-}
-
-impl Difference {
-    /// Sum of squared differences over the patch.
-    #[inline(always)]
-    pub(super) fn total(&self) -> f32 {
-        (self.squares[0] + self.squares[1]) + (self.squares[2] + self.squares[3])
-    }
+    /// Of the whole patch.
+    pub(super) total: f32,
 }
 
 impl Template {
@@ -78,15 +72,10 @@ impl Template {
         let sums = kernels::sums(self.cpu, &self.patch, rows, level.stride(), shift)?;
         let [a, b, c] = self.inverse;
         let [x, y] = sums.slope;
-        let all = sums.differences;
-        let mean = ((all[0] + all[1]) + (all[2] + all[3])) * (1.0 / AREA);
-        let quarter = |k: usize| {
-            let square = sums.squares[k] - mean * (2.0 * sums.differences[k] - 0.25 * AREA * mean);
-            square.max(0.0)
-        };
         Some(Difference {
             step: [-(a * x + b * y), -(b * x + c * y)],
-            squares: [quarter(0), quarter(1), quarter(2), quarter(3)],
+            squares: sums.squares,
+            total: sums.total,
         })
     }
 

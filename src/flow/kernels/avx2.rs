@@ -2,9 +2,10 @@
 
 use super::{AREA, Block, Centred, SIDE, Sums};
 use std::arch::x86_64::{
-    __m256, _mm_add_ps, _mm_storeu_ps, _mm256_add_ps, _mm256_castps256_ps128, _mm256_extractf128_ps,
-    _mm256_hadd_ps, _mm256_loadu_ps, _mm256_mul_ps, _mm256_set1_ps, _mm256_setzero_ps, _mm256_storeu_ps,
-    _mm256_sub_ps,
+    __m128, __m256, _mm_add_ps, _mm_cvtss_f32, _mm_hadd_ps, _mm_max_ps, _mm_movehl_ps, _mm_movelh_ps,
+    _mm_mul_ps, _mm_set1_ps, _mm_setzero_ps, _mm_shuffle_ps, _mm_storeu_ps, _mm_sub_ps, _mm256_add_ps,
+    _mm256_castps256_ps128, _mm256_extractf128_ps, _mm256_hadd_ps, _mm256_loadu_ps, _mm256_mul_ps,
+    _mm256_set1_ps, _mm256_setzero_ps, _mm256_storeu_ps, _mm256_sub_ps,
 };
 
 /// Rows of samples of which the first `count`, each of `width`, lie within the slice.
@@ -137,14 +138,30 @@ pub(super) fn sums(patch: &Centred, samples: &[f32], stride: usize, across: f32,
         }
         (differences[half], squares[half]) = (mean, square);
     }
-    let (mut first, mut second) = ([0.0; SIDE], [0.0; SIDE]);
-    store(halves(slope_x, slope_y, differences[0], differences[1]), &mut first);
-    store(halves(squares[0], squares[1], squares[0], squares[1]), &mut second);
-    Some(Sums {
-        slope: [first[0] + first[4], first[1] + first[5]],
-        differences: [first[2], first[6], first[3], first[7]],
-        squares: [second[0], second[4], second[1], second[5]],
-    })
+    let first = halves(slope_x, slope_y, differences[0], differences[1]);
+    let second = halves(squares[0], squares[1], squares[0], squares[1]);
+    let (left, right) = (_mm256_castps256_ps128(first), _mm256_extractf128_ps::<1>(first));
+    let slopes = _mm_add_ps(left, right);
+    let differences = _mm_movehl_ps(right, left);
+    let squares = _mm_movelh_ps(_mm256_castps256_ps128(second), _mm256_extractf128_ps::<1>(second));
+    let mean = _mm_mul_ps(four(differences), _mm_set1_ps(1.0 / AREA));
+    let twice = _mm_mul_ps(_mm_set1_ps(2.0), differences);
+    let square = _mm_mul_ps(_mm_set1_ps(0.25 * AREA), mean);
+    let squares = _mm_sub_ps(squares, _mm_mul_ps(mean, _mm_sub_ps(twice, square)));
+    let squares = _mm_max_ps(squares, _mm_setzero_ps());
+    let mut out = Sums { total: _mm_cvtss_f32(four(squares)), ..Sums::default() };
+    // SAFETY: four samples are borrowed, exclusively.
+    unsafe { _mm_storeu_ps(out.squares.as_mut_ptr(), squares) };
+    out.slope = [_mm_cvtss_f32(slopes), _mm_cvtss_f32(_mm_shuffle_ps::<1>(slopes, slopes))];
+    Some(out)
+}
+
+/// The sum of four samples, four times.
+#[inline]
+#[target_feature(enable = "avx2")]
+fn four(samples: __m128) -> __m128 {
+    let pairs = _mm_hadd_ps(samples, samples);
+    _mm_hadd_ps(pairs, pairs)
 }
 
 #[target_feature(enable = "avx2")]

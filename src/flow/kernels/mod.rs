@@ -31,14 +31,15 @@ pub(super) struct Centred {
 }
 
 /// Sums over the difference of two patches.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct Sums {
     /// Of difference times gradient in x and in y.
     pub(super) slope: [f32; 2],
-    /// Of the difference, over the quarters: top left, top right, bottom left, bottom right.
-    pub(super) differences: [f32; 4],
-    /// Of its square.
+    /// Of the square of the difference, less its mean over the patch, over the quarters: top left, bottom left, top
+    /// right, bottom right.
     pub(super) squares: [f32; 4],
+    /// Of all quarters.
+    pub(super) total: f32,
 }
 
 /// The patch whose top left pixel is one row below and one column right of the first sample of `rows`.

@@ -52,11 +52,16 @@ pub(super) fn sums(patch: &Centred, rows: &[f32], stride: usize, across: f32, do
         }
         above = below;
     }
-    let quarters = |lanes: [Lanes; 2]| {
-        let [[a, b], [c, d]] = lanes.map(halves);
-        [a, b, c, d]
+    let quarters = |[top, bottom]: [Lanes; 2]| {
+        let ([a, b], [c, d]) = (halves(top), halves(bottom));
+        [a, c, b, d]
     };
-    Some(Sums { slope: slope.map(total), differences: quarters(differences), squares: quarters(squares) })
+    let [differences, squares] = [quarters(differences), quarters(squares)];
+    let four = |values: [f32; 4]| (values[0] + values[1]) + (values[2] + values[3]);
+    let mean = four(differences) * (1.0 / AREA);
+    let squares =
+        std::array::from_fn(|k| (squares[k] - mean * (2.0 * differences[k] - 0.25 * AREA * mean)).max(0.0));
+    Some(Sums { slope: slope.map(total), squares, total: four(squares) })
 }
 
 pub(super) fn whole_sums(values: &Block, rows: &[f32], stride: usize) -> Option<[f32; 2]> {
