@@ -1,6 +1,6 @@
 //! The flow of one frame to the other on one level after another.
 
-use super::level::{CELL, Found, Mean, Pair, cells, mean};
+use super::level::{CELL, Found, Mean, Pair, better, cells, mean};
 use super::patch::SIDE;
 use super::prediction::Prediction;
 use super::rows::{RowKernel, fill};
@@ -139,14 +139,14 @@ impl RowKernel<Found> for Known<'_> {
         let pair = Pair { cpu, first, second, steps: if is_finest { FINE_STEPS } else { COARSE_STEPS } };
         for (column, out) in out.iter_mut().enumerate() {
             let (x, y) = (column * CELL, row * CELL);
-            let found = if is_finest && !is_coarsest {
+            let found = if is_coarsest {
+                // Compared after the steps: half a pixel of this level beside the truth, a residual tells little.
+                let near = pair.find(x, y, &[self.predicted(x, y), [0.0; 2]]);
+                better(near, pair.find(x, y, &[exhaustive(cpu, first, second, x, y)]))
+            } else if is_finest {
                 pair.find(x, y, &self.fine_candidates(column, row))
             } else {
-                let mut candidates = self.candidates(column, row, x, y);
-                if is_coarsest {
-                    candidates[0] = exhaustive(cpu, first, second, x, y);
-                }
-                pair.find(x, y, &candidates)
+                pair.find(x, y, &self.candidates(column, row, x, y))
             };
             *out = found.unwrap_or_default();
         }

@@ -50,6 +50,22 @@ pub(super) struct Mean {
     pub(super) energy: f32,
 }
 
+/// Whether a residual is so much less than an earlier one that what leaves it takes its place.
+#[inline(always)]
+fn is_better(next: f32, earlier: f32) -> bool {
+    BETTER * next + AREA * NOTICEABLE < earlier
+}
+
+/// Of two that were found for one patch the later where it is clearly better.
+#[inline(always)]
+pub(super) fn better(earlier: Option<Found>, later: Option<Found>) -> Option<Found> {
+    match (&earlier, &later) {
+        (Some(one), Some(other)) if !is_better(other.total(), one.total()) => earlier,
+        (_, Some(_)) => later,
+        _ => earlier,
+    }
+}
+
 /// Cells (columns, rows) of a level of `width` × `height` pixels; the last ones may reach out of it.
 pub(super) fn cells(level: &Level) -> (usize, usize) {
     (level.width().div_ceil(CELL), level.height().div_ceil(CELL))
@@ -93,8 +109,7 @@ impl Pair<'_> {
         let mut best: Option<Best> = None;
         for shift in candidates {
             let next = Best::of(&template, self.second, at, *shift)?;
-            let is_better = |best: &Best| BETTER * next.total + AREA * NOTICEABLE < best.total;
-            if best.as_ref().is_none_or(is_better) {
+            if best.as_ref().is_none_or(|best| is_better(next.total, best.total)) {
                 best = Some(next);
             }
         }

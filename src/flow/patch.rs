@@ -1,8 +1,8 @@
 //! One patch of 8 × 8 pixels and its comparison with another frame between pixels.
 //!
 //! Inverse compositional (S. Baker, I. Matthews, *Lucas–Kanade 20 Years On*, IJCV 56(3), 2004): the gradients are the
-//! template's, so that their matrix is inverted once. They are given a zero mean, which takes a difference of brightness
-//! out of the step; the residual is taken about its mean.
+//! template's, so that their matrix is inverted once. They are given a zero mean and nothing in common with
+//! the template, which takes a difference of brightness or of contrast out of the step; the residual is taken about its mean.
 //!
 //! A comparison reads 9 rows of 9 samples and takes 64 × 11 additions and multiplications.
 

@@ -73,9 +73,8 @@ fn a_wrong_prediction_hides_nothing() {
 fn brightness_may_change() {
     let (first, second) = (frame(wave), frame(|x, y| 0.9 * wave(x - 6.0, y - 4.0) + 20.0));
     let flow = flow_of(CpuLevel::detect(), [&first, &second], |p| p);
-    // A patch that has less contrast than its template is off by a tenth of a pixel of the finest level, which is two wide.
     let error = median_error(flow.forward(), |_, _| [6.0, 4.0]);
-    assert!(error < 0.2, "{error}");
+    assert!(error < 0.15, "{error}");
 }
 
 #[test]

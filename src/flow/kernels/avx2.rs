@@ -1,6 +1,6 @@
 //! AVX2: a row of a patch is one register.
 
-use super::{AREA, Block, Centred, SIDE, Sums};
+use super::{AREA, Block, Centred, SIDE, Sums, free_of_contrast};
 use std::arch::x86_64::{
     __m128, __m256, _mm_add_ps, _mm_cvtss_f32, _mm_hadd_ps, _mm_max_ps, _mm_movehl_ps, _mm_movelh_ps,
     _mm_mul_ps, _mm_set1_ps, _mm_setzero_ps, _mm_shuffle_ps, _mm_storeu_ps, _mm_sub_ps, _mm256_add_ps,
@@ -94,21 +94,30 @@ pub(super) fn centred(samples: &[f32], stride: usize) -> Option<Centred> {
     let means = totals(sums[0], sums[1], sums[2], zero).map(|sum| _mm256_set1_ps(sum * (1.0 / AREA)));
     let block = [[0.0; SIDE]; SIDE];
     let mut out = Centred { values: block, gradient_x: block, gradient_y: block, products: [0.0; 4] };
-    let mut products = [zero; 4];
+    let mut products = [zero; 6];
     for r in 0..SIDE {
         let value = _mm256_sub_ps(values[r], means[0]);
         let dx = _mm256_sub_ps(gradient_x[r], means[1]);
         let dy = _mm256_sub_ps(gradient_y[r], means[2]);
         store(value, &mut out.values[r]);
-        store(dx, &mut out.gradient_x[r]);
-        store(dy, &mut out.gradient_y[r]);
+        (values[r], gradient_x[r], gradient_y[r]) = (value, dx, dy);
         products[0] = _mm256_add_ps(products[0], _mm256_mul_ps(dx, dx));
         products[1] = _mm256_add_ps(products[1], _mm256_mul_ps(dx, dy));
         products[2] = _mm256_add_ps(products[2], _mm256_mul_ps(dy, dy));
         products[3] = _mm256_add_ps(products[3], _mm256_mul_ps(value, value));
+        products[4] = _mm256_add_ps(products[4], _mm256_mul_ps(dx, value));
+        products[5] = _mm256_add_ps(products[5], _mm256_mul_ps(dy, value));
     }
-    let [xx, xy, yy, energy] = products;
-    out.products = totals(xx, xy, yy, energy);
+    let [xx, xy, yy, energy, x, y] = products;
+    let [xx, xy, yy, energy] = totals(xx, xy, yy, energy);
+    let [x, y, ..] = totals(x, y, zero, zero);
+    let (products, shares) = free_of_contrast([xx, xy, yy, energy, x, y]);
+    let [x, y] = shares.map(|share| _mm256_set1_ps(share));
+    for r in 0..SIDE {
+        store(_mm256_sub_ps(gradient_x[r], _mm256_mul_ps(x, values[r])), &mut out.gradient_x[r]);
+        store(_mm256_sub_ps(gradient_y[r], _mm256_mul_ps(y, values[r])), &mut out.gradient_y[r]);
+    }
+    out.products = products;
     Some(out)
 }
 

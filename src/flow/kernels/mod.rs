@@ -20,7 +20,7 @@ pub(super) const AREA: f32 = (SIDE * SIDE) as f32;
 /// A patch, row by row.
 pub(super) type Block = [[f32; SIDE]; SIDE];
 
-/// A patch and its gradients, each less its mean.
+/// A patch less its mean, and its gradients less theirs and less what is a multiple of the patch.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Centred {
     pub(super) values: Block,
@@ -40,6 +40,18 @@ pub(super) struct Sums {
     pub(super) squares: [f32; 4],
     /// Of all quarters.
     pub(super) total: f32,
+}
+
+/// Takes out of the gradients what is a multiple of the values, so that a change of contrast makes no step.
+///
+/// Given the sums of products xx, xy, yy of the gradients, of the squared values, and of gradient times value in x and in
+/// y: those of the gradients that remain (and of the squared values), and the multiples to be taken off.
+#[inline(always)]
+fn free_of_contrast([xx, xy, yy, energy, x, y]: [f32; 6]) -> ([f32; 4], [f32; 2]) {
+    let share = 1.0 / (energy + f32::MIN_POSITIVE);
+    let shares = [x * share, y * share];
+    let [a, b] = shares;
+    ([(xx - a * x).max(0.0), xy - a * y, (yy - b * y).max(0.0), energy], shares)
 }
 
 /// The patch whose top left pixel is one row below and one column right of the first sample of `rows`.

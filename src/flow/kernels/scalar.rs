@@ -1,6 +1,6 @@
 //! In plain Rust: the reference.
 
-use super::{AREA, Block, Centred, SIDE, Sums};
+use super::{AREA, Block, Centred, SIDE, Sums, free_of_contrast};
 
 type Lanes = [f32; SIDE];
 
@@ -21,7 +21,7 @@ pub(super) fn centred(rows: &[f32], stride: usize) -> Option<Centred> {
         }
     }
     let means = sums.map(|lanes| total(lanes) * (1.0 / AREA));
-    let mut products = [[0.0; SIDE]; 4];
+    let mut products = [[0.0; SIDE]; 6];
     for r in 0..SIDE {
         for c in 0..SIDE {
             let value = values[r][c] - means[0];
@@ -31,9 +31,18 @@ pub(super) fn centred(rows: &[f32], stride: usize) -> Option<Centred> {
             products[1][c] += dx * dy;
             products[2][c] += dy * dy;
             products[3][c] += value * value;
+            products[4][c] += dx * value;
+            products[5][c] += dy * value;
         }
     }
-    Some(Centred { values, gradient_x, gradient_y, products: products.map(total) })
+    let (products, [x, y]) = free_of_contrast(products.map(total));
+    for r in 0..SIDE {
+        for c in 0..SIDE {
+            gradient_x[r][c] -= x * values[r][c];
+            gradient_y[r][c] -= y * values[r][c];
+        }
+    }
+    Some(Centred { values, gradient_x, gradient_y, products })
 }
 
 pub(super) fn sums(patch: &Centred, rows: &[f32], stride: usize, across: f32, down: f32) -> Option<Sums> {
