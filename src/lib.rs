@@ -10,6 +10,8 @@
 //! |---|---|---|
 //! | [`plane`] | bytes | borrowed views of image planes |
 //! | [`readout`] | direction, time, delay | when a point of a frame was exposed |
+//! | [`pyramid`] | a luma plane | the same at several resolutions |
+//! | [`flow`] | two pyramids | dense optical flow |
 //! | [`correspond`] | two luma planes | point correspondences |
 //! | [`motion`] | | what an image motion is: the twist, the path over a readout |
 //! | [`solve`] | correspondences of a window | a motion path for each frame |
@@ -24,8 +26,10 @@
 
 pub mod correspond;
 pub mod cpu;
+pub mod flow;
 pub mod motion;
 pub mod plane;
+pub mod pyramid;
 pub mod readout;
 pub mod rectifier;
 pub mod solve;

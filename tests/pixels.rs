@@ -4,7 +4,8 @@
 mod common;
 
 use common::*;
-use eval::scene::{FirstEdge, Frame, Scene, room};
+use eval::scene::procedural::bake_all;
+use eval::scene::{FirstEdge, Frame, Scene, SceneKind};
 use eval::sequence::{Sequence, Settings, named};
 use gst::prelude::*;
 use gst_check::Harness;
@@ -45,7 +46,7 @@ fn shots(first: FirstEdge, share: f64, scene: Arc<Scene>) -> Shots {
     }
 }
 
-static SCENE: LazyLock<Arc<Scene>> = LazyLock::new(|| Arc::new(room::room(1)));
+static SCENE: LazyLock<Arc<Scene>> = LazyLock::new(|| Arc::new(SceneKind::Room.covered(1, bake_all(1))));
 static TOP_FIRST: LazyLock<Shots> = LazyLock::new(|| shots(FirstEdge::Top, 0.5, SCENE.clone()));
 
 /// The frames after a way through `format`, with `filter` in the middle: red, green, blue.

@@ -8,6 +8,7 @@
 //! | [`footage`] | a sequence in memory: frames, timestamps, truth |
 //! | [`cache`] | footage kept on disk |
 //! | [`correspondences`] | where the correspondences come from that every method is given |
+//! | [`dense`] | how far the library's dense flow is from the exact one |
 //! | [`flow`] | dense optical flow, one of the sources |
 //! | [`methods`] | the systems that are compared, among them the library under test |
 //! | [`metrics`] | how far a rectified frame is from the truth |
@@ -23,6 +24,7 @@
 pub mod cache;
 pub mod clip;
 pub mod correspondences;
+pub mod dense;
 pub mod flow;
 pub mod footage;
 pub mod media;

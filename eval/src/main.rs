@@ -4,10 +4,11 @@ use anyhow::{Context, Result};
 use clap::{Args, Parser, Subcommand};
 use eval::cache::Cache;
 use eval::clip;
+use eval::dense;
 use eval::footage::Footage;
 use eval::media;
 use eval::methods::product::{self, Delay};
-use eval::metrics::{Stats, displacement, floor};
+use eval::metrics::{Stats, displacement, distances, floor};
 use eval::pairs;
 use eval::readout;
 use eval::report::{self, quick};
@@ -15,7 +16,7 @@ use eval::sequence::{self, Sequence, Settings};
 use eval::shutter::Shutter;
 use eval::speed;
 use eval::video;
-use rsrectify::rectifier::Estimator;
+use rsrectify::rectifier::{Estimator, FrameSolution};
 use std::path::PathBuf;
 
 /// Renders rolling-shutter sequences with exact truth and judges rsrectify on them.
@@ -54,6 +55,12 @@ enum Command {
         /// Frames the library may look ahead.
         #[arg(long, default_value_t = 4)]
         lookahead: usize,
+        /// Takes correspondences from dense flow instead of the tracker.
+        #[arg(long, hide = true)]
+        by_flow: bool,
+        /// Prints the displacement left of each frame instead: readout given, readout unknown.
+        #[arg(long, hide = true)]
+        by_frame: bool,
         #[command(flatten)]
         changes: Changes,
         #[command(flatten)]
@@ -64,6 +71,22 @@ enum Command {
         /// A real clip instead of sequences.
         #[arg(long, conflicts_with = "sequence")]
         clip: Option<PathBuf>,
+        /// Names of sequences; all without it.
+        #[arg(long)]
+        sequence: Vec<String>,
+        #[command(flatten)]
+        changes: Changes,
+        #[command(flatten)]
+        place: Place,
+    },
+    /// Measures the library's dense flow against the exact one, and its time.
+    Flow {
+        /// Measures correspondences sampled from it instead, beside the tracker's.
+        #[arg(long)]
+        points: bool,
+        /// Writes frames and exact flow into this folder instead, for other programs.
+        #[arg(long, conflicts_with = "points")]
+        export: Option<PathBuf>,
         /// Names of sequences; all without it.
         #[arg(long)]
         sequence: Vec<String>,
@@ -179,11 +202,31 @@ fn main() -> Result<()> {
     match Cli::parse().command {
         Command::Render { sequence, out, changes } => render(changes.apply(find(&sequence)?), &out),
         Command::Demo { out, changes } => render(changes.apply(sequence::demo()), &out),
-        Command::Measure { sequence, lookahead, changes, place } => {
-            measure(&sequence, lookahead, &changes, &place)
+        Command::Measure { sequence, lookahead, by_flow, by_frame, changes, place } => {
+            let way = Way { lookahead, by_flow };
+            if by_frame {
+                frames(&sequence, &way, &changes, &place)
+            } else {
+                measure(&sequence, &way, &changes, &place)
+            }
         }
         Command::Readout { clip: Some(file), .. } => readout_of_clip(&file),
         Command::Readout { clip: None, sequence, changes, place } => readouts(&sequence, &changes, &place),
+        Command::Flow { points: _, export: Some(folder), sequence, changes, place } => chosen(&sequence)?
+            .into_iter()
+            .try_for_each(|settings| dense::export(&place.footage(&changes.apply(settings))?, &folder)),
+        Command::Flow { points, export: None, sequence, changes, place } => {
+            let (heading, row): (_, fn(&Footage) -> Result<String>) = if points {
+                (dense::POINTS_HEADING, dense::points_row)
+            } else {
+                (dense::HEADING, dense::row)
+            };
+            println!("{heading}");
+            for settings in chosen(&sequence)? {
+                println!("{}", row(&place.footage(&changes.apply(settings))?)?);
+            }
+            Ok(())
+        }
         Command::Speed { file, lookahead } => speed(&file, lookahead),
         Command::Report { scenes, sequence: sequences, frames, redraw, place } => {
             let photographs = place.textures.is_some();
@@ -200,7 +243,10 @@ fn main() -> Result<()> {
             Ok(())
         }
         Command::List => {
-            sequence::catalogue().iter().for_each(|settings| println!("{}", settings.name));
+            sequence::catalogue()
+                .iter()
+                .chain(&sequence::hard())
+                .for_each(|settings| println!("{}", settings.name));
             Ok(())
         }
     }
@@ -236,7 +282,45 @@ fn readout_of_clip(file: &std::path::Path) -> Result<()> {
     Ok(())
 }
 
-fn measure(names: &[String], lookahead: usize, changes: &Changes, place: &Place) -> Result<()> {
+/// How the library is run.
+struct Way {
+    lookahead: usize,
+    by_flow: bool,
+}
+
+impl Way {
+    fn solve(&self, footage: &Footage, delay: Delay, estimator: Estimator) -> Result<Vec<FrameSolution>> {
+        let settings = product::settings(footage.settings(), delay, estimator, self.lookahead);
+        product::solve_measured(footage, settings, self.by_flow)
+    }
+}
+
+/// Prints for each frame the displacement as it arrives and what is left of it, RMS in pixels, with the number of
+/// correspondences and the confidence.
+fn frames(names: &[String], way: &Way, changes: &Changes, place: &Place) -> Result<()> {
+    for settings in chosen(names)? {
+        let footage = place.footage(&changes.apply(settings))?;
+        let given = way.solve(&footage, Delay::True, Estimator::Continuous)?;
+        let unknown = way.solve(&footage, Delay::Unknown, Estimator::Continuous)?;
+        println!(
+            "{}: frame, uncorrected px, then given and unknown: left px, correspondences, confidence",
+            footage.settings().name
+        );
+        for (index, truth) in footage.truth.iter().enumerate() {
+            let uncorrected = displacement::uncorrected(truth.samples.iter().copied()).rms;
+            let cells = [&given, &unknown].map(|solutions| {
+                let solution = &solutions[index];
+                let corrected = |pixel| product::corrected(solution, pixel);
+                let left = Stats::of(distances(&truth.samples, corrected).collect()).rms;
+                format!("{left:6.2} {:4} {:4.2}", solution.correspondences, solution.confidence)
+            });
+            println!("{index:3} {uncorrected:6.2} | {} | {}", cells[0], cells[1]);
+        }
+    }
+    Ok(())
+}
+
+fn measure(names: &[String], way: &Way, changes: &Changes, place: &Place) -> Result<()> {
     let settings = chosen(names)?;
     println!(
         "| sequence | uncorrected px (p95) | best rotation: left px (p95) | share | sequential: left px (p95) | share \
@@ -245,19 +329,16 @@ fn measure(names: &[String], lookahead: usize, changes: &Changes, place: &Place)
     );
     println!("|---|---|---|---|---|---|---|---|---|---|---|---|---|");
     for settings in settings {
-        println!("{}", measured_row(&place.footage(&changes.apply(settings))?, lookahead)?);
+        println!("{}", measured_row(&place.footage(&changes.apply(settings))?, way)?);
     }
     Ok(())
 }
 
-fn measured_row(footage: &Footage, lookahead: usize) -> Result<String> {
+fn measured_row(footage: &Footage, way: &Way) -> Result<String> {
     let uncorrected = footage.uncorrected();
     let mut row = format!("| {} | {} |", footage.settings().name, pixels(&uncorrected));
     row += &share_left(&floor::of_rotation(footage), &uncorrected);
-    let solve = |delay, estimator| {
-        let settings = product::settings(footage.settings(), delay, estimator, lookahead);
-        product::solve(footage, settings)
-    };
+    let solve = |delay, estimator| way.solve(footage, delay, estimator);
     for estimator in [Estimator::Sequential, Estimator::Continuous] {
         let corrections = product::corrections(solve(Delay::True, estimator)?);
         row += &share_left(&displacement::left(&footage.truth, &corrections), &uncorrected);

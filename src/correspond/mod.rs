@@ -2,7 +2,7 @@
 //!
 //! | step | file | what it does |
 //! |---|---|---|
-//! | reduce | `luma` | any luma view → grey of at most 960 pixels a side, by area average |
+//! | reduce | [`pyramid`](crate::pyramid) | any luma view → grey of at most 960 pixels a side, by area average |
 //! | halve | `pyramid` | the coarser levels, and the detail image that the search looks at |
 //! | place | `grid` | the points that are measured: the middles of a uniform grid of cells |
 //! | start | `start` | exhaustive search of large regions on the coarsest level |
@@ -12,6 +12,13 @@
 //! | join | `sampler` | the order of it all, and which points are kept |
 //! | refine | `refine`, `search` | on demand: small patches where the points are missing or disagree |
 //! | choose | `edges`, `window` | then: which motion is that of a place next to a depth edge |
+//!
+//! Beside it, in place of all from start to join:
+//!
+//! | step | file | what it does |
+//! |---|---|---|
+//! | sample | `dense` | dense optical flow ([`flow`](crate::flow)) at the grid |
+//! | polish | `polish` | its registration on the finest level, and its covariance |
 //!
 //! Three coordinate systems occur: *full-frame* pixels, which callers see; *analysed* pixels, those
 //! of the reduced grey; and pixels of level l, each 2^l analysed pixels wide. In all of them pixel
@@ -29,11 +36,12 @@
 //! | track, coarse levels | in cache | 768 points × about 10 samplings × 0.9 k = 7 M |
 //! | track, full level | in cache | 768 points × about 6 samplings × 3.3 k = 15 M, and two templates of 13 k operations |
 
+mod dense;
 mod edges;
 mod field;
 mod grid;
-mod luma;
 mod patch;
+mod polish;
 mod pyramid;
 mod refine;
 mod sampler;
@@ -44,6 +52,8 @@ mod tests;
 mod tracker;
 mod window;
 
+pub use dense::{DenseFrame, DenseSampler};
+pub use polish::Measurement;
 pub use pyramid::Pyramid;
 pub use sampler::Sampler;
 

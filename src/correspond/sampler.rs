@@ -3,7 +3,6 @@
 use super::Correspondence;
 use super::field::{Motion, Neighbourhood};
 use super::grid::{Grid, centre};
-use super::luma::Reduction;
 use super::pyramid::{Level, Pyramid};
 use super::refine::{Local, Refinement};
 use super::start::Search;
@@ -11,6 +10,7 @@ use super::tracker::{COARSE, CoarseTemplate, Effort, FINE, FineTemplate, Match};
 use super::window::Scale;
 use crate::cpu::CpuLevel;
 use crate::plane::Luma;
+use crate::pyramid::Reduction;
 use nalgebra::{Matrix2, Vector2};
 use rayon::prelude::*;
 
@@ -461,7 +461,7 @@ fn fine_match(
     let agreed = around.agreement(at);
     let from = Vector2::new(corner.0 as f32, corner.1 as f32);
     let back = agreed.distortion.try_inverse()?;
-    let template = FineTemplate::distorted(pair.cpu, pair.first.first()?, corner, &back)?;
+    let template = FineTemplate::distorted(pair.cpu, pair.first.first()?, corner, &back, 0.0)?;
     if template.texture.is_nan() || template.texture < LEAST_TEXTURE {
         return None;
     }
@@ -493,7 +493,7 @@ fn return_error(
     let nearest = to.map(f32::round);
     let expected = from + distortion.try_inverse()? * (nearest - to);
     let corner = (nearest.x as usize, nearest.y as usize);
-    let template = FineTemplate::distorted(pair.cpu, pair.first.first()?, corner, &distortion)?;
+    let template = FineTemplate::distorted(pair.cpu, pair.first.first()?, corner, &distortion, 0.0)?;
     let found = template.find(pair.second.first()?, expected, RETURN_EFFORT)?;
     Some((found.corner - expected).norm())
 }

@@ -44,7 +44,9 @@ pub(super) struct Template<const N: usize, const M: usize> {
     /// Gradients, orthogonal to 1 and to `values`.
     gradient_x: Rows<N, N>,
     gradient_y: Rows<N, N>,
-    /// Inverse of the matrix of the gradients.
+    /// The matrix of the gradients, summed over the patch, squared grey levels.
+    pub(super) matrix: Matrix2<f32>,
+    /// Its inverse, with the damping added.
     inverse: Matrix2<f32>,
     /// The smaller eigenvalue of the matrix of the gradients, per pixel.
     pub(super) texture: f32,
@@ -132,7 +134,9 @@ impl<const N: usize, const M: usize> Template<N, M> {
         let texture = (0.5 * (xx + yy) - (0.25 * (xx - yy) * (xx - yy) + xy * xy).sqrt()) / count;
         let damping = Matrix2::identity() * (damping * count);
         let inverse = (Matrix2::new(xx, xy, xy, yy) + damping).try_inverse()?;
-        Some(Self { cpu, mean, values, energy, gradient_x, gradient_y, inverse, texture: texture.max(0.0) })
+        let texture = texture.max(0.0);
+        let matrix = Matrix2::new(xx, xy, xy, yy);
+        Some(Self { cpu, mean, values, energy, gradient_x, gradient_y, matrix, inverse, texture })
     }
 
     /// Follows the template in `level` from a start near it; `None` where it leaves the image, or
@@ -192,18 +196,19 @@ impl FineTemplate {
     /// centre of the patch at `corner`.
     ///
     /// Sampled linearly: c is at the same place between pixels on all sides, so the errors of the
-    /// interpolation are odd about c and cancel.
+    /// interpolation are odd about c and cancel. `damping` as in [`new`](Self::new).
     pub(super) fn distorted(
         cpu: CpuLevel,
         level: &Level,
         corner: (usize, usize),
         distortion: &Matrix2<f32>,
+        damping: f32,
     ) -> Option<Self> {
         match cpu {
             // SAFETY: the level is a proof of AVX2.
             #[cfg(target_arch = "x86_64")]
-            CpuLevel::Avx2(avx2) => unsafe { Self::distorted_avx2(avx2, level, corner, distortion) },
-            _ => Self::distorted_at(CpuLevel::Scalar, level, corner, distortion),
+            CpuLevel::Avx2(avx2) => unsafe { Self::distorted_avx2(avx2, level, corner, distortion, damping) },
+            _ => Self::distorted_at(CpuLevel::Scalar, level, corner, distortion, damping),
         }
     }
 
@@ -214,8 +219,9 @@ impl FineTemplate {
         level: &Level,
         corner: (usize, usize),
         distortion: &Matrix2<f32>,
+        damping: f32,
     ) -> Option<Self> {
-        Self::distorted_at(CpuLevel::Avx2(avx2), level, corner, distortion)
+        Self::distorted_at(CpuLevel::Avx2(avx2), level, corner, distortion, damping)
     }
 
     #[inline(always)]
@@ -224,11 +230,12 @@ impl FineTemplate {
         level: &Level,
         corner: (usize, usize),
         distortion: &Matrix2<f32>,
+        damping: f32,
     ) -> Option<Self> {
         let half = 0.5 * (FINE as f32 - 1.0);
         let centre = Vector2::new(corner.0 as f32 + half, corner.1 as f32 + half);
         let first = centre - distortion * Vector2::new(half + 1.0, half + 1.0);
         let samples = stretched::<{ FINE + 2 }, { FINE + 3 }>(level, first, distortion)?;
-        Self::from_samples(cpu, &samples, 0.0)
+        Self::from_samples(cpu, &samples, damping)
     }
 }

@@ -1,5 +1,6 @@
 use super::*;
-use crate::scene::room;
+use crate::scene::SceneKind;
+use crate::scene::procedural::bake_all;
 use crate::sequence::{Sequence, Settings, Strength, named};
 use nalgebra::Vector2;
 use std::sync::Arc;
@@ -81,7 +82,7 @@ fn a_rendered_pair_against_the_truth() {
         strength: Strength::Displacement(2.0),
         ..named("rot2_B40").unwrap()
     };
-    let sequence = Sequence::in_scene(settings, Arc::new(room::room(1)));
+    let sequence = Sequence::in_scene(settings, Arc::new(SceneKind::Room.covered(1, bake_all(1))));
     let [first, second] = [4, 5].map(|k| {
         let luma = sequence.frame(k).luma().iter().map(|grey| f32::from(*grey)).collect();
         Prepared::new(Image::new(320, 240, luma))

@@ -4,6 +4,7 @@
 
 pub mod camera;
 pub mod geometry;
+pub mod kind;
 mod line;
 pub mod mover;
 mod noise;
@@ -12,12 +13,13 @@ pub mod photographs;
 pub mod picture;
 pub mod procedural;
 pub mod render;
-pub mod room;
+mod room;
+mod special;
 pub mod texture;
 
 pub use camera::{CameraPath, FirstEdge, Lens, Pose, RollingCamera, Shutter};
 pub use geometry::{Hit, Scene, Surface};
+pub use kind::SceneKind;
 pub use mover::Mover;
 pub use picture::{Frame, Picture};
 pub use render::Renderer;
-pub use room::SceneKind;

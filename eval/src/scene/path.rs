@@ -51,6 +51,12 @@ pub enum Motion {
     },
     /// Turns at 1 to 2.5 cycles a frame, with a little slow shake.
     Vibration,
+    /// A hand-held pan to and fro by up to a quarter of a radian a frame, with shake.
+    Pan,
+    /// Forward at 0.4 metres a frame, with a little shake.
+    Drive,
+    /// To and fro sideways by up to 0.15 metres a frame, with a little shake.
+    Follow,
 }
 
 /// A camera path of sums of oscillations.
@@ -92,6 +98,9 @@ impl Oscillations {
             }
             Motion::Shake { lowest, highest, sway } => path.shake(&mut random, [lowest, highest], sway),
             Motion::Vibration => path.vibrate(&mut random),
+            Motion::Pan => path.pan(&mut random),
+            Motion::Drive => path.drive(&mut random),
+            Motion::Follow => path.follow(&mut random),
         }
         for axis in path.rotation.iter_mut().chain(&mut path.position) {
             axis.iter_mut().for_each(|oscillation| oscillation.amplitude *= amplitude);
@@ -126,6 +135,26 @@ impl Oscillations {
             *turn = band(random, 0.03, [lowest, highest], 8);
             *shift = band(random, sway, [lowest, 0.5 * (lowest + highest)], 4);
         }
+    }
+
+    fn pan(&mut self, random: &mut ChaCha8Rng) {
+        self.shake(random, [0.02, 0.15], 0.01);
+        self.rotation.iter_mut().flatten().for_each(|oscillation| oscillation.amplitude *= 0.7);
+        // 2π · 0.04 · 0.9 = 0.226 rad a frame where it is fastest.
+        self.rotation[1].push(Oscillation { amplitude: 0.9, frequency: 0.04, phase: random.random() });
+    }
+
+    fn drive(&mut self, random: &mut ChaCha8Rng) {
+        self.shake(random, [0.04, 0.25], 0.01);
+        self.rotation.iter_mut().flatten().for_each(|oscillation| oscillation.amplitude *= 0.7);
+        // The steep part of a wave of a thousand frames: 2π · 0.001 · 64 = 0.4 m a frame.
+        self.position[2].push(Oscillation { amplitude: 64.0, frequency: 0.001, phase: 0.0 });
+    }
+
+    fn follow(&mut self, random: &mut ChaCha8Rng) {
+        self.shake(random, [0.02, 0.15], 0.01);
+        self.rotation.iter_mut().flatten().for_each(|oscillation| oscillation.amplitude *= 0.5);
+        self.position[0].push(Oscillation { amplitude: 1.2, frequency: 0.02, phase: random.random() });
     }
 
     fn vibrate(&mut self, random: &mut ChaCha8Rng) {

@@ -1,87 +1,29 @@
 //! A room with clutter at depths from 1.2 m to 6 m; the camera stands near the origin and looks
 //! along +z.
 
-use super::geometry::{Scene, Surface};
+use super::geometry::Surface;
 use super::mover::Mover;
 use super::path::{Oscillation, Oscillations};
-use super::photographs;
-use super::procedural::{Pattern, bake_all};
-use super::texture::Texture;
-use anyhow::Result;
+use super::procedural::Pattern;
 use nalgebra::{Vector2, Vector3};
-use rand::{RngExt, SeedableRng};
+use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
-use serde::{Deserialize, Serialize};
-use std::path::Path;
 
 /// x of the left and right wall, y of ceiling and floor, z of rear and front wall, in metres.
 const WALLS: [[f64; 2]; 3] = [[-2.7, 2.7], [-1.6, 1.25], [-2.0, 6.0]];
 /// The middle of the foreground at rest.
 const FOREGROUND: Vector3<f64> = Vector3::new(0.05, 0.0, 1.45);
-/// What is left of the contrast of textures in a scene of low texture.
-const LOW_CONTRAST: f32 = 0.05;
-const LAMP: Vector3<f64> = Vector3::new(0.6, -1.45, 2.2);
+pub(super) const LAMP: Vector3<f64> = Vector3::new(0.6, -1.45, 2.2);
 
-/// What the room holds.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
-pub enum SceneKind {
-    /// Clutter with texture everywhere.
-    #[default]
-    Room,
-    /// The same, and a block before the camera that swings on its own and covers about a third of
-    /// the picture.
-    Foreground,
-    /// Walls and furniture that are nearly flat: what is left are the edges.
-    LowTexture,
-}
-
-impl SceneKind {
-    /// Builds the scene of a seed with the photographs of a folder as textures, the first for the
-    /// first [`Pattern`] and so on, all over again where they are fewer; procedural textures without
-    /// a folder. The seed chooses textures, colours and small turns, not the layout.
-    ///
-    /// # Errors
-    /// Those of [`photographs::load`].
-    pub fn build(self, seed: u64, folder: Option<&Path>) -> Result<Scene> {
-        let textures = match folder {
-            Some(folder) => photographs::load(folder)?,
-            None => bake_all(seed),
-        };
-        Ok(self.covered(seed, textures))
-    }
-
-    /// Builds the scene of a seed with these textures.
-    ///
-    /// # Panics
-    /// If there are none.
-    pub fn covered(self, seed: u64, textures: Vec<Texture>) -> Scene {
-        let mut builder = Builder {
-            surfaces: Vec::new(),
-            random: ChaCha8Rng::seed_from_u64(seed),
-            textures: textures.len(),
-        };
-        builder.shell();
-        builder.pictures();
-        builder.furniture();
-        if self == Self::LowTexture {
-            let textures = textures.iter().map(|texture| texture.faded(LOW_CONTRAST)).collect();
-            return Scene { surfaces: builder.surfaces, textures, movers: Vec::new() };
-        }
+/// The room with clutter; without that where it is `bare`.
+pub(super) fn furnished(builder: &mut Builder, bare: bool) {
+    builder.shell();
+    builder.pictures();
+    builder.furniture();
+    if !bare {
         builder.crates();
         builder.hanging();
-        let movers = if self == Self::Foreground { vec![builder.foreground()] } else { Vec::new() };
-        Scene { surfaces: builder.surfaces, textures, movers }
     }
-}
-
-/// The procedural room of a seed.
-pub fn room(seed: u64) -> Scene {
-    SceneKind::Room.covered(seed, bake_all(seed))
-}
-
-/// The procedural room of a seed with a foreground that moves on its own.
-pub fn room_with_foreground(seed: u64) -> Scene {
-    SceneKind::Foreground.covered(seed, bake_all(seed))
 }
 
 /// A swing that takes the foreground some ten pixels of 640 from one frame to the next.
@@ -97,15 +39,16 @@ fn swing(random: &mut ChaCha8Rng) -> Oscillations {
     Oscillations { fps: 30.0, rotation, position }
 }
 
-struct Builder {
-    surfaces: Vec<Surface>,
-    random: ChaCha8Rng,
+/// What puts surfaces into a scene.
+pub(super) struct Builder {
+    pub(super) surfaces: Vec<Surface>,
+    pub(super) random: ChaCha8Rng,
     /// How many textures there are.
-    textures: usize,
+    pub(super) textures: usize,
 }
 
 /// A box that stands upright.
-struct Block {
+pub(super) struct Block {
     /// Centre of its base.
     base: Vector3<f64>,
     /// Width, height, depth.
@@ -115,13 +58,20 @@ struct Block {
 }
 
 impl Block {
-    fn new(base: [f64; 3], size: [f64; 3], turn: f64) -> Self {
+    pub(super) fn new(base: [f64; 3], size: [f64; 3], turn: f64) -> Self {
         Self { base: Vector3::from(base), size: Vector3::from(size), turn }
     }
 }
 
 impl Builder {
-    fn rectangle(&mut self, corner: [f64; 3], u: [f64; 3], v: [f64; 3], pattern: Pattern, metres: f64) {
+    pub(super) fn rectangle(
+        &mut self,
+        corner: [f64; 3],
+        u: [f64; 3],
+        v: [f64; 3],
+        pattern: Pattern,
+        metres: f64,
+    ) {
         let surface = Surface::new(Vector3::from(corner), Vector3::from(u), Vector3::from(v));
         self.cover(surface, pattern, metres);
     }
@@ -137,7 +87,7 @@ impl Builder {
     }
 
     /// Walls, floor and ceiling.
-    fn shell(&mut self) {
+    pub(super) fn shell(&mut self) {
         let [[left, right], [top, floor], [rear, front]] = WALLS;
         let (w, h, d) = (right - left, floor - top, front - rear);
         self.rectangle([left, top, front], [w, 0.0, 0.0], [0.0, h, 0.0], Pattern::Brick, 2.0);
@@ -149,7 +99,7 @@ impl Builder {
     }
 
     /// Posters a centimetre off the walls.
-    fn pictures(&mut self) {
+    pub(super) fn pictures(&mut self) {
         let [[left, right], _, [_, front]] = WALLS;
         for (x, y, w, h) in [(-2.2, -1.1, 0.9, 1.2), (-0.9, -1.3, 1.4, 0.9), (1.0, -1.2, 1.2, 1.3)] {
             let z = front - 0.01;
@@ -219,7 +169,7 @@ impl Builder {
     }
 
     /// The block that swings: the first mover, in whose axes its sides are given.
-    fn foreground(&mut self) -> Mover {
+    pub(super) fn foreground(&mut self) -> Mover {
         let room = self.surfaces.len();
         self.block(Block::new([0.0, 0.36, 0.0], [0.72, 0.72, 0.16], 0.0), Pattern::Collage, 0.72);
         for side in &mut self.surfaces[room..] {
@@ -229,7 +179,7 @@ impl Builder {
     }
 
     /// The six sides of a block.
-    fn block(&mut self, block: Block, pattern: Pattern, metres: f64) {
+    pub(super) fn block(&mut self, block: Block, pattern: Pattern, metres: f64) {
         let (sin, cos) = block.turn.sin_cos();
         let across = Vector3::new(cos, 0.0, sin) * block.size.x;
         let up = Vector3::new(0.0, -block.size.y, 0.0);
@@ -247,55 +197,5 @@ impl Builder {
         for (origin, u, v) in sides {
             self.cover(Surface::new(origin, u, v), pattern, metres);
         }
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn every_ray_meets_the_room_and_nothing_is_too_near() {
-        let scene = room(1);
-        let from = Vector3::new(0.1, -0.05, 0.2);
-        for i in 0..2000 {
-            let (turn, height) = (f64::from(i) * 2.399_963, f64::from(i) / 1000.0 - 0.999);
-            let radius = (1.0 - height * height).sqrt();
-            let direction = Vector3::new(radius * turn.cos(), height, radius * turn.sin());
-            let hit = scene.hit(0.0, from, direction).expect("the room is closed");
-            assert!(hit.distance > 1.0, "{}", hit.distance);
-        }
-    }
-
-    #[test]
-    fn the_foreground_covers_a_third_of_the_picture_and_moves() {
-        let scene = room_with_foreground(1);
-        let seen = |t: f64| -> Vec<bool> {
-            let rays =
-                (0..1200).map(|i| (f64::from(i % 40) / 40.0 - 0.4875, f64::from(i / 40) / 40.0 - 0.3625));
-            let hits = rays.map(|(x, y)| scene.hit(t, Vector3::zeros(), Vector3::new(x, y, 1.0)).unwrap());
-            hits.map(|hit| scene.surfaces[hit.surface].mover.is_some()).collect()
-        };
-        let first = seen(0.0);
-        for frame in [0.0, 8.0, 16.0, 24.0, 40.0] {
-            let share = seen(frame / 30.0).iter().filter(|own| **own).count() as f64 / 1200.0;
-            assert!((0.25..0.45).contains(&share), "{share}");
-        }
-        assert_ne!(first, seen(0.2));
-    }
-
-    #[test]
-    fn the_view_ahead_holds_many_depths() {
-        let scene = room(1);
-        let depths: Vec<f64> = (0..400)
-            .map(|i| {
-                let (x, y) = (f64::from(i % 20) / 19.0 - 0.5, f64::from(i / 20) / 19.0 - 0.5);
-                scene.hit(0.0, Vector3::zeros(), Vector3::new(1.1 * x, 0.85 * y, 1.0)).unwrap().distance
-            })
-            .collect();
-        let share = |low: f64, high: f64| {
-            depths.iter().filter(|d| (low..high).contains(*d)).count() as f64 / depths.len() as f64
-        };
-        assert!(share(0.0, 2.4) > 0.05 && share(2.4, 4.0) > 0.2 && share(4.0, 6.1) > 0.2);
     }
 }

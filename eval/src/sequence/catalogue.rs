@@ -49,6 +49,35 @@ pub fn catalogue() -> Vec<Settings> {
     ]
 }
 
+/// The settings of the sequences in which motion is hard to measure. They are no part of the report.
+pub fn hard() -> Vec<Settings> {
+    let own = Strength::Amplitude(1.0);
+    let of = |name: &str, scene, motion| Settings {
+        scene,
+        readout_ratio: 0.8,
+        noise: 2.0,
+        frames: 30,
+        ..Settings::new(name, motion, own)
+    };
+    // Half of the frame time at 30 frames a second.
+    let exposure = 1.0 / 60.0;
+    // As a phone in a hand, which also walks where there is parallax to be seen.
+    let held =
+        |name: &str, scene, sway| Settings { scene, ..phone_with(name, Strength::Displacement(4.0), sway) };
+    vec![
+        Settings { exposure, readout_ratio: 0.6, ..of("selfie", SceneKind::Selfie, Motion::Pan) },
+        Settings { readout_ratio: 1.0, ..of("driving", SceneKind::Street, Motion::Drive) },
+        held("thin", SceneKind::Thin, 2.0 * SWAY),
+        Settings { exposure, readout_ratio: 0.42, ..of("whip_pan", SceneKind::Room, Motion::Pan) },
+        of("tracking", SceneKind::Followed, Motion::Follow),
+        held("crowd", SceneKind::Crowd, SWAY),
+        Settings { noise: 12.0, exposure, ..held("night", SceneKind::Room, SWAY) },
+        held("blinds", SceneKind::Blinds, SWAY),
+        of("caption", SceneKind::Caption, Motion::Pan),
+        Settings { width: 1920, height: 1080, frames: 8, ..held("thin_1080", SceneKind::Thin, 2.0 * SWAY) },
+    ]
+}
+
 /// Takes most of a hand's shake out of the frame's middle.
 const STABILISATION: Stabilisation = Stabilisation { smoothing: 5.0, zoom: 1.25 };
 
@@ -75,7 +104,12 @@ fn from_the_bottom(name: &str, sway: f64) -> Settings {
 
 /// What a phone in a hand takes: 30 frames with shake up to 0.15 cycles a frame, γ = 0.8, some noise.
 fn phone(name: &str, strength: Strength) -> Settings {
-    let motion = shake(0.015, 0.15, SWAY);
+    phone_with(name, strength, SWAY)
+}
+
+/// The same with another translation.
+fn phone_with(name: &str, strength: Strength, sway: f64) -> Settings {
+    let motion = shake(0.015, 0.15, sway);
     Settings { readout_ratio: 0.8, noise: 2.0, frames: 30, ..Settings::new(name, motion, strength) }
 }
 
@@ -85,7 +119,7 @@ fn shake(lowest: f64, highest: f64, sway: f64) -> Motion {
 
 /// The settings of the sequence with this name.
 pub fn named(name: &str) -> Option<Settings> {
-    catalogue().into_iter().find(|settings| settings.name == name)
+    catalogue().into_iter().chain(hard()).find(|settings| settings.name == name)
 }
 
 /// The clip that shows what a rolling shutter does: 4.5 s at 1280×720, strongly shaken.

@@ -8,7 +8,7 @@ mod stabilisation;
 mod take;
 mod timeline;
 
-pub use catalogue::{catalogue, demo, named};
+pub use catalogue::{catalogue, demo, hard, named};
 pub use gain::Gain;
 pub use settings::{Settings, Strength};
 pub use stabilisation::{Stabilisation, Warp};

@@ -16,7 +16,7 @@ const BANDS: usize = 16;
 
 /// The reduction of frames of one size.
 #[derive(Debug)]
-pub(super) struct Reduction {
+pub(crate) struct Reduction {
     full: (usize, usize),
     columns: Taps,
     rows: Taps,
@@ -25,7 +25,7 @@ pub(super) struct Reduction {
 
 impl Reduction {
     /// For full frames of `width` × `height`.
-    pub(super) fn new(width: usize, height: usize) -> Self {
+    pub(crate) fn new(width: usize, height: usize) -> Self {
         let scale = (width.max(height) as f64 / LONGEST_SIDE as f64).max(1.0);
         Self {
             full: (width, height),
@@ -36,18 +36,18 @@ impl Reduction {
     }
 
     /// Full-frame pixels per analysed pixel, at least 1; the same along both axes.
-    pub(super) fn scale(&self) -> f64 {
+    pub(crate) fn scale(&self) -> f64 {
         self.scale
     }
 
     /// Width and height of the analysed grey.
-    pub(super) fn size(&self) -> (usize, usize) {
+    pub(crate) fn size(&self) -> (usize, usize) {
         (self.columns.outputs(), self.rows.outputs())
     }
 
     /// Reduces `luma` into `grey` (row by row, of `size`) with `scratch` for the sums; false, and
     /// nothing done, where the luma is not of the full frame's size.
-    pub(super) fn reduce(&self, luma: &Luma<'_>, grey: &mut Vec<f32>, scratch: &mut Vec<f32>) -> bool {
+    pub(crate) fn reduce(&self, luma: &Luma<'_>, grey: &mut Vec<f32>, scratch: &mut Vec<f32>) -> bool {
         let layout = luma.plane.layout();
         let (width, height) = self.size();
         if (layout.width, layout.height) != self.full || width == 0 || height == 0 {

@@ -1,0 +1,118 @@
+//! What is found: a grid of cells with a displacement each.
+
+/// What is known of one cell.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Cell {
+    /// Displacement to the other frame, x and y, in full-frame pixels.
+    pub flow: [f32; 2],
+    /// Trust in the displacement, 0 to 1: from the residual, the texture and forward–backward consistency.
+    pub confidence: f32,
+    /// The structure tensor around the cell (xx, xy, yy): mean products of the zero-mean gradients in squared grey
+    /// levels (0 to 255) per squared pixel of the level. Along the eigenvector of a small eigenvalue the picture does
+    /// not tell the displacement.
+    pub tensor: [f32; 3],
+    /// Mean squared difference of the two frames after the displacement, about the patch's mean, in squared grey levels.
+    pub residual: f32,
+}
+
+/// A dense optical flow, row by row, in cells.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct FlowField {
+    pub(super) columns: usize,
+    pub(super) rows: usize,
+    pub(super) side: f64,
+    pub(super) cells: Vec<Cell>,
+}
+
+impl FlowField {
+    /// Cells in a row.
+    pub fn columns(&self) -> usize {
+        self.columns
+    }
+
+    /// Rows of cells.
+    pub fn rows(&self) -> usize {
+        self.rows
+    }
+
+    /// Side of a cell in full-frame pixels; the first starts at the frame's corner.
+    pub fn cell_side(&self) -> f64 {
+        self.side
+    }
+
+    /// The cells, row by row; none where one of the frames was empty.
+    pub fn cells(&self) -> &[Cell] {
+        &self.cells
+    }
+
+    /// The centre of the cell in `column` and `row`, in full-frame pixels (pixel centres at integers).
+    pub fn centre(&self, column: usize, row: usize) -> [f64; 2] {
+        [column, row].map(|index| (index as f64 + 0.5) * self.side - 0.5)
+    }
+
+    /// The four cells around a point (full-frame pixels), each with its share in a bilinear interpolation; `None` for a
+    /// field without cells or a point that is not a number. Beyond the outermost centres the outermost cells go on.
+    pub fn around(&self, x: f64, y: f64) -> Option<[(&Cell, f64); 4]> {
+        let (column, across) = place(x, self.side, self.columns)?;
+        let (row, down) = place(y, self.side, self.rows)?;
+        let right = (column + 1).min(self.columns - 1);
+        let below = (row + 1).min(self.rows - 1);
+        let cell = |row: usize, column: usize| self.cells.get(row * self.columns + column);
+        Some([
+            (cell(row, column)?, (1.0 - across) * (1.0 - down)),
+            (cell(row, right)?, across * (1.0 - down)),
+            (cell(below, column)?, (1.0 - across) * down),
+            (cell(below, right)?, across * down),
+        ])
+    }
+
+    /// The displacement at a point (both in full-frame pixels) and the trust in it, interpolated bilinearly; cells of
+    /// little confidence count little.
+    pub fn sample(&self, x: f64, y: f64) -> Option<([f64; 2], f64)> {
+        /// What a cell without any confidence counts, so that where none has any there is a mean still.
+        const LEAST: f64 = 0.01;
+        let (mut flow, mut sum, mut confidence) = ([0.0; 2], 0.0, 0.0);
+        for (cell, share) in self.around(x, y)? {
+            let own = f64::from(cell.confidence);
+            let weight = share * (own + LEAST);
+            flow[0] += weight * f64::from(cell.flow[0]);
+            flow[1] += weight * f64::from(cell.flow[1]);
+            confidence += share * own;
+            sum += weight;
+        }
+        (sum > 0.0).then(|| (flow.map(|value| value / sum), confidence))
+    }
+}
+
+/// The cell whose centre lies at or before a position, and how far towards the next one that lies.
+fn place(position: f64, side: f64, cells: usize) -> Option<(usize, f64)> {
+    let last = cells.checked_sub(1)?;
+    let at = ((position + 0.5) / side - 0.5).clamp(0.0, last as f64);
+    // Not a number stays that.
+    (at >= 0.0).then(|| (at as usize, at.fract()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn ramp() -> FlowField {
+        let cell = |index: usize| Cell {
+            flow: [(index % 4) as f32, (index / 4) as f32],
+            confidence: 1.0,
+            ..Cell::default()
+        };
+        FlowField { columns: 4, rows: 3, side: 8.0, cells: (0..12).map(cell).collect() }
+    }
+
+    #[test]
+    fn a_ramp_is_interpolated_and_ends_level() {
+        let field = ramp();
+        let [x, y] = field.centre(2, 1);
+        assert_eq!([x, y], [19.5, 11.5]);
+        let (flow, confidence) = field.sample(x + 2.0, y - 4.0).unwrap();
+        assert!((flow[0] - 2.25).abs() < 1e-9 && (flow[1] - 0.5).abs() < 1e-9 && confidence == 1.0);
+        assert_eq!(field.sample(-100.0, 1e9).unwrap().0, [0.0, 2.0]);
+        assert!(field.sample(f64::NAN, 0.0).is_none() && FlowField::default().sample(0.0, 0.0).is_none());
+    }
+}

@@ -1,0 +1,166 @@
+//! One level: candidates for each patch, steps from the best of them, and the mean of overlapping patches.
+//!
+//! Patches of 8 × 8 pixels overlap by half, so that each cell of 4 × 4 pixels is seen by up to four. A candidate is
+//! judged by its residual alone; what it comes from (the coarser level, cells beside it, the prediction, the other
+//! direction) only decides whether it is tried. The number of comparisons is the same for every patch of a level.
+
+use super::patch::{AREA, SIDE, Template};
+use crate::cpu::CpuLevel;
+use crate::pyramid::Level;
+
+/// Side of a cell in pixels of the level.
+pub(super) const CELL: usize = SIDE / 2;
+
+/// A candidate replaces an earlier one that leaves more than this many times its residual …
+const BETTER: f32 = 1.15;
+
+/// … and this much more, in squared grey levels a pixel: less is noise.
+const NOTICEABLE: f32 = 0.5;
+
+/// Variance in squared grey levels that is added to the residual of a patch before it is weighed: patches that fit to
+/// within the noise of 8-bit luma count alike.
+const WEIGHT_NOISE: f32 = 1.0;
+
+/// What was found for one patch.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(super) struct Found {
+    /// Displacement in pixels of the level.
+    pub(super) shift: [f32; 2],
+    /// Squared differences of its quarters.
+    pub(super) squares: [f32; 4],
+    /// Its structure tensor, summed.
+    pub(super) tensor: [f32; 3],
+    /// Its squared differences from the mean, summed.
+    pub(super) energy: f32,
+}
+
+impl Found {
+    fn total(&self) -> f32 {
+        (self.squares[0] + self.squares[1]) + (self.squares[2] + self.squares[3])
+    }
+}
+
+/// A cell's displacement in pixels of its level.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(super) struct Mean {
+    pub(super) shift: [f32; 2],
+    /// Weighted means over the patches that see the cell, per pixel: squared difference, tensor, energy.
+    pub(super) residual: f32,
+    pub(super) tensor: [f32; 3],
+    pub(super) energy: f32,
+}
+
+/// Whether a residual is so much less than an earlier one that what leaves it takes its place.
+#[inline(always)]
+fn is_better(next: f32, earlier: f32) -> bool {
+    BETTER * next + AREA * NOTICEABLE < earlier
+}
+
+/// Of two that were found for one patch the later where it is clearly better.
+#[inline(always)]
+pub(super) fn better(earlier: Option<Found>, later: Option<Found>) -> Option<Found> {
+    match (&earlier, &later) {
+        (Some(one), Some(other)) if !is_better(other.total(), one.total()) => earlier,
+        (_, Some(_)) => later,
+        _ => earlier,
+    }
+}
+
+/// Cells (columns, rows) of a level of `width` × `height` pixels; the last ones may reach out of it.
+pub(super) fn cells(level: &Level) -> (usize, usize) {
+    (level.width().div_ceil(CELL), level.height().div_ceil(CELL))
+}
+
+/// Two levels, and how often a patch is compared.
+#[derive(Clone, Copy)]
+pub(super) struct Pair<'a> {
+    pub(super) cpu: CpuLevel,
+    pub(super) first: &'a Level,
+    pub(super) second: &'a Level,
+    /// Comparisons after the candidates'.
+    pub(super) steps: usize,
+}
+
+/// The best of some candidates.
+struct Best {
+    shift: [f32; 2],
+    step: [f32; 2],
+    squares: [f32; 4],
+    total: f32,
+}
+
+impl Best {
+    /// Compares a template, which lies at `at` in the first frame, with the second.
+    #[inline(always)]
+    fn of(template: &Template, second: &Level, at: [f32; 2], shift: [f32; 2]) -> Option<Self> {
+        let difference = template.compare(second, [at[0] + shift[0], at[1] + shift[1]])?;
+        Some(Self { shift, step: difference.step, squares: difference.squares, total: difference.total })
+    }
+}
+
+impl Pair<'_> {
+    /// Finds the patch whose top left pixel is (x, y): of `candidates` (displacements in pixels) the best, the first
+    /// being preferred where others are hardly better, and from there by Gauss–Newton steps for as long as the residual
+    /// falls.
+    #[inline(always)]
+    pub(super) fn find(&self, x: usize, y: usize, candidates: &[[f32; 2]]) -> Option<Found> {
+        let template = Template::new(self.cpu, self.first, x, y)?;
+        let at = [x as f32, y as f32];
+        let mut best: Option<Best> = None;
+        for shift in candidates {
+            let next = Best::of(&template, self.second, at, *shift)?;
+            if best.as_ref().is_none_or(|best| is_better(next.total, best.total)) {
+                best = Some(next);
+            }
+        }
+        let mut best = best?;
+        for _ in 0..self.steps {
+            let shift = [best.shift[0] + best.step[0], best.shift[1] + best.step[1]];
+            let next = Best::of(&template, self.second, at, shift)?;
+            if next.total < best.total {
+                best = next;
+            } else {
+                // A step that leads away is halved.
+                best.step = best.step.map(|step| 0.5 * step);
+            }
+        }
+        let (tensor, energy) = (template.tensor(), template.energy());
+        Some(Found { shift: best.shift, squares: best.squares, tensor, energy })
+    }
+}
+
+/// The mean over the patches that see the cell in `column` and `row`, where `patches` has `across` of them in a row.
+#[inline(always)]
+pub(super) fn mean(patches: &[Found], across: usize, column: usize, row: usize) -> Mean {
+    let mut sum = Mean::default();
+    let mut weights = 0.0;
+    let down = patches.len() / across.max(1);
+    for (j, i) in [(0, 0), (0, 1), (1, 0), (1, 1)] {
+        // The patch that has the cell as its quarter (j, i).
+        let (Some(y), Some(x)) = (row.checked_sub(j), column.checked_sub(i)) else { continue };
+        if x >= across || y >= down {
+            continue;
+        }
+        let Some(patch) = patches.get(y * across + x) else { continue };
+        let residual = patch.squares[2 * i + j] * (4.0 / AREA);
+        let all = patch.total() * (1.0 / AREA);
+        let noise = WEIGHT_NOISE + residual;
+        let weight = 1.0 / (noise * (WEIGHT_NOISE + all));
+        sum.shift[0] += weight * patch.shift[0];
+        sum.shift[1] += weight * patch.shift[1];
+        sum.residual += weight * residual;
+        sum.energy += weight * (1.0 / AREA) * patch.energy;
+        for (sum, value) in sum.tensor.iter_mut().zip(patch.tensor) {
+            *sum += weight * (1.0 / AREA) * value;
+        }
+        weights += weight;
+    }
+    if weights > 0.0 {
+        let share = 1.0 / weights;
+        sum.shift = sum.shift.map(|value| value * share);
+        sum.tensor = sum.tensor.map(|value| value * share);
+        sum.residual *= share;
+        sum.energy *= share;
+    }
+    sum
+}

@@ -1,0 +1,26 @@
+//! Kernels that work row by row, on all cores and with the instructions that the machine has.
+
+use crate::cpu::CpuLevel;
+use rayon::prelude::*;
+
+/// What makes rows of results, each on its own.
+pub(super) trait RowKernel<T>: Sync {
+    /// Fills a row. To be `inline(always)`, with all that it calls: what is not inlined is compiled for any CPU.
+    fn fill(&self, row: usize, out: &mut [T]);
+}
+
+/// Fills all rows, each of `across` results.
+pub(super) fn fill<T: Send, K: RowKernel<T>>(cpu: CpuLevel, kernel: &K, across: usize, out: &mut [T]) {
+    out.par_chunks_mut(across.max(1)).enumerate().for_each(|(row, out)| match cpu {
+        // SAFETY: the level is a proof of AVX2.
+        #[cfg(target_arch = "x86_64")]
+        CpuLevel::Avx2(_) => unsafe { fill_avx2(kernel, row, out) },
+        _ => kernel.fill(row, out),
+    });
+}
+
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx2")]
+fn fill_avx2<T, K: RowKernel<T>>(kernel: &K, row: usize, out: &mut [T]) {
+    kernel.fill(row, out);
+}

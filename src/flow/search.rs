@@ -1,0 +1,41 @@
+//! The coarsest level: exhaustive search of every patch.
+//!
+//! It is what makes the flow independent of any prediction. The level is at most 48 pixels long, so that a quarter of
+//! the frame's width is 12 pixels at most and 25 × 25 displacements are compared for each of some 80 patches.
+
+use super::patch::{AREA, SIDE, Template};
+use crate::cpu::CpuLevel;
+use crate::pyramid::Level;
+
+/// Longest displacement that is searched, as a share of the frame's width; along both axes.
+const REACH: f32 = 0.25;
+
+/// What a displacement of one pixel costs beside none, in squared grey levels a pixel: decides between equals only.
+const LENGTH_COST: f32 = 0.05;
+
+/// The displacement (pixels of the level) at which the patch with its top left pixel at (x, y) fits best; zero where
+/// nothing fits.
+#[inline(always)]
+pub(super) fn exhaustive(cpu: CpuLevel, first: &Level, second: &Level, x: usize, y: usize) -> [f32; 2] {
+    let Some(template) = Template::new(cpu, first, x, y) else { return [0.0; 2] };
+    let reach = (REACH * second.width() as f32).ceil() as isize;
+    // At least half of the patch is to be seen in the second frame, along each axis.
+    let half = SIDE as isize / 2;
+    let range = |at: usize, length: usize| {
+        let at = at as isize;
+        (at - reach).max(-half)..=(at + reach).min(length as isize - half)
+    };
+    let mut best = ([0.0; 2], f32::INFINITY);
+    for to_y in range(y, second.height()) {
+        for to_x in range(x, second.width()) {
+            let shift = [(to_x - x as isize) as f32, (to_y - y as isize) as f32];
+            let length = (shift[0] * shift[0] + shift[1] * shift[1]).sqrt();
+            let Some(residual) = template.residual_at(second, to_x, to_y) else { continue };
+            let cost = residual + AREA * LENGTH_COST * length;
+            if cost < best.1 {
+                best = (shift, cost);
+            }
+        }
+    }
+    best.0
+}

@@ -1,0 +1,122 @@
+use super::*;
+use crate::plane::{Plane, PlaneLayout, SampleFormat};
+
+const SIZE: (usize, usize) = (320, 240);
+
+/// Waves of several lengths, the longest of a third of the frame, so that every level sees something.
+fn wave(x: f64, y: f64) -> f64 {
+    let waves = [
+        (0.9, 0.31, 10.0),
+        (0.35, -0.6, 14.0),
+        (-0.17, 0.21, 18.0),
+        (0.083, 0.11, 18.0),
+        (0.051, -0.037, 20.0),
+        (0.019, 0.027, 22.0),
+    ];
+    128.0 + waves.iter().map(|(a, b, c)| c * (a * x + b * y + c).sin()).sum::<f64>()
+}
+
+fn frame(grey: impl Fn(f64, f64) -> f64) -> Vec<u8> {
+    let at = |i: usize| grey((i % SIZE.0) as f64, (i / SIZE.0) as f64).round().clamp(0.0, 255.0) as u8;
+    (0..SIZE.0 * SIZE.1).map(at).collect()
+}
+
+fn pyramid(reducer: &Reducer, bytes: &[u8]) -> Pyramid {
+    let plane = Plane::new(bytes, PlaneLayout::packed(SIZE.0, SIZE.1, SampleFormat::U8)).unwrap();
+    let mut pyramid = Pyramid::new();
+    reducer.build(&plane.into(), &mut pyramid);
+    pyramid
+}
+
+fn flow_of(cpu: CpuLevel, frames: [&[u8]; 2], predict: impl Fn(Vector2<f64>) -> Vector2<f64>) -> DenseFlow {
+    let reducer = Reducer::new(SIZE.0, SIZE.1);
+    let mut flow = DenseFlow::with_cpu(cpu, &reducer);
+    let [first, second] = frames.map(|bytes| pyramid(&reducer, bytes));
+    flow.estimate(&first, &second, predict);
+    flow
+}
+
+/// The median distance from `truth` over the cells that stay inside the frame, in pixels.
+fn median_error(field: &FlowField, truth: impl Fn(f64, f64) -> [f64; 2]) -> f64 {
+    let mut errors = Vec::new();
+    for (index, cell) in field.cells().iter().enumerate() {
+        let [x, y] = field.centre(index % field.columns(), index / field.columns());
+        let [u, v] = truth(x, y);
+        let is_inside = |at: f64, length: usize| (8.0..length as f64 - 8.0).contains(&at);
+        if is_inside(x + u, SIZE.0) && is_inside(y + v, SIZE.1) {
+            errors.push((f64::from(cell.flow[0]) - u).hypot(f64::from(cell.flow[1]) - v));
+        }
+    }
+    errors.sort_by(f64::total_cmp);
+    errors[errors.len() / 2]
+}
+
+#[test]
+fn a_translation_is_found_both_ways() {
+    for shift in [[3.3, -1.6], [-40.0, 12.5], [70.0, 30.0]] {
+        let (first, second) = (frame(wave), frame(|x, y| wave(x - shift[0], y - shift[1])));
+        let flow = flow_of(CpuLevel::detect(), [&first, &second], |p| p);
+        let there = median_error(flow.forward(), |_, _| shift);
+        let back = median_error(flow.backward(), |_, _| shift.map(|value| -value));
+        assert!(there < 0.1 && back < 0.1, "{shift:?}: {there} {back}");
+    }
+}
+
+#[test]
+fn a_wrong_prediction_hides_nothing() {
+    let (first, second) = (frame(wave), frame(|x, y| wave(x - 21.0, y + 9.0)));
+    let flow = flow_of(CpuLevel::detect(), [&first, &second], |p| p + Vector2::new(-35.0, 28.0));
+    assert!(median_error(flow.forward(), |_, _| [21.0, -9.0]) < 0.1);
+}
+
+#[test]
+fn brightness_may_change() {
+    let (first, second) = (frame(wave), frame(|x, y| 0.9 * wave(x - 6.0, y - 4.0) + 20.0));
+    let flow = flow_of(CpuLevel::detect(), [&first, &second], |p| p);
+    let error = median_error(flow.forward(), |_, _| [6.0, 4.0]);
+    assert!(error < 0.15, "{error}");
+}
+
+#[test]
+fn what_does_not_come_back_is_not_trusted() {
+    // The right half of the second frame shows something else.
+    let other = |x: f64, y: f64| wave(1.7 * y + 400.0, 1.3 * x - 900.0);
+    let (first, second) = (frame(wave), frame(|x, y| if x < 160.0 { wave(x - 4.0, y) } else { other(x, y) }));
+    let flow = flow_of(CpuLevel::detect(), [&first, &second], |p| p);
+    let field = flow.forward();
+    let trust = |columns: std::ops::Range<usize>| {
+        let cells = field.cells().iter().enumerate();
+        let of = cells.filter(|(index, _)| columns.contains(&(index % field.columns())));
+        let all: Vec<f32> = of.map(|(_, cell)| cell.confidence).collect();
+        all.iter().sum::<f32>() / all.len() as f32
+    };
+    let (left, right) = (trust(2..16), trust(24..40));
+    assert!(left > 0.9 && right < 0.3, "{left} {right}");
+}
+
+#[test]
+fn all_levels_find_the_same() {
+    let (first, second) = (frame(wave), frame(|x, y| wave(1.01 * x - 5.0, y + 0.01 * x)));
+    let scalar = flow_of(CpuLevel::Scalar, [&first, &second], |p| p);
+    for cpu in CpuLevel::supported() {
+        let flow = flow_of(cpu, [&first, &second], |p| p);
+        assert!(flow.forward() == scalar.forward() && flow.backward() == scalar.backward(), "{cpu}");
+    }
+}
+
+#[test]
+fn frames_of_any_size_do() {
+    for (width, height) in [(1, 1), (7, 300), (16, 16), (17, 23), (33, 16), (961, 20)] {
+        let reducer = Reducer::new(width, height);
+        let mut flow = DenseFlow::new(&reducer);
+        let bytes: Vec<u8> = (0..width * height).map(|i| (i * 37 % 251) as u8).collect();
+        let plane = Plane::new(&bytes, PlaneLayout::packed(width, height, SampleFormat::U8)).unwrap();
+        let mut pyramid = Pyramid::new();
+        flow.estimate(&pyramid, &pyramid, |p| p);
+        assert!(flow.forward().cells().is_empty());
+        reducer.build(&plane.into(), &mut pyramid);
+        flow.estimate(&pyramid, &pyramid, |_| Vector2::new(f64::NAN, 1e300));
+        let cells = flow.forward().cells();
+        assert!(cells.iter().all(|cell| cell.flow.iter().all(|v| v.abs() < 1e-3)), "{width}×{height}");
+    }
+}

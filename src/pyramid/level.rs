@@ -1,0 +1,142 @@
+//! One resolution of a pyramid: grey values with a border, so that a patch may reach out of the picture.
+
+use rayon::prelude::*;
+
+/// Pixels of border on each side, replicated from the picture's edge. A patch of 8 pixels that lies wholly outside and
+/// is sampled between pixels needs 9, its gradients one more; a picture whose width is no multiple of 4 up to 3.
+pub(crate) const BORDER: usize = 13;
+
+/// Rows of a level that one task makes.
+const BAND: usize = 32;
+
+/// Grey of one resolution, 0 to 255, row by row, with [`BORDER`] replicated pixels on each side.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Level {
+    width: usize,
+    height: usize,
+    stride: usize,
+    data: Vec<f32>,
+}
+
+impl Level {
+    /// Pixels in a row, without the border.
+    pub(crate) fn width(&self) -> usize {
+        self.width
+    }
+
+    /// Rows, without the border.
+    pub(crate) fn height(&self) -> usize {
+        self.height
+    }
+
+    /// Samples from one row to the next.
+    pub(crate) fn stride(&self) -> usize {
+        self.stride
+    }
+
+    /// The samples from pixel (x, y) on to the end of the level; pixels of the border have indices from −[`BORDER`]
+    /// on. `None` outside of it.
+    #[inline(always)]
+    pub(crate) fn from(&self, x: isize, y: isize) -> Option<&[f32]> {
+        let column = x.checked_add_unsigned(BORDER)?;
+        let row = y.checked_add_unsigned(BORDER)?;
+        if column < 0 || row < 0 || column as usize >= self.stride {
+            return None;
+        }
+        self.data.get((row as usize).checked_mul(self.stride)? + column as usize..)
+    }
+
+    #[cfg(test)]
+    pub(crate) fn pixel(&self, x: isize, y: isize) -> f32 {
+        self.from(x, y).unwrap()[0]
+    }
+
+    /// A level of its own for tests.
+    #[cfg(test)]
+    pub(crate) fn of(width: usize, height: usize, grey: impl Fn(f32, f32) -> f32) -> Self {
+        let data: Vec<f32> =
+            (0..width * height).map(|i| grey((i % width) as f32, (i / width) as f32)).collect();
+        let mut level = Self::default();
+        level.fill(width, height, &data);
+        level
+    }
+
+    /// Copies a picture of `width` × `height` pixels, row by row.
+    pub(super) fn fill(&mut self, width: usize, height: usize, grey: &[f32]) {
+        self.resize(width, height);
+        let rows = grey.chunks_exact(width.max(1));
+        for (row, grey) in self.data.chunks_exact_mut(self.stride).skip(BORDER).zip(rows) {
+            row.iter_mut().skip(BORDER).zip(grey).for_each(|(out, value)| *out = *value);
+            replicate(row, width);
+        }
+        self.replicate_rows();
+    }
+
+    /// Means of 2 × 2 pixels of a finer level; an odd last row or column is left out.
+    pub(super) fn halve(&mut self, fine: &Self) {
+        self.resize(fine.width / 2, fine.height / 2);
+        let (stride, width, height) = (self.stride, self.width, self.height);
+        let Some(inside) = self.data.get_mut(BORDER * stride..(BORDER + height) * stride) else { return };
+        inside.par_chunks_mut(stride * BAND).enumerate().for_each(|(band, rows)| {
+            for (y, row) in rows.chunks_exact_mut(stride).enumerate() {
+                let Some(source) = fine.from(0, 2 * (band * BAND + y) as isize) else { return };
+                let Some((above, below)) = source.split_at_checked(fine.stride) else { return };
+                let pairs = above.as_chunks::<2>().0.iter().zip(below.as_chunks::<2>().0);
+                for (out, (a, b)) in row.iter_mut().skip(BORDER).take(width).zip(pairs) {
+                    *out = 0.25 * ((a[0] + b[0]) + (a[1] + b[1]));
+                }
+                replicate(row, width);
+            }
+        });
+        self.replicate_rows();
+    }
+
+    fn resize(&mut self, width: usize, height: usize) {
+        (self.width, self.height, self.stride) = (width, height, width + 2 * BORDER);
+        self.data.resize(self.stride * (height + 2 * BORDER), 0.0);
+    }
+
+    fn replicate_rows(&mut self) {
+        let stride = self.stride;
+        if self.height == 0 {
+            return;
+        }
+        let last = BORDER + self.height - 1;
+        for row in 0..BORDER {
+            self.data.copy_within(BORDER * stride..(BORDER + 1) * stride, row * stride);
+            self.data.copy_within(last * stride..(last + 1) * stride, (last + 1 + row) * stride);
+        }
+    }
+}
+
+/// Fills the border left and right of a row.
+fn replicate(row: &mut [f32], width: usize) {
+    let Some(inside) = row.get(BORDER..BORDER + width) else { return };
+    let (Some(&first), Some(&last)) = (inside.first(), inside.last()) else { return };
+    row.iter_mut().take(BORDER).for_each(|value| *value = first);
+    row.iter_mut().skip(BORDER + width).for_each(|value| *value = last);
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn halving_takes_means_and_drops_the_odd_edge() {
+        let fine = Level::of(5, 3, |x, y| 5.0 * y + x);
+        let mut coarse = Level::default();
+        coarse.halve(&fine);
+        assert_eq!((coarse.width(), coarse.height()), (2, 1));
+        assert_eq!([coarse.pixel(0, 0), coarse.pixel(1, 0)], [3.0, 5.0]);
+    }
+
+    #[test]
+    fn the_border_repeats_the_edge() {
+        let level = Level::of(4, 3, |x, y| 10.0 * y + x);
+        let border = BORDER as isize;
+        assert_eq!(level.pixel(-border, -border), 0.0);
+        assert_eq!(level.pixel(-2, 1), 10.0);
+        assert_eq!(level.pixel(3 + border, 2 + border), 23.0);
+        assert!(level.from(-border - 1, 0).is_none() && level.from(0, 3 + border).is_none());
+    }
+}
