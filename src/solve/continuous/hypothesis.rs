@@ -49,8 +49,9 @@ pub(super) struct Hypothesis {
     since_trial: usize,
     /// Frames since γ was sought from several starts, if ever.
     since_sought: Option<usize>,
-    /// Whether γ has come to rest since.
+    /// Whether γ has come to rest since, and whether it has in the last window.
     rests: bool,
+    pub rests_now: bool,
     /// Steps so far in which it was learnt how a vibration goes on.
     foresight: usize,
     /// The fits from several starts that are going on; for the frames after a gap or a cut while those before it are
@@ -72,6 +73,7 @@ impl Hypothesis {
             since_trial: TRIAL,
             since_sought: None,
             rests: true,
+            rests_now: false,
             foresight: 0,
             search: None,
             prepared: None,
@@ -110,7 +112,7 @@ impl Hypothesis {
     pub fn go_over(&mut self, other: &Self) {
         self.drop_searches();
         self.solver = other.solver.clone();
-        (self.rests, self.since_sought) = (other.rests, other.since_sought);
+        (self.rests, self.rests_now, self.since_sought) = (other.rests, other.rests_now, other.since_sought);
     }
 
     /// Drops the fits beside the one in hand.
@@ -118,13 +120,14 @@ impl Hypothesis {
         (self.search, self.prepared, self.trial) = (None, None, None);
     }
 
-    /// Fits the path to a stretch.
+    /// Fits the path to a stretch, of the tempo in hand.
     pub fn settle(&mut self, stretch: Stretch<'_>, starts: bool) {
         if starts {
             self.solver.restart();
             // What was fitted to a pair or two is no better start than none.
             (self.search, self.trial) = (self.prepared.take().filter(|_| !stretch.is_short()), None);
         }
+        self.rests_now = false;
         if stretch.pairs.is_empty() {
             return;
         }
@@ -137,9 +140,20 @@ impl Hypothesis {
             return;
         }
         let found = self.seek(stretch, starts);
-        let settled = found.unwrap_or_else(|| self.follow(stretch));
-        let settled = self.try_tempo(stretch, starts).unwrap_or(settled);
-        if settled {
+        self.rests_now = found.unwrap_or_else(|| self.follow(stretch));
+    }
+
+    /// Tries the other tempo where that is `free` to be asked, and adds what the stretch says to the beliefs if γ has come
+    /// to rest.
+    pub fn conclude(&mut self, stretch: Stretch<'_>, starts: bool, free: bool) {
+        if stretch.pairs.is_empty() || self.knows_little(stretch) {
+            return;
+        }
+        self.since_trial += 1;
+        if let Some(rests) = free.then(|| self.try_tempo(stretch, starts)).flatten() {
+            self.rests_now = rests;
+        }
+        if self.rests_now {
             self.remember(stretch);
         }
     }
@@ -228,7 +242,7 @@ impl Hypothesis {
     }
 
     /// Adds what a stretch says to the beliefs, as far as it is worth anything, once for each of its pairs.
-    pub fn remember(&mut self, stretch: Stretch<'_>) {
+    fn remember(&mut self, stretch: Stretch<'_>) {
         let seen = stretch.of_tempo(self.solver.tempo);
         self.solver.remember(self.worth(stretch) / seen.pairs.len() as f64);
     }
@@ -244,7 +258,6 @@ impl Hypothesis {
 
     /// Goes over to the other tempo where that is worth it; whether γ came to rest there.
     fn try_tempo(&mut self, stretch: Stretch<'_>, starts: bool) -> Option<bool> {
-        self.since_trial += 1;
         if self.trial.is_none() && self.since_trial >= TRIAL && self.wants_other_tempo(stretch) {
             self.since_trial = 0;
             let tempo = self.solver.tempo.other();

@@ -32,6 +32,11 @@ impl SceneTrial {
         self.others.clear();
     }
 
+    /// Whether one is going on.
+    pub fn is_going_on(&self) -> bool {
+        !self.others.is_empty()
+    }
+
     fn begin(&mut self, hypotheses: &[Hypothesis]) {
         self.since = 0;
         let turned = |hypothesis: &Hypothesis| {
@@ -88,9 +93,7 @@ impl SceneTrial {
         others.par_iter_mut().for_each(|other| {
             let Some(search) = other.search.take() else { return };
             let steps = if other.is_vague() { search.steps_left() } else { 1 };
-            if other.decide(search, stretch, steps) {
-                other.remember(stretch);
-            }
+            other.rests_now = other.decide(search, stretch, steps);
         });
         let other = trust(&others);
         let is_better = if alone { PREFERRED * other > own } else { other > PREFERRED * own };

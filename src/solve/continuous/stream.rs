@@ -311,6 +311,9 @@ impl Continuous {
             self.scene_trial.stop();
         }
         self.scene_trial.settle(&mut self.hypotheses, stretch, starts);
+        // What moves on its own may pass for a vibration.
+        let free = !self.scene_trial.is_going_on();
+        self.hypotheses.par_iter_mut().for_each(|hypothesis| hypothesis.conclude(stretch, starts, free));
         weigh(&mut self.hypotheses, stretch);
         choose(&mut self.hypotheses);
         self.continues = !pairs.is_empty();
