@@ -83,6 +83,15 @@ impl PlaneLayout {
         (self.height - 1).checked_mul(self.stride)?.checked_add(row)
     }
 
+    /// The layout, if `len` bytes hold it. Of a plane one pixel wide the step says nothing, of one row the stride: those
+    /// are set to what a pixel and a row take, so that no arithmetic with them overflows.
+    fn checked(self, len: usize) -> Result<Self, PlaneError> {
+        self.check(len)?;
+        let step = if self.width > 1 { self.step } else { self.channels };
+        let row = self.width.saturating_mul(step).saturating_mul(self.format.bytes());
+        Ok(Self { step, stride: if self.height > 1 { self.stride } else { row }, ..self })
+    }
+
     fn check(&self, len: usize) -> Result<(), PlaneError> {
         if !(1..=4).contains(&self.channels) || self.step < self.channels {
             return Err(PlaneError::Channels { channels: self.channels, step: self.step });
@@ -139,7 +148,7 @@ pub struct Plane<'a> {
 impl<'a> Plane<'a> {
     /// Checks that `data`, which starts at the first sample, holds the whole plane.
     pub fn new(data: &'a [u8], layout: PlaneLayout) -> Result<Self, PlaneError> {
-        layout.check(data.len())?;
+        let layout = layout.checked(data.len())?;
         Ok(Self { data, layout })
     }
 
@@ -169,7 +178,7 @@ pub struct PlaneMut<'a> {
 impl<'a> PlaneMut<'a> {
     /// Checks that `data`, which starts at the first sample, holds the whole plane.
     pub fn new(data: &'a mut [u8], layout: PlaneLayout) -> Result<Self, PlaneError> {
-        layout.check(data.len())?;
+        let layout = layout.checked(data.len())?;
         Ok(Self { data, layout })
     }
 
@@ -247,6 +256,16 @@ mod tests {
         assert!(Plane::new(&[0; 64], layout).is_err());
         let layout = PlaneLayout::packed(usize::MAX, usize::MAX, SampleFormat::U16);
         assert!(Plane::new(&[0; 64], layout).is_err());
+    }
+
+    #[test]
+    fn steps_and_strides_that_lead_nowhere_say_nothing() {
+        let one = PlaneLayout::packed(1, 1, SampleFormat::U16);
+        let plane = PlaneLayout { step: usize::MAX, stride: usize::MAX, ..one };
+        assert_eq!(*Plane::new(&[0; 2], plane).unwrap().layout(), one);
+        assert_eq!(*PlaneMut::new(&mut [0; 2], plane).unwrap().layout(), one);
+        let column = PlaneLayout { height: 3, step: usize::MAX, stride: 4, ..one };
+        assert_eq!(Plane::new(&[0; 10], column).unwrap().row(2).len(), 2);
     }
 
     #[test]
