@@ -49,9 +49,10 @@ pub(super) struct Hypothesis {
     since_trial: usize,
     /// Frames since γ was sought from several starts, if ever.
     since_sought: Option<usize>,
-    /// Whether γ has come to rest since, and whether it has in the last window.
+    /// Whether γ has come to rest since.
     rests: bool,
-    pub rests_now: bool,
+    /// Whether it has in the last window.
+    pub settled: bool,
     /// Steps so far in which it was learnt how a vibration goes on.
     foresight: usize,
     /// The fits from several starts that are going on; for the frames after a gap or a cut while those before it are
@@ -73,7 +74,7 @@ impl Hypothesis {
             since_trial: TRIAL,
             since_sought: None,
             rests: true,
-            rests_now: false,
+            settled: false,
             foresight: 0,
             search: None,
             prepared: None,
@@ -112,7 +113,7 @@ impl Hypothesis {
     pub fn go_over(&mut self, other: &Self) {
         self.drop_searches();
         self.solver = other.solver.clone();
-        (self.rests, self.rests_now, self.since_sought) = (other.rests, other.rests_now, other.since_sought);
+        (self.rests, self.settled, self.since_sought) = (other.rests, other.settled, other.since_sought);
     }
 
     /// Drops the fits beside the one in hand.
@@ -127,7 +128,7 @@ impl Hypothesis {
             // What was fitted to a pair or two is no better start than none.
             (self.search, self.trial) = (self.prepared.take().filter(|_| !stretch.is_short()), None);
         }
-        self.rests_now = false;
+        self.settled = false;
         if stretch.pairs.is_empty() {
             return;
         }
@@ -140,7 +141,7 @@ impl Hypothesis {
             return;
         }
         let found = self.seek(stretch, starts);
-        self.rests_now = found.unwrap_or_else(|| self.follow(stretch));
+        self.settled = found.unwrap_or_else(|| self.follow(stretch));
     }
 
     /// Tries the other tempo where that is `free` to be asked, and adds what the stretch says to the beliefs if γ has come
@@ -151,9 +152,9 @@ impl Hypothesis {
         }
         self.since_trial += 1;
         if let Some(rests) = free.then(|| self.try_tempo(stretch, starts)).flatten() {
-            self.rests_now = rests;
+            self.settled = rests;
         }
-        if self.rests_now {
+        if self.settled {
             self.remember(stretch);
         }
     }
@@ -283,6 +284,8 @@ impl Hypothesis {
         other.foresees =
             is_ahead && other.tempo == Tempo::Vibrating && other.trust_in_evidence() > FORESEEABLE;
         self.solver = other;
+        // Its paths are of the tempo that was.
+        self.search = None;
         self.foresight = 0;
         let steps = match (self.solver.is_foreseeing(), starts) {
             (true, true) => self.foresight_steps(FORESIGHT_STEPS[0]),

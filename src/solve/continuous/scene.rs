@@ -93,7 +93,7 @@ impl SceneTrial {
         others.par_iter_mut().for_each(|other| {
             let Some(search) = other.search.take() else { return };
             let steps = if other.is_vague() { search.steps_left() } else { 1 };
-            other.rests_now = other.decide(search, stretch, steps);
+            other.settled = other.decide(search, stretch, steps);
         });
         let other = trust(&others);
         let is_better = if alone { PREFERRED * other > own } else { other > PREFERRED * own };
