@@ -190,7 +190,7 @@ impl Hypothesis {
             self.search = Some(Search::new(&self.solver, is_due));
         }
         let search = self.search.as_mut()?;
-        search.advance(stretch, search.pace(stretch), &self.solver);
+        search.advance(stretch, search.pace(stretch, at_once), &self.solver);
         let search = self.search.take_if(|search| at_once || search.is_done())?;
         let steps = search.steps_left();
         Some(self.decide(search, stretch, steps))
@@ -266,7 +266,7 @@ impl Hypothesis {
             self.trial = Some(Search::at_tempo(&self.solver, tempo, readouts));
         }
         let trial = self.trial.as_mut()?;
-        let steps = if starts { STEPS[0] } else { trial.pace(stretch) };
+        let steps = if starts { STEPS[0] } else { trial.pace(stretch, false) };
         trial.advance(stretch, steps, &self.solver);
         let trial = self.trial.take_if(|trial| trial.is_done())?;
         let (_, mut other) = trial.ranked(stretch).into_iter().next()?;

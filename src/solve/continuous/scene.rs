@@ -84,7 +84,7 @@ impl SceneTrial {
             }
             self.begin(hypotheses);
         }
-        self.each(hypotheses, |search, camera| search.advance(stretch, search.pace(stretch), camera));
+        self.each(hypotheses, |search, camera| search.advance(stretch, search.pace(stretch, starts), camera));
         let is_done = |other: &Hypothesis| other.search.as_ref().is_none_or(Search::is_done);
         if !(is_prepared || self.others.iter().all(is_done)) {
             return;

@@ -27,8 +27,9 @@ const ROUND: usize = 3;
 /// Residuals that are the tracker's to this degree need no other explanation.
 pub(super) const TRUSTED: f64 = 0.5;
 
-/// Pairs times steps that are taken a frame: as many as the path in hand takes, four steps over eight pairs.
-const WORK: usize = 32;
+/// Pairs times steps that are taken a frame: when the first frame is due, as many as the path in hand takes, four steps
+/// over eight pairs; later, when that one takes no first steps, half as many more.
+const WORK: [usize; 2] = [32, 48];
 /// Pairs that show which of the starts are worth going on with before all have come.
 const SHOWN_PAIRS: usize = 8;
 /// A candidate whose evidence is less than the best one's by a factor of e to this power is dropped, and so is one whose
@@ -101,9 +102,9 @@ impl Search {
     }
 
     /// Steps with a frame that takes about as long as any other one.
-    pub fn pace(&self, stretch: Stretch<'_>) -> usize {
+    pub fn pace(&self, stretch: Stretch<'_>, starts: bool) -> usize {
         let pairs = stretch.pairs.len() * self.candidates.len();
-        (WORK / pairs.max(1)).clamp(1, STEPS[0])
+        (WORK[usize::from(!starts)] / pairs.max(1)).clamp(1, STEPS[0])
     }
 
     /// Goes so many steps further with each, to a stretch that grows.
