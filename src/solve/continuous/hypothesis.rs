@@ -1,6 +1,6 @@
 //! One way in which the sensor may be read, with a solver of its own.
 
-use super::search::{STEPS, Search, iterate};
+use super::search::{STEPS, Search, TOLD, VAGUE, iterate};
 use super::solver::{Solver, Tempo};
 use super::stretch::{Stretch, breadth};
 use crate::readout::ReadoutDirection;
@@ -13,14 +13,10 @@ pub(super) const NOTICEABLE: f64 = 4.0;
 const FORESIGHT_STEPS: [usize; 2] = [36, 3];
 /// A path that leaves more than goes with this trust is not foreseen.
 const FORESEEABLE: f64 = 0.5;
-/// A readout ratio, or a tempo, is told from another where its evidence is greater by a factor of e to this power.
-const TOLD: f64 = 5.0;
 /// A path is tried at another tempo where more than this share of what it leaves is common to the matches of a line.
 const BY_LINE: f64 = 0.7;
 /// Readout ratios from which a vibration is looked for where the readout is unknown.
 const READOUTS: [f64; 4] = [0.9, 0.5, -0.5, -0.9];
-/// A readout ratio that is known worse than this may be anything.
-const VAGUE: f64 = 0.2;
 /// A readout ratio that is known as well as this, or that is so many deviations from none, may be relied upon.
 const WELL_KNOWN: f64 = 0.02;
 const EVIDENT: f64 = 4.0;

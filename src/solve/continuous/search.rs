@@ -32,10 +32,10 @@ pub(super) const TRUSTED: f64 = 0.5;
 const WORK: [usize; 2] = [32, 48];
 /// Pairs that show which of the starts are worth going on with before all have come.
 const SHOWN_PAIRS: usize = 8;
-/// A candidate whose evidence is less than the best one's by a factor of e to this power is dropped, and so is one whose
-/// readout ratio is no further from the best one's than that.
-const BEHIND: f64 = 5.0;
-const NEAR: f64 = 0.2;
+/// A readout ratio, or a tempo, is told from another where its evidence is greater by a factor of e to this power.
+pub(super) const TOLD: f64 = 5.0;
+/// A readout ratio that is known worse than this may be anything; two that differ by less are the same answer.
+pub(super) const VAGUE: f64 = 0.2;
 
 /// A start and what has become of it.
 #[derive(Clone, Debug)]
@@ -166,12 +166,10 @@ impl Search {
         let Some(best) = (0..seen.len()).max_by(|a, b| seen[*a].0.total_cmp(&seen[*b].0)) else { return };
         let (most, readout) = seen[best];
         let is_rival =
-            |(evidence, other): (f64, f64)| most - evidence <= BEHIND && (other - readout).abs() > NEAR;
-        let mut index = 0;
-        self.candidates.retain(|_| {
-            index += 1;
-            index - 1 == best || is_rival(seen[index - 1])
-        });
+            |(evidence, other): (f64, f64)| most - evidence <= TOLD && (other - readout).abs() > VAGUE;
+        let candidates = std::mem::take(&mut self.candidates).into_iter().zip(seen).enumerate();
+        let kept = candidates.filter(|(index, (_, seen))| *index == best || is_rival(*seen));
+        self.candidates = kept.map(|(_, (candidate, _))| candidate).collect();
     }
 
     /// The paths with the logarithm of their evidence, the likeliest first.
