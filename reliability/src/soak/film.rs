@@ -9,46 +9,50 @@ use std::time::Duration;
 
 /// Width and height of numbered frames.
 const SIZE: (usize, usize) = (320, 240);
-/// A frame's number is shown in so many blocks: 4 columns, 3 rows, bright for 1.
-const BITS: usize = 12;
+/// A frame's number is the level of its chroma, the same all over the frame, so that it can be read however the picture is
+/// bent: `LEVELS` of them in U, as many in V, `STEP` apart.
+const LEVELS: usize = 15;
+const STEP: usize = 16;
 
-/// The middle of the block of a bit.
-fn middle(bit: usize) -> (usize, usize) {
-    ((bit % 4 * 2 + 1) * SIZE.0 / 8, (bit / 4 * 2 + 1) * SIZE.1 / 6)
-}
-
-/// Frame `number` of a film of 30 frames a second, in grey.
+/// Frame `number` of a film of 30 frames a second: a texture that a hand shakes, read from top to bottom.
 pub fn numbered(number: usize) -> gst::Buffer {
-    let pixel = |i: usize| {
-        let (x, y) = (i % SIZE.0, i / SIZE.0);
-        let bit = (y * 3 / SIZE.1) * 4 + x * 4 / SIZE.0;
-        if number >> bit & 1 == 1 { 220 } else { 30 }
-    };
-    let mut buffer = gst::Buffer::from_mut_slice((0..SIZE.0 * SIZE.1).map(pixel).collect::<Vec<u8>>());
+    let (width, height) = SIZE;
+    let luma = (0..width * height).map(|i| {
+        let (x, y) = ((i % width) as f64, (i / width) as f64);
+        let time = number as f64 + y / height as f64;
+        let shake = |rate: f64| 8.0 * (rate * time).sin();
+        let (x, y) = (x + shake(1.1) + shake(0.37), y + shake(0.83));
+        (125.0 + 30.0 * ((0.31 * x).sin() * (0.23 * y).cos() + (0.05 * x * (0.07 * y).sin()).sin())) as u8
+    });
+    let level = |value: usize| std::iter::repeat_n((value * STEP + STEP / 2) as u8, width * height / 4);
+    let chroma = level(number % LEVELS).chain(level(number / LEVELS % LEVELS));
+    let mut buffer = gst::Buffer::from_mut_slice(luma.chain(chroma).collect::<Vec<u8>>());
     let inner = buffer.make_mut();
     inner.set_pts(gst::ClockTime::from_nseconds(number as u64 * 1_000_000_000 / 30));
     inner.set_duration(gst::ClockTime::from_nseconds(1_000_000_000 / 30));
     buffer
 }
 
-/// The number that a frame shows, if it has the size of numbered ones and a luma plane.
+/// The number that a frame shows, if it has the size of numbered ones and chroma planes.
 pub fn number(pad: &gst::Pad, buffer: &gst::BufferRef) -> Option<usize> {
     let info = gst_video::VideoInfo::from_caps(pad.current_caps()?.as_ref()).ok()?;
-    if (info.width() as usize, info.height() as usize) != SIZE || info.comp_depth(0) != 8 {
+    if (info.width() as usize, info.height() as usize) != SIZE
+        || info.format() != gst_video::VideoFormat::I420
+    {
         return None;
     }
     let frame = gst_video::VideoFrameRef::from_buffer_ref_readable(buffer, &info).ok()?;
-    let (data, stride) = (frame.plane_data(0).ok()?, *frame.plane_stride().first()? as usize);
-    let bright = |bit: usize| {
-        let (x, y) = middle(bit);
-        data.get(y * stride + x).is_some_and(|&value| value > 125)
+    let level = |plane: u32| {
+        let stride = *frame.plane_stride().get(plane as usize)? as usize;
+        let middle = SIZE.1 / 4 * stride + SIZE.0 / 4;
+        frame.plane_data(plane).ok()?.get(middle).map(|value| usize::from(*value) / STEP)
     };
-    Some((0..BITS).filter(|&bit| bright(bit)).map(|bit| 1 << bit).sum())
+    Some(level(1)? + LEVELS * level(2)?)
 }
 
 /// A source of numbered frames for a pipeline's description, to be fed by [`feed`].
 pub const NUMBERED: &str =
-    "appsrc name=numbered format=time caps=video/x-raw,format=GRAY8,width=320,height=240,framerate=30/1";
+    "appsrc name=numbered format=time caps=video/x-raw,format=I420,width=320,height=240,framerate=30/1";
 
 /// Feeds numbered frames to a pipeline and ends the stream.
 pub fn feed(pipeline: &gst::Pipeline, frames: usize) -> anyhow::Result<()> {
@@ -65,7 +69,7 @@ pub fn feed(pipeline: &gst::Pipeline, frames: usize) -> anyhow::Result<()> {
 /// Writes a film of numbered frames, in groups of 15 pictures.
 pub fn write_numbered(path: &Path, frames: usize) -> anyhow::Result<()> {
     let player = Player::new(&format!(
-        "{NUMBERED} ! videoconvert ! x264enc key-int-max=15 speed-preset=ultrafast ! mp4mux \
+        "{NUMBERED} ! x264enc key-int-max=15 speed-preset=ultrafast ! mp4mux \
          ! filesink name=sink location={}",
         path.display()
     ))?;
@@ -96,4 +100,25 @@ pub fn write(
 
 fn finish(player: &Player, path: &Path) -> anyhow::Result<()> {
     player.write_out(Duration::from_secs(60)).with_context(|| format!("cannot write {}", path.display()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::soak::PATIENCE;
+
+    #[test]
+    fn numbers_survive_the_encoder() {
+        gst::init().unwrap();
+        let folder = tempfile::tempdir().unwrap();
+        let film = folder.path().join("numbered.mp4");
+        write_numbered(&film, 90).unwrap();
+        let description = format!(
+            "filesrc location={} ! decodebin ! videoconvert ! video/x-raw,format=I420 ! fakesink name=sink",
+            film.display()
+        );
+        let (_, arrivals) = Player::new(&description).unwrap().play(PATIENCE);
+        let numbers: Vec<_> = arrivals.iter().map(|arrival| arrival.number).collect();
+        assert_eq!(numbers, (0..90).map(Some).collect::<Vec<_>>());
+    }
 }
