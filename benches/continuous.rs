@@ -1,4 +1,4 @@
-//! Time of the continuous estimator for a settled frame of 1920×1080, and of the residual layer, on one
+//! Time of the continuous estimator for a settled frame of 1920×1080, and of the residual field, on one
 //! core and on two.
 
 #![allow(missing_docs)]
@@ -7,12 +7,13 @@ use criterion::{Criterion, criterion_group, criterion_main};
 use nalgebra::Vector2;
 use rayon::ThreadPoolBuilder;
 use rsrectify::correspond::Correspondence;
+use rsrectify::flow::{Cell, FlowField};
 use rsrectify::motion::generators::Model;
 use rsrectify::motion::image_centre;
 use rsrectify::readout::{Readout, ReadoutDirection, ReadoutTime};
 use rsrectify::solve::ShutterEstimator;
 use rsrectify::solve::continuous::{Camera, Continuous, Found};
-use rsrectify::solve::layer::{Layer, Neighbour};
+use rsrectify::solve::residual::{FrameFlow, ResidualSolver, Still};
 use std::f64::consts::TAU;
 
 const WIDTH: usize = 1920;
@@ -71,6 +72,20 @@ fn pair(frame: usize, (columns, rows): (usize, usize), [far, near]: [f64; 2]) ->
         .collect()
 }
 
+/// The flow to a neighbour as the residual field sees it, of a path that stands still: what is in the middle moves.
+fn flow(direction: f64) -> FlowField {
+    let side = 8.0 * SCALE;
+    let columns = (WIDTH as f64 / side).ceil() as usize;
+    let rows = (HEIGHT as f64 / side).ceil() as usize;
+    let cell = |index: usize| {
+        let at = Vector2::new((index % columns) as f64, (index / columns) as f64) * side;
+        let is_near = (at - image_centre(WIDTH, HEIGHT)).norm() < 0.25 * WIDTH as f64;
+        let moved = if is_near { 12.0 * direction } else { 0.0 };
+        Cell { flow: [moved as f32, 0.0], confidence: 0.9, information: [10.0, 1.0, 5.0] }
+    };
+    FlowField::new(columns, side, (0..columns * rows).map(cell).collect()).expect("the rows are complete")
+}
+
 /// An estimator that has seen `BEFORE` frames, and the next frame's number.
 fn estimator(pairs: &[Vec<Correspondence>], readout_time: ReadoutTime) -> (Continuous, usize) {
     let direction = (readout_time != ReadoutTime::Unknown).then_some(ReadoutDirection::TopToBottom);
@@ -86,14 +101,13 @@ fn estimator(pairs: &[Vec<Correspondence>], readout_time: ReadoutTime) -> (Conti
 }
 
 fn push(estimator: &mut Continuous, pairs: &[Vec<Correspondence>], frame: usize) {
-    let found = frame.checked_sub(1).map(|first| Found { grid: &pairs[first % CYCLE], fine: &[] });
+    let found = frame.checked_sub(1).map(|first| Found { grid: &pairs[first % CYCLE], flow: None });
     estimator.push(found, frame as f64 * PERIOD, PERIOD);
 }
 
 fn bench(criterion: &mut Criterion) {
     let pairs: Vec<_> = (0..CYCLE).map(|frame| pair(frame, (32, 24), [1.0, 1.0])).collect();
-    // As the layer sees them: the global path stands still.
-    let deep: Vec<_> = (0..2).map(|frame| pair(frame, (64, 48), [0.0, 0.3])).collect();
+    let fields = [-PERIOD, PERIOD].map(|interval| flow(interval.signum()));
     let readout = Readout::new(
         WIDTH,
         HEIGHT,
@@ -115,15 +129,12 @@ fn bench(criterion: &mut Criterion) {
                 })
             });
         }
-        let mut layer = Layer::new(WIDTH, HEIGHT, SCALE);
-        let neighbours = [
-            Neighbour { correspondences: &deep[0], interval: -PERIOD },
-            Neighbour { correspondences: &deep[1], interval: PERIOD },
-        ];
-        group.bench_function("layer", |bencher| {
-            bencher.iter(|| {
-                pool.install(|| layer.solve(&readout, &neighbours, |point, _, _| point).velocities[0])
-            })
+        let mut residual = ResidualSolver::default();
+        let [before, after] = &fields;
+        let flows =
+            [FrameFlow { field: before, interval: -PERIOD }, FrameFlow { field: after, interval: PERIOD }];
+        group.bench_function("residual field", |bencher| {
+            bencher.iter(|| pool.install(|| residual.solve(&readout, &flows, &Still).velocities[0]))
         });
     }
     let mut shutter = ShutterEstimator::new(WIDTH, HEIGHT);

@@ -4,15 +4,15 @@
 //! The library knows nothing of any media framework: it is given borrowed image planes and their
 //! times, and gives back the motion of each frame and rectified planes.
 //!
-//! Data walks one way through the rooms of the house, and no room imports from a later one:
+//! Data flows one way, and no module imports from a later one:
 //!
-//! | room | from | to |
+//! | module | from | to |
 //! |---|---|---|
 //! | [`plane`] | bytes | borrowed views of image planes |
 //! | [`readout`] | direction, time, delay | when a point of a frame was exposed |
 //! | [`pyramid`] | a luma plane | the same at several resolutions |
 //! | [`flow`] | two pyramids | dense optical flow |
-//! | [`correspond`] | two luma planes | point correspondences |
+//! | [`correspond`] | flow | point correspondences at a grid, to sub-pixel accuracy |
 //! | [`motion`] | | what an image motion is: the twist, the path over a readout |
 //! | [`solve`] | correspondences of a window | a motion path for each frame |
 //! | [`warp`] | a path and a plane | the rectified plane |

@@ -1,13 +1,13 @@
 //! How far the library's dense flow is from the exact one, and how long it takes.
 
-use crate::correspondences::{Follower, GRID};
+use crate::correspondences::GRID;
 use crate::footage::Footage;
 use crate::scene::Frame;
 use crate::speed::median_ms;
 use crate::truth::Capture;
 use anyhow::Result;
 use nalgebra::{Matrix2, Vector2};
-use rsrectify::correspond::{Correspondence, DenseFrame, DenseSampler};
+use rsrectify::correspond::{Correspondence, Sampler};
 use rsrectify::flow::DenseFlow;
 use rsrectify::plane::{Luma, Plane, PlaneLayout, SampleFormat};
 use rsrectify::pyramid::{Pyramid, Reducer};
@@ -35,27 +35,26 @@ pub struct Measured {
 
 /// The heading of the rows that [`points_row`] writes.
 pub const POINTS_HEADING: &str = "| sequence | sampled from flow: points | error px: median | p90 | > 1 px \
-    | normalised variance | beyond 5 σ | all: fastest ms | tracker: points | error px: median | p90 | > 1 px |\n\
-    |---|---|---|---|---|---|---|---|---|---|---|---|";
+    | normalised variance | beyond 5 σ | all: fastest ms |\n|---|---|---|---|---|---|---|---|";
 
 /// Errors of correspondences against the truth.
 #[derive(Clone, Debug, Default)]
 struct Points {
     /// Distance from the truth in pixels.
     errors: Vec<f64>,
-    /// eᵀ·C⁻¹·e, where a covariance is stated.
+    /// eᵀ·C⁻¹·e, C the covariance stated.
     squares: Vec<f64>,
     /// How many were found, with or without truth.
     found: usize,
 }
 
 impl Points {
-    fn add(&mut self, pair: [Capture<'_>; 2], point: &Correspondence, covariance: Option<Matrix2<f64>>) {
+    fn add(&mut self, pair: [Capture<'_>; 2], point: &Correspondence, covariance: Matrix2<f64>) {
         self.found += 1;
         let Some(truth) = pair[0].seen_by(&pair[1], point.from) else { return };
         let error = point.to - truth;
         self.errors.push(error.norm());
-        if let Some(inverse) = covariance.and_then(|covariance| covariance.try_inverse()) {
+        if let Some(inverse) = covariance.try_inverse() {
             self.squares.push(error.dot(&(inverse * error)));
         }
     }
@@ -73,7 +72,7 @@ impl Points {
     }
 }
 
-/// One row of the table of correspondences: those sampled from the flow, and those of the tracker.
+/// One row of the table of correspondences.
 ///
 /// The normalised variance is the median of eᵀ·C⁻¹·e over that of χ² with two degrees of freedom, so that outliers
 /// have no say.
@@ -84,29 +83,25 @@ pub fn points_row(footage: &Footage) -> Result<String> {
     /// Median of χ² with two degrees of freedom: 2·ln 2.
     const MEDIAN: f64 = 2.0 * std::f64::consts::LN_2;
     let settings = footage.settings();
-    let mut sampler = DenseSampler::new(settings.width, settings.height, GRID[0], GRID[1]);
-    let (mut sampled, mut tracked, mut pairs) = (Points::default(), Points::default(), 0);
+    let mut sampler = Sampler::new(settings.width, settings.height, GRID[0], GRID[1]);
+    let (mut sampled, mut pairs) = (Points::default(), 0);
     let (mut fastest, mut measurements) = (Duration::MAX, Vec::new());
     for run in footage.runs() {
-        let mut follower = Follower::new(settings.width, settings.height);
-        let mut before: Option<(usize, DenseFrame)> = None;
+        let mut before: Option<(usize, Pyramid)> = None;
         for index in run {
             let frame = &footage.frames[index];
             let luma = frame.luma();
             let layout = PlaneLayout::packed(frame.width, frame.height, SampleFormat::U8);
-            let plane = Luma::from(Plane::new(&luma, layout)?);
-            let mut now = DenseFrame::default();
-            sampler.build(&plane, &mut now);
-            let followed = follower.follow(frame)?;
+            let mut now = Pyramid::new();
+            sampler.build(&Luma::from(Plane::new(&luma, layout)?), &mut now);
             if let Some((first, before)) = &before {
                 let pair = [footage.capture(*first), footage.capture(index)];
                 let started = Instant::now();
                 sampler.measure(before, &now, |point| point, &mut measurements);
                 fastest = fastest.min(started.elapsed());
                 for found in &measurements {
-                    sampled.add(pair, &found.point, Some(found.covariance));
+                    sampled.add(pair, &found.point, found.covariance);
                 }
-                followed.iter().flatten().for_each(|found| tracked.add(pair, found, None));
                 pairs += 1;
             }
             before = Some((index, now));
@@ -115,13 +110,12 @@ pub fn points_row(footage: &Footage) -> Result<String> {
     let far = sampled.squares.iter().filter(|square| **square > 25.0).count() as f64;
     let far = far / sampled.squares.len().max(1) as f64;
     Ok(format!(
-        "| {} |{} {:.2} | {:.1} % | {:.2} |{}",
+        "| {} |{} {:.2} | {:.1} % | {:.2} |",
         settings.name,
         sampled.cells(pairs),
         quantile(&mut sampled.squares, 0.5) / MEDIAN,
         100.0 * far,
         fastest.as_secs_f64() * 1e3,
-        tracked.cells(pairs),
     ))
 }
 
@@ -181,6 +175,9 @@ pub fn measure(footage: &Footage) -> Result<Measured> {
 /// If the files cannot be written.
 pub fn export(footage: &Footage, folder: &Path) -> Result<()> {
     fs::create_dir_all(folder)?;
+    let readout = footage.readout();
+    let ratio = readout.time * footage.settings().delivered_fps();
+    fs::write(folder.join("readout.txt"), format!("{ratio} {:?}\n", readout.direction))?;
     for run in footage.runs() {
         for index in &run {
             let frame = &footage.frames[*index];

@@ -38,4 +38,5 @@ pub mod sequence;
 pub mod shutter;
 pub mod speed;
 pub mod truth;
+pub mod two_frames;
 pub mod video;

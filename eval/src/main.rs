@@ -15,6 +15,7 @@ use eval::report::{self, quick};
 use eval::sequence::{self, Sequence, Settings};
 use eval::shutter::Shutter;
 use eval::speed;
+use eval::two_frames;
 use eval::video;
 use rsrectify::rectifier::{Estimator, FrameSolution};
 use std::path::PathBuf;
@@ -55,12 +56,24 @@ enum Command {
         /// Frames the library may look ahead.
         #[arg(long, default_value_t = 4)]
         lookahead: usize,
-        /// Takes correspondences from dense flow instead of the tracker.
-        #[arg(long, hide = true)]
-        by_flow: bool,
         /// Prints the displacement left of each frame instead: readout given, readout unknown.
         #[arg(long, hide = true)]
         by_frame: bool,
+        #[command(flatten)]
+        changes: Changes,
+        #[command(flatten)]
+        place: Place,
+    },
+    /// Rectifies the second of two frames by these alone, readout given, and judges it; also the whole sequence, and its
+    /// worst frame.
+    TwoFrames {
+        /// A folder with displacement fields of another program, as `scripts/dense-flow --fields` writes them, to be
+        /// judged beside.
+        #[arg(long)]
+        against: Option<PathBuf>,
+        /// Names of sequences; all without it.
+        #[arg(long)]
+        sequence: Vec<String>,
         #[command(flatten)]
         changes: Changes,
         #[command(flatten)]
@@ -81,7 +94,7 @@ enum Command {
     },
     /// Measures the library's dense flow against the exact one, and its time.
     Flow {
-        /// Measures correspondences sampled from it instead, beside the tracker's.
+        /// Measures correspondences sampled from it instead.
         #[arg(long)]
         points: bool,
         /// Writes frames and exact flow into this folder instead, for other programs.
@@ -202,13 +215,20 @@ fn main() -> Result<()> {
     match Cli::parse().command {
         Command::Render { sequence, out, changes } => render(changes.apply(find(&sequence)?), &out),
         Command::Demo { out, changes } => render(changes.apply(sequence::demo()), &out),
-        Command::Measure { sequence, lookahead, by_flow, by_frame, changes, place } => {
-            let way = Way { lookahead, by_flow };
+        Command::Measure { sequence, lookahead, by_frame, changes, place } => {
             if by_frame {
-                frames(&sequence, &way, &changes, &place)
+                frames(&sequence, lookahead, &changes, &place)
             } else {
-                measure(&sequence, &way, &changes, &place)
+                measure(&sequence, lookahead, &changes, &place)
             }
+        }
+        Command::TwoFrames { against, sequence, changes, place } => {
+            println!("{}", two_frames::HEADING);
+            for settings in chosen(&sequence)? {
+                let footage = place.footage(&changes.apply(settings))?;
+                println!("{}", two_frames::row(&footage, against.as_deref())?);
+            }
+            Ok(())
         }
         Command::Readout { clip: Some(file), .. } => readout_of_clip(&file),
         Command::Readout { clip: None, sequence, changes, place } => readouts(&sequence, &changes, &place),
@@ -282,26 +302,22 @@ fn readout_of_clip(file: &std::path::Path) -> Result<()> {
     Ok(())
 }
 
-/// How the library is run.
-struct Way {
+fn solve(
+    footage: &Footage,
+    delay: Delay,
+    estimator: Estimator,
     lookahead: usize,
-    by_flow: bool,
-}
-
-impl Way {
-    fn solve(&self, footage: &Footage, delay: Delay, estimator: Estimator) -> Result<Vec<FrameSolution>> {
-        let settings = product::settings(footage.settings(), delay, estimator, self.lookahead);
-        product::solve_measured(footage, settings, self.by_flow)
-    }
+) -> Result<Vec<FrameSolution>> {
+    product::solve(footage, product::settings(footage.settings(), delay, estimator, lookahead))
 }
 
 /// Prints for each frame the displacement as it arrives and what is left of it, RMS in pixels, with the number of
 /// correspondences and the confidence.
-fn frames(names: &[String], way: &Way, changes: &Changes, place: &Place) -> Result<()> {
+fn frames(names: &[String], lookahead: usize, changes: &Changes, place: &Place) -> Result<()> {
     for settings in chosen(names)? {
         let footage = place.footage(&changes.apply(settings))?;
-        let given = way.solve(&footage, Delay::True, Estimator::Continuous)?;
-        let unknown = way.solve(&footage, Delay::Unknown, Estimator::Continuous)?;
+        let given = solve(&footage, Delay::True, Estimator::Continuous, lookahead)?;
+        let unknown = solve(&footage, Delay::Unknown, Estimator::Continuous, lookahead)?;
         println!(
             "{}: frame, uncorrected px, then given and unknown: left px, correspondences, confidence",
             footage.settings().name
@@ -320,7 +336,7 @@ fn frames(names: &[String], way: &Way, changes: &Changes, place: &Place) -> Resu
     Ok(())
 }
 
-fn measure(names: &[String], way: &Way, changes: &Changes, place: &Place) -> Result<()> {
+fn measure(names: &[String], lookahead: usize, changes: &Changes, place: &Place) -> Result<()> {
     let settings = chosen(names)?;
     println!(
         "| sequence | uncorrected px (p95) | best rotation: left px (p95) | share | sequential: left px (p95) | share \
@@ -329,16 +345,16 @@ fn measure(names: &[String], way: &Way, changes: &Changes, place: &Place) -> Res
     );
     println!("|---|---|---|---|---|---|---|---|---|---|---|---|---|");
     for settings in settings {
-        println!("{}", measured_row(&place.footage(&changes.apply(settings))?, way)?);
+        println!("{}", measured_row(&place.footage(&changes.apply(settings))?, lookahead)?);
     }
     Ok(())
 }
 
-fn measured_row(footage: &Footage, way: &Way) -> Result<String> {
+fn measured_row(footage: &Footage, lookahead: usize) -> Result<String> {
     let uncorrected = footage.uncorrected();
     let mut row = format!("| {} | {} |", footage.settings().name, pixels(&uncorrected));
     row += &share_left(&floor::of_rotation(footage), &uncorrected);
-    let solve = |delay, estimator| way.solve(footage, delay, estimator);
+    let solve = |delay, estimator| solve(footage, delay, estimator, lookahead);
     for estimator in [Estimator::Sequential, Estimator::Continuous] {
         let corrections = product::corrections(solve(Delay::True, estimator)?);
         row += &share_left(&displacement::left(&footage.truth, &corrections), &uncorrected);
@@ -373,8 +389,9 @@ fn share_left(left: &Stats, uncorrected: &Stats) -> String {
 
 /// Prints the median milliseconds of a frame: in all, for analysis, for the warp; and those of the slowest frame.
 fn speed(file: &std::path::Path, lookahead: usize) -> Result<()> {
-    // The first frames have nothing to be compared with or wait for the lookahead.
-    let costs = speed::of_file(file, lookahead)?;
+    // On a thread of the pool, as the element calls the library: no task waits for a thread to wake up. The first frames
+    // have nothing to be compared with or wait for the lookahead.
+    let costs = rayon::scope(|_| speed::of_file(file, lookahead))?;
     let steady = || costs.iter().skip(lookahead + 2);
     let total = speed::median_ms(steady().map(|cost| cost.analysis + cost.warp));
     let analysis = speed::median_ms(steady().map(|cost| cost.analysis));

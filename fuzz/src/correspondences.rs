@@ -4,11 +4,12 @@ use super::input::{DIRECTIONS, real, settings, small};
 use arbitrary::{Result, Unstructured};
 use nalgebra::Vector2;
 use rsrectify::correspond::Correspondence;
+use rsrectify::flow::{Cell, FlowField};
 use rsrectify::motion::{SampledPath, Twist, image_centre};
 use rsrectify::readout::Readout;
 use rsrectify::solve::continuous::{Camera, Continuous, Found, Motion};
-use rsrectify::solve::layer::{Layer, Neighbour};
 use rsrectify::solve::link::{Known, Scratch};
+use rsrectify::solve::residual::{FrameFlow, ResidualSolver, Still};
 use rsrectify::solve::{Link, ShutterEstimator, Window};
 
 const WIDTH: usize = 640;
@@ -37,18 +38,18 @@ fn window(u: &mut Unstructured<'_>) -> Result<()> {
     let mut continuous = Continuous::new(camera, WIDTH, HEIGHT, 1.0);
     let mut sequential = Window::default();
     let mut shutter = ShutterEstimator::new(WIDTH, HEIGHT);
-    let mut layer = Layer::new(WIDTH, HEIGHT, 1.0);
+    let mut residual = ResidualSolver::default();
     let direction = *u.choose(&DIRECTIONS)?;
     let (mut time, mut waiting) = (0.0, 0);
     for _ in 0..FRAMES {
         let pair = measured(u)?;
-        let fine = if u.ratio(1, 4)? { measured(u)? } else { Vec::new() };
+        let fields = [flow(u)?, flow(u)?];
         let period = if u.ratio(1, 8)? { small(u, 10.0)?.abs().max(1e-6) } else { 0.04 };
         let interval = if u.ratio(1, 4)? { real(u, 0.3)? } else { 0.04 };
         time += interval;
         let readout = Readout::new(WIDTH, HEIGHT, direction, settings.readout_time, period);
 
-        let found = (!u.ratio(1, 8)?).then_some(Found { grid: &pair, fine: &fine });
+        let found = (!u.ratio(1, 8)?).then_some(Found { grid: &pair, flow: Some(fields.each_ref()) });
         continuous.push(found, time, period);
         waiting += 1;
         let expected = continuous.expected(Vector2::new(small(u, 640.0)?, small(u, 480.0)?));
@@ -69,14 +70,11 @@ fn window(u: &mut Unstructured<'_>) -> Result<()> {
         if let Some(estimate) = shutter.estimate() {
             assert!(estimate.time.is_finite() && estimate.confidence.is_finite(), "{estimate:?}");
         }
-        let neighbours = [
-            Neighbour { correspondences: &pair, interval },
-            Neighbour { correspondences: &fine, interval: -interval },
-        ];
-        let mesh = layer.solve(&readout, &neighbours, |point, _, _| point);
-        assert!(mesh.velocities.iter().flatten().all(|velocity| velocity.is_finite()));
-        let deviation = layer.left();
-        assert!(!deviation.is_nan() && deviation >= 0.0, "{deviation}");
+        let [there, back] = &fields;
+        let flows = [FrameFlow { field: there, interval }, FrameFlow { field: back, interval: -interval }];
+        let cells = residual.solve(&readout, &flows, &Still);
+        assert!(cells.velocities.iter().flatten().all(|velocity| velocity.is_finite()));
+        assert!(!residual.left().is_nan() && residual.left() >= 0.0, "{}", residual.left());
         if u.ratio(1, 16)? {
             continuous.restart();
             sequential.reset();
@@ -122,6 +120,28 @@ fn verify(motion: &Motion) {
     // What is trusted is a path.
     let path = SampledPath::new(homographies, readout.time);
     assert!(path.is_ok() || *confidence == 0.0, "{:?} at confidence {confidence}", path.err());
+}
+
+/// A few large cells, some of which say nonsense; none now and then.
+fn flow(u: &mut Unstructured<'_>) -> Result<FlowField> {
+    if !u.ratio(1, 4)? {
+        return Ok(FlowField::default());
+    }
+    let broken = u.ratio(1, 2)?;
+    let cell = |u: &mut Unstructured<'_>| -> Result<Cell> {
+        let number = |u: &mut Unstructured<'_>| -> Result<f32> {
+            Ok(if broken { real(u, 100.0)? as f32 } else { small(u, 20.0)? as f32 })
+        };
+        let flow = [number(u)?, number(u)?];
+        let (a, b) = (number(u)?.abs(), number(u)?.abs());
+        Ok(Cell {
+            flow,
+            confidence: f32::from(u.arbitrary::<u8>()?) / 255.0,
+            information: [a, 0.5 * a.min(b), b],
+        })
+    };
+    let cells = (0..12).map(|_| cell(u)).collect::<Result<Vec<_>>>()?;
+    Ok(FlowField::new(4, 160.0, cells).unwrap_or_default())
 }
 
 /// Correspondences of a motion, some of them broken, or all in one place or on a line.

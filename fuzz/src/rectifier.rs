@@ -167,10 +167,8 @@ fn compare_levels(scene: &Scene, pictures: [&Vec<u8>; 2], grid: usize) {
             pyramid
         });
         let [first, second] = &pyramids;
-        let (mut found, mut fine) = (Vec::new(), Vec::new());
+        let mut found = Vec::new();
         sampler.correspond(first, second, |point| point, &mut found);
-        sampler.refine(first, second, &mut fine);
-        found.append(&mut fine);
         found
     });
     let measured: Vec<_> = measured.collect();

@@ -1,6 +1,6 @@
 //! The points that are measured: a uniform grid over the whole frame.
 
-use super::tracker::FINE;
+use super::template::FINE;
 use nalgebra::Vector2;
 
 /// Pixels around a patch that its gradients need.
@@ -34,18 +34,6 @@ impl Grid {
     pub(super) fn corner(&self, index: usize) -> Option<(usize, usize)> {
         self.corners.get(index).copied().flatten()
     }
-}
-
-/// The cells left, right, above and below cell `index`; the one below may be beyond the last row.
-pub(super) fn beside(index: usize, columns: usize) -> impl Iterator<Item = usize> {
-    let column = index % columns;
-    let beside = [
-        (column > 0).then(|| index - 1),
-        (column + 1 < columns).then_some(index + 1),
-        index.checked_sub(columns),
-        Some(index + columns),
-    ];
-    beside.into_iter().flatten()
 }
 
 /// The first pixel of the patch in cell `index` of `cells` over `length` pixels.

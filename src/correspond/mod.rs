@@ -2,23 +2,14 @@
 //!
 //! | step | file | what it does |
 //! |---|---|---|
-//! | reduce | [`pyramid`](crate::pyramid) | any luma view → grey of at most 960 pixels a side, by area average |
-//! | halve | `pyramid` | the coarser levels, and the detail image that the search looks at |
+//! | reduce | [`pyramid`](crate::pyramid) | any luma view → grey of at most 960 pixels a side, and coarser levels |
+//! | follow | [`flow`](crate::flow) | dense optical flow, both ways |
 //! | place | `grid` | the points that are measured: the middles of a uniform grid of cells |
-//! | start | `start` | exhaustive search of large regions on the coarsest level |
-//! | track | `tracker` | sub-pixel registration of one patch: inverse-compositional Lucas–Kanade |
-//! | sample | `patch` | its kernels: patches between pixels, stretched patches, sums |
-//! | agree | `field` | what the neighbours of a point say of its motion and its local distortion |
-//! | join | `sampler` | the order of it all, and which points are kept |
-//! | refine | `refine`, `search` | on demand: small patches where the points are missing or disagree |
-//! | choose | `edges`, `window` | then: which motion is that of a place next to a depth edge |
-//!
-//! Beside it, in place of all from start to join:
-//!
-//! | step | file | what it does |
-//! |---|---|---|
-//! | sample | `dense` | dense optical flow ([`flow`](crate::flow)) at the grid |
-//! | polish | `polish` | its registration on the finest level, and its covariance |
+//! | sample | `sampler` | the flow at these points, and which of them are kept |
+//! | agree | `field` | what the neighbours of a point say of its local distortion |
+//! | polish | `polish` | registration of one point to sub-pixel accuracy, and its covariance |
+//! | register | `template` | one patch: inverse-compositional Lucas–Kanade |
+//! | sum | `patch` | its kernels: patches between pixels, stretched patches, sums |
 //!
 //! Three coordinate systems occur: *full-frame* pixels, which callers see; *analysed* pixels, those
 //! of the reduced grey; and pixels of level l, each 2^l analysed pixels wide. In all of them pixel
@@ -26,35 +17,25 @@
 //!
 //! # Cost
 //!
-//! For 1920×1080 in 8 bits, hence 960×540 analysed, on a grid of 32×24:
+//! For 1920×1080 in 8 bits, hence 960×540 analysed, on a grid of 32×24, beside that of the flow:
 //!
 //! | step | bytes read and written | multiply-adds |
 //! |---|---|---|
 //! | reduce | 2.1 MB + 2.1 MB | 2.1 M vertical, 0.5 M horizontal |
-//! | halve | 2.8 MB + 0.7 MB | 0.7 M |
-//! | start | in cache | 18 regions × 841 shifts × 256 = 3.9 M |
-//! | track, coarse levels | in cache | 768 points × about 10 samplings × 0.9 k = 7 M |
-//! | track, full level | in cache | 768 points × about 6 samplings × 3.3 k = 15 M, and two templates of 13 k operations |
+//! | halve | 2.8 MB + 0.7 MB | 2.8 M |
+//! | polish | in cache | 768 points × at most 5 samplings × 3.3 k = 13 M, and a template of 13 k operations |
 
-mod dense;
-mod edges;
 mod field;
 mod grid;
 mod patch;
 mod polish;
-mod pyramid;
-mod refine;
 mod sampler;
-mod search;
-mod start;
+mod template;
 #[cfg(test)]
 mod tests;
-mod tracker;
-mod window;
 
-pub use dense::{DenseFrame, DenseSampler};
+pub use crate::pyramid::Pyramid;
 pub use polish::Measurement;
-pub use pyramid::Pyramid;
 pub use sampler::Sampler;
 
 use nalgebra::Vector2;
@@ -73,4 +54,9 @@ pub struct Correspondence {
     pub texture: f32,
     /// Root mean square difference of the two patches in grey levels after brightness was matched.
     pub residual: f32,
+}
+
+/// Full-frame pixels from analysed ones, of which each is `scale` wide.
+fn to_full(at: Vector2<f32>, scale: f64) -> Vector2<f64> {
+    at.map(f64::from).add_scalar(0.5) * scale - Vector2::repeat(0.5)
 }

@@ -3,7 +3,7 @@
 //! Everything here is inlined into its callers, which are compiled once for each CPU level. No sum
 //! is reordered and nothing is fused, so that all levels give the same bits.
 
-use super::pyramid::Level;
+use crate::pyramid::Level;
 use nalgebra::{Matrix2, Vector2};
 
 /// `R` rows of `N` samples.
@@ -45,18 +45,17 @@ pub(super) fn sample_sums<const N: usize, const M: usize>(
     gradients: [&Rows<N, N>; 2],
 ) -> Option<Sums> {
     let whole = Vector2::new(corner.x.floor(), corner.y.floor());
-    let last = Vector2::new(level.width as f32 - (N + 2) as f32, level.height as f32 - (N + 2) as f32);
+    let last = Vector2::new(level.width() as f32 - (N + 2) as f32, level.height() as f32 - (N + 2) as f32);
     let inside = whole.x >= 1.0 && whole.y >= 1.0 && whole.x <= last.x && whole.y <= last.y;
     if !inside {
         return None;
     }
     let across = cubic_weights(corner.x - whole.x);
     let down = cubic_weights(corner.y - whole.y);
-    let (x, y) = (whole.x as usize - 1, whole.y as usize - 1);
+    let (x, y) = (whole.x as isize - 1, whole.y as isize - 1);
     let mut rows = [[0.0; N]; M];
     for (r, row) in rows.iter_mut().enumerate() {
-        let start = (y + r) * level.width + x;
-        let source: &[f32; M] = level.data.get(start..)?.first_chunk()?;
+        let source: &[f32; M] = level.from(x, y + r as isize)?.first_chunk()?;
         for (c, value) in row.iter_mut().enumerate() {
             *value = (across[0] * source[c] + across[1] * source[c + 1])
                 + (across[2] * source[c + 2] + across[3] * source[c + 3]);
@@ -109,7 +108,7 @@ pub(super) fn stretched<const COUNT: usize, const M: usize>(
 ) -> Option<Rows<M, M>> {
     let span = (COUNT - 1) as f32;
     let corners = [(0.0, 0.0), (span, 0.0), (0.0, span), (span, span)];
-    let last = Vector2::new(level.width as f32 - 1.0, level.height as f32 - 1.0);
+    let last = Vector2::new(level.width() as f32 - 1.0, level.height() as f32 - 1.0);
     let inside = corners.iter().all(|&(c, r)| {
         let at = first + distortion * Vector2::new(c, r);
         at.x >= 0.0 && at.y >= 0.0 && at.x < last.x && at.y < last.y
@@ -153,8 +152,8 @@ impl Line {
         let taps = (first.max(end) - top) as usize + 2;
         let mut sums = [0.0; W];
         for tap in 0..taps {
-            let row = (top + tap as f32).clamp(0.0, level.height as f32 - 1.0) as usize;
-            let pixels = padded::<W>(level, row, left as usize, self.columns);
+            let row = (top + tap as f32).clamp(0.0, level.height() as f32 - 1.0) as isize;
+            let pixels = padded::<W>(level, row, left as isize, self.columns);
             let distance = first - top - tap as f32;
             for (i, sum) in sums.iter_mut().enumerate() {
                 *sum += hat(distance + self.slope * i as f32) * pixels[i];
@@ -166,13 +165,12 @@ impl Line {
 
 /// `W` pixels of a row of a level from `left` on, of which those past the first `count` do not matter.
 #[inline(always)]
-fn padded<const W: usize>(level: &Level, row: usize, left: usize, count: usize) -> [f32; W] {
-    let start = row * level.width + left;
-    if let Some(pixels) = level.data.get(start..).and_then(|rest| rest.first_chunk()) {
+fn padded<const W: usize>(level: &Level, row: isize, left: isize, count: usize) -> [f32; W] {
+    let rest = level.from(left, row).unwrap_or(&[]);
+    if let Some(pixels) = rest.first_chunk() {
         return *pixels;
     }
     let mut pixels = [0.0; W];
-    let rest = level.data.get(start..).unwrap_or(&[]);
     pixels.iter_mut().zip(rest).take(count).for_each(|(out, pixel)| *out = *pixel);
     pixels
 }

@@ -1,7 +1,7 @@
 //! One point of the flow → a correspondence to sub-pixel accuracy, with its covariance.
 //!
 //! A patch of 16 × 16 analysed pixels is registered once more on the finest level, from where the flow has it, by the
-//! inverse-compositional steps of `tracker`: with the local distortion taken out, cubic interpolation and free contrast.
+//! inverse-compositional steps of `template`: with the local distortion taken out, cubic interpolation and free contrast.
 //!
 //! The covariance is that of least squares with a prior. With H = ∑ g·gᵀ over the patch, s² the residual's variance and
 //! σ_f the flow's own deviation, it is C = κ·(H′/s² + I/σ_f²)⁻¹ + σ₀²·I, where H′ = H − n·s²/4·I takes out what noise
@@ -10,10 +10,10 @@
 //! residual of interpolation, blur and compression is correlated from pixel to pixel.
 
 use super::Correspondence;
-use super::pyramid::Level;
-use super::sampler::to_full;
-use super::tracker::{Effort, FINE, FineTemplate};
+use super::template::{Effort, FINE, FineTemplate};
+use super::to_full;
 use crate::cpu::CpuLevel;
+use crate::pyramid::Level;
 use nalgebra::{Matrix2, Vector2};
 
 /// Patches that correlate less show something else.

@@ -400,12 +400,17 @@ fn sample_formats_agree() {
     });
     assert!(planar.len() > 150);
     assert_eq!(planar, yuy2);
-    for (other, tolerance) in [(p010, 0.03), (rgbx, 1e-3)] {
+    // Where two displacements fit alike, rounding decides: a few points may differ more than the others.
+    for (other, usual) in [(p010, 0.01), (rgbx, 1e-4)] {
         assert_eq!(planar.len(), other.len());
+        let mut apart = Vec::new();
         for (a, b) in planar.iter().zip(&other) {
-            assert!(a.from == b.from && (a.to - b.to).norm() < tolerance, "{a:?} {b:?}");
+            apart.push((a.to - b.to).norm());
+            assert!(a.from == b.from && (a.to - b.to).norm() < 0.03, "{a:?} {b:?}");
             assert!((a.texture / b.texture - 1.0).abs() < 0.1);
         }
+        apart.sort_by(f64::total_cmp);
+        assert!(apart[apart.len() / 2] < usual, "{}", apart[apart.len() / 2]);
     }
 }
 

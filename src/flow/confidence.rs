@@ -3,7 +3,7 @@
 use super::direction::Direction;
 use super::field::{Cell, FlowField};
 use super::level::{CELL, Mean};
-use super::patch::GRADIENT_NOISE;
+use super::patch::AREA;
 
 /// A point that does not come back to where it started by this many pixels of the level is trusted half: displacements
 /// that belong together agree to some tenths, wrong ones are off by pixels.
@@ -12,17 +12,24 @@ const RETURN_ERROR: f32 = 0.5;
 /// … and by this share of the displacement more, by which a motion may differ within a cell.
 const RETURN_SHARE: f32 = 0.02;
 
-/// Variance of the difference of two frames that show the same, squared grey levels.
-const NOISE: f32 = 2.0;
+/// Deviation of a displacement in pixels of the level, however much there is to be seen: the linear interpolation of a
+/// comparison.
+const LEAST_DEVIATION: f32 = 0.075;
 
-/// Makes the field of one direction, of a level of `size` pixels; `side` of a cell in full-frame pixels.
-pub(super) fn judge(
-    own: &Direction,
-    other: &Direction,
-    size: (usize, usize),
-    side: f64,
-    field: &mut FlowField,
-) {
+/// A level and how its pixels lie in the frame.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Scale {
+    /// Pixels of the level.
+    pub(super) size: (usize, usize),
+    /// Side of a cell in full-frame pixels.
+    pub(super) side: f64,
+    /// Variance of a pixel's noise, squared grey levels.
+    pub(super) noise: f32,
+}
+
+/// Makes the field of one direction.
+pub(super) fn judge(own: &Direction, other: &Direction, scale: Scale, field: &mut FlowField) {
+    let Scale { size, side, noise } = scale;
     (field.columns, field.rows, field.side) = (own.columns, own.rows, side);
     let pixels = (side / CELL as f64) as f32;
     field.cells.clear();
@@ -33,15 +40,14 @@ pub(super) fn judge(
         let is_inside = |at: f32, length: usize| at > -0.5 && at < length as f32 - 0.5;
         let is_seen = is_inside(to[0], size.0) && is_inside(to[1], size.1);
         let confidence = if is_seen {
-            consistency(mean.shift, other.at(to[0], to[1])) * explained(mean) * texture(mean)
+            consistency(mean.shift, other.at(to[0], to[1])) * explained(mean, noise) * texture(mean, noise)
         } else {
             0.0
         };
         Cell {
             flow: mean.shift.map(|shift| shift * pixels),
             confidence,
-            tensor: mean.tensor,
-            residual: mean.residual,
+            information: information(mean, noise).map(|value| value / (pixels * pixels)),
         }
     }));
 }
@@ -55,15 +61,58 @@ fn consistency(shift: [f32; 2], back: [f32; 2]) -> f32 {
 }
 
 /// The share of the patch's contrast that the displacement explains.
-fn explained(mean: &Mean) -> f32 {
-    let contrast = mean.energy + NOISE;
+fn explained(mean: &Mean, noise: f32) -> f32 {
+    let contrast = mean.energy + 2.0 * noise;
     contrast / (contrast + mean.residual)
 }
 
 /// Whether there is anything to be seen: the larger eigenvalue of the tensor against the noise of gradients.
-fn texture(mean: &Mean) -> f32 {
+fn texture(mean: &Mean, noise: f32) -> f32 {
+    let [larger, _] = eigenvalues(mean.tensor);
+    larger / (larger + 0.5 * noise)
+}
+
+fn eigenvalues([xx, xy, yy]: [f32; 3]) -> [f32; 2] {
+    let (half, middle) = (0.5 * (xx - yy), 0.5 * (xx + yy));
+    let root = (half * half + xy * xy).sqrt();
+    [middle + root, middle - root]
+}
+
+/// The inverse covariance of a cell's displacement (xx, xy, yy; pixels of the level): least squares over a patch,
+/// n·(T − noise)/s² with T the structure tensor and s² the residual's variance, up to the accuracy of a comparison.
+fn information(mean: &Mean, noise: f32) -> [f32; 3] {
     let [xx, xy, yy] = mean.tensor;
-    let half = 0.5 * (xx - yy);
-    let larger = 0.5 * (xx + yy) + (half * half + xy * xy).sqrt();
-    larger / (larger + GRADIENT_NOISE)
+    let variance = mean.residual + noise;
+    let [larger, smaller] = eigenvalues(mean.tensor);
+    let along = |eigenvalue: f32| {
+        let signal = AREA * (eigenvalue - 0.5 * noise).max(0.0);
+        signal / (variance + LEAST_DEVIATION * LEAST_DEVIATION * signal)
+    };
+    let (strong, weak) = (along(larger), along(smaller));
+    // weak·I + (strong − weak)·e·eᵀ with e·eᵀ = (T − smaller·I)/(larger − smaller).
+    let share = (strong - weak) / (larger - smaller).max(f32::MIN_POSITIVE);
+    [weak + share * (xx - smaller), share * xy, weak + share * (yy - smaller)]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn along_an_edge_nothing_is_known() {
+        // Gradients along (3, 4)/5 only.
+        let mean = Mean { tensor: [36.0, 48.0, 64.0], residual: 1.0, ..Mean::default() };
+        let [xx, xy, yy] = information(&mean, 0.5);
+        let along = |x: f32, y: f32| xx * x * x + 2.0 * xy * x * y + yy * y * y;
+        let signal = 64.0 * (100.0 - 0.25);
+        let expected = signal / (1.5 + LEAST_DEVIATION * LEAST_DEVIATION * signal);
+        assert!((along(0.6, 0.8) / expected - 1.0).abs() < 1e-3, "{}", along(0.6, 0.8));
+        assert!(along(0.8, -0.6).abs() < 1e-2, "{}", along(0.8, -0.6));
+    }
+
+    #[test]
+    fn a_flat_cell_says_nothing() {
+        assert_eq!(information(&Mean::default(), 0.5), [0.0; 3]);
+        assert_eq!(texture(&Mean::default(), 0.5), 0.0);
+    }
 }

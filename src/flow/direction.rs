@@ -1,7 +1,7 @@
 //! The flow of one frame to the other on one level after another.
 
+use super::consensus::Consensus;
 use super::level::{CELL, Found, Mean, Pair, better, cells, mean};
-use super::patch::SIDE;
 use super::prediction::Prediction;
 use super::rows::{RowKernel, fill};
 use super::search::exhaustive;
@@ -18,12 +18,31 @@ const SPREAD_STEPS: usize = 1;
 /// Levels as fine as this take nothing from the patches beside: the coarser cells say what those would.
 const LAST_SPREAD: usize = 2;
 
+/// Comparisons after the first one with what most of the picture does, which may be some pixels beside the truth: the
+/// readout and perspective bend a motion that is taken to be affine.
+const AGREEMENT_STEPS: usize = 4;
+
+/// Patches that are further from it, in pixels of the level, are compared with it.
+const AGREEMENT: f32 = 2.0;
+
+/// Two displacements of which one leaves less than this many times what the other does may both be right …
+const AS_GOOD: f32 = 2.0;
+
+/// … and this share of the contrast more, which linear interpolation of sharp edges leaves.
+const UNEXPLAINED: f32 = 0.05;
+
+/// What the texture of a patch counts that takes an expected motion: the picture does not say that it is so, only that it
+/// may be. From a tenth to a thousandth changes little.
+const EXPECTED: f32 = 0.1;
+
 /// Where a level stands among the others.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Stage<'a> {
     pub(super) cpu: CpuLevel,
     pub(super) first: &'a Level,
     pub(super) second: &'a Level,
+    /// Variance of a pixel's noise, squared grey levels.
+    pub(super) noise: f32,
     /// It is 2^depth times coarser than the analysed luma.
     pub(super) depth: usize,
     /// It is the first of the levels.
@@ -32,12 +51,21 @@ pub(super) struct Stage<'a> {
     pub(super) is_finest: bool,
 }
 
+impl Stage<'_> {
+    /// From the second frame to the first.
+    pub(super) fn reversed(self) -> Self {
+        Self { first: self.second, second: self.first, ..self }
+    }
+}
+
 /// What one direction knows.
 #[derive(Debug, Default)]
 pub(super) struct Direction {
     pub(super) prediction: Prediction,
     patches: Vec<Found>,
     spread: Vec<Found>,
+    /// Those that move otherwise than expected.
+    apart: Vec<Apart>,
     /// Of the level done last.
     pub(super) means: Vec<Mean>,
     pub(super) columns: usize,
@@ -84,7 +112,44 @@ impl Direction {
         }
         (self.columns, self.rows) = (columns, rows);
         self.means.resize(columns * rows, Mean::default());
-        fill(stage.cpu, &Overlap { patches: &self.patches, across }, columns, &mut self.means);
+        self.overlap(stage);
+    }
+
+    /// Where the picture does not tell a patch's motion from the one that most of it shares, or from the predicted one,
+    /// takes that: along edges, in flat places, and where a pattern repeats itself.
+    pub(super) fn agree(&mut self, stage: &Stage<'_>) {
+        let Some(consensus) = Consensus::of(&self.means, self.columns, stage.noise) else { return };
+        let across = self.columns.saturating_sub(1).max(1);
+        self.apart.clear();
+        for (index, own) in self.patches.iter().enumerate() {
+            let (x, y) = (index % across * CELL, index / across * CELL);
+            let expected = [self.prediction.of_patch(stage.depth, x, y), consensus.of_patch(x, y)];
+            let is_apart = |other: &[f32; 2]| {
+                let (dx, dy) = (own.shift[0] - other[0], own.shift[1] - other[1]);
+                dx * dx + dy * dy > AGREEMENT * AGREEMENT
+            };
+            if expected.iter().all(is_apart) {
+                self.apart.push(Apart { index, x, y, own: *own, expected });
+            }
+        }
+        self.spread.resize(self.patches.len(), Found::default());
+        let Some(spread) = self.spread.get_mut(..self.apart.len()) else { return };
+        fill(stage.cpu, &Agreement { stage: *stage, apart: &self.apart }, APART, spread);
+        for (apart, found) in self.apart.iter().zip(&self.spread) {
+            if let Some(patch) = self.patches.get_mut(apart.index) {
+                *patch = *found;
+            }
+        }
+        if !self.apart.is_empty() {
+            self.overlap(stage);
+        }
+    }
+
+    /// Makes the cells from the patches.
+    fn overlap(&mut self, stage: &Stage<'_>) {
+        let across = self.columns.saturating_sub(1).max(1);
+        let overlap = Overlap { patches: &self.patches, across, noise: stage.noise };
+        fill(stage.cpu, &overlap, self.columns, &mut self.means);
     }
 
     /// Takes over what the other direction says: where its cells lead, minus their displacement; of two that lead to
@@ -135,14 +200,15 @@ impl Direction {
 impl RowKernel<Found> for Known<'_> {
     #[inline(always)]
     fn fill(&self, row: usize, out: &mut [Found]) {
-        let Stage { cpu, first, second, is_coarsest, is_finest, .. } = self.stage;
-        let pair = Pair { cpu, first, second, steps: if is_finest { FINE_STEPS } else { COARSE_STEPS } };
+        let Stage { cpu, first, second, is_coarsest, is_finest, noise, .. } = self.stage;
+        let pair =
+            Pair { cpu, first, second, steps: if is_finest { FINE_STEPS } else { COARSE_STEPS }, noise };
         for (column, out) in out.iter_mut().enumerate() {
             let (x, y) = (column * CELL, row * CELL);
             let found = if is_coarsest {
                 // Compared after the steps: half a pixel of this level beside the truth, a residual tells little.
                 let near = pair.find(x, y, &[self.predicted(x, y), [0.0; 2]]);
-                better(near, pair.find(x, y, &[exhaustive(cpu, first, second, x, y)]))
+                better(near, pair.find(x, y, &[exhaustive(&pair, x, y)]), noise)
             } else if is_finest {
                 pair.find(x, y, &self.fine_candidates(column, row))
             } else {
@@ -162,8 +228,8 @@ struct Spread<'a> {
 impl RowKernel<Found> for Spread<'_> {
     #[inline(always)]
     fn fill(&self, row: usize, out: &mut [Found]) {
-        let Stage { cpu, first, second, .. } = self.stage;
-        let pair = Pair { cpu, first, second, steps: SPREAD_STEPS };
+        let Stage { cpu, first, second, noise, .. } = self.stage;
+        let pair = Pair { cpu, first, second, steps: SPREAD_STEPS, noise };
         let across = out.len();
         let at = |row: usize, column: usize| self.patches.get(row * across + column).map(|found| found.shift);
         for (column, out) in out.iter_mut().enumerate() {
@@ -178,26 +244,60 @@ impl RowKernel<Found> for Spread<'_> {
     }
 }
 
+/// A patch that moves otherwise than expected.
+#[derive(Clone, Copy, Debug)]
+struct Apart {
+    index: usize,
+    /// Its top left pixel.
+    x: usize,
+    y: usize,
+    own: Found,
+    /// The predicted displacement, and that of most of the picture.
+    expected: [[f32; 2]; 2],
+}
+
+/// Patches compared with what is expected of them, so many to a task.
+const APART: usize = 64;
+
+struct Agreement<'a> {
+    stage: Stage<'a>,
+    apart: &'a [Apart],
+}
+
+impl RowKernel<Found> for Agreement<'_> {
+    #[inline(always)]
+    fn fill(&self, row: usize, out: &mut [Found]) {
+        let Stage { cpu, first, second, noise, .. } = self.stage;
+        let pair = Pair { cpu, first, second, steps: AGREEMENT_STEPS, noise };
+        for (out, apart) in out.iter_mut().zip(self.apart.iter().skip(row * APART)) {
+            let Apart { x, y, own, expected: [predicted, shared], .. } = *apart;
+            let found = better(pair.find(x, y, &[predicted]), pair.find(x, y, &[shared]), noise);
+            let most = AS_GOOD * own.total() + UNEXPLAINED * own.energy;
+            let taken = found.filter(|found| found.total() < most);
+            *out = taken.map_or(own, |found| Found { tensor: found.tensor.map(|t| EXPECTED * t), ..found });
+        }
+    }
+}
+
 /// Cells from the patches that see them.
 struct Overlap<'a> {
     patches: &'a [Found],
     across: usize,
+    noise: f32,
 }
 
 impl RowKernel<Mean> for Overlap<'_> {
     #[inline(always)]
     fn fill(&self, row: usize, out: &mut [Mean]) {
         for (column, out) in out.iter_mut().enumerate() {
-            *out = mean(self.patches, self.across, column, row);
+            *out = mean(self.patches, self.across, column, row, self.noise);
         }
     }
 }
 
 impl Known<'_> {
     fn predicted(&self, x: usize, y: usize) -> [f32; 2] {
-        let unit = (1usize << self.stage.depth) as f32;
-        let middle = |at: usize| (at as f32 + 0.5 * SIDE as f32) * unit - 0.5;
-        self.prediction.at(middle(x), middle(y)).map(|shift| shift / unit)
+        self.prediction.of_patch(self.stage.depth, x, y)
     }
 
     /// The coarser level's displacement at a patch, and those of the cells diagonally around.
@@ -217,13 +317,13 @@ impl Known<'_> {
         (twice(interpolated), [at(above, left), at(above, right), at(below, left), at(below, right)])
     }
 
-    /// Displacements to be tried, of which the first is preferred.
+    /// Displacements to be tried. The prediction is preferred where the picture does not tell, as where it repeats itself.
     #[inline(always)]
     fn candidates(&self, column: usize, row: usize, x: usize, y: usize) -> [[f32; 2]; 8] {
         let (interpolated, [a, b, c, d]) = self.coarser(column, row);
         let own = self.reversed.get((row / 2) * self.columns + column / 2);
         let reversed = own.copied().flatten().map_or(interpolated, twice);
-        [interpolated, a, b, c, d, reversed, self.predicted(x, y), [0.0; 2]]
+        [self.predicted(x, y), interpolated, a, b, c, d, reversed, [0.0; 2]]
     }
 
     /// Those of the finest level: of the cells around only the one that differs most.

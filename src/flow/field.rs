@@ -7,12 +7,9 @@ pub struct Cell {
     pub flow: [f32; 2],
     /// Trust in the displacement, 0 to 1: from the residual, the texture and forward–backward consistency.
     pub confidence: f32,
-    /// The structure tensor around the cell (xx, xy, yy): mean products of the zero-mean gradients in squared grey
-    /// levels (0 to 255) per squared pixel of the level. Along the eigenvector of a small eigenvalue the picture does
-    /// not tell the displacement.
-    pub tensor: [f32; 3],
-    /// Mean squared difference of the two frames after the displacement, about the patch's mean, in squared grey levels.
-    pub residual: f32,
+    /// The inverse covariance of the displacement (xx, xy, yy) in full-frame pixels, if it is no mistake: from the
+    /// structure tensor and the residual. Along an edge the picture does not tell the displacement, and it is 0 there.
+    pub information: [f32; 3],
 }
 
 /// A dense optical flow, row by row, in cells.
@@ -25,6 +22,20 @@ pub struct FlowField {
 }
 
 impl FlowField {
+    /// A field of cells, row by row with `columns` in a row, each `side` full-frame pixels wide. `None` where the rows are
+    /// not complete, or the side is not positive.
+    pub fn new(columns: usize, side: f64, cells: Vec<Cell>) -> Option<Self> {
+        let rows = cells.len().checked_div(columns)?;
+        let is_complete = rows * columns == cells.len() && side.is_finite() && side > 0.0;
+        is_complete.then_some(Self { columns, rows, side, cells })
+    }
+
+    /// Takes all cells away.
+    pub(crate) fn clear(&mut self) {
+        self.cells.clear();
+        (self.columns, self.rows) = (0, 0);
+    }
+
     /// Cells in a row.
     pub fn columns(&self) -> usize {
         self.columns
@@ -102,7 +113,16 @@ mod tests {
             confidence: 1.0,
             ..Cell::default()
         };
-        FlowField { columns: 4, rows: 3, side: 8.0, cells: (0..12).map(cell).collect() }
+        FlowField::new(4, 8.0, (0..12).map(cell).collect()).unwrap()
+    }
+
+    #[test]
+    fn cells_make_complete_rows() {
+        let cells = vec![Cell::default(); 12];
+        assert_eq!(FlowField::new(4, 8.0, cells.clone()).map(|field| field.rows()), Some(3));
+        for (columns, side) in [(5, 8.0), (0, 8.0), (4, 0.0), (4, f64::NAN)] {
+            assert!(FlowField::new(columns, side, cells.clone()).is_none(), "{columns} {side}");
+        }
     }
 
     #[test]

@@ -2,7 +2,8 @@
 //!
 //! Patches of 8 × 8 pixels overlap by half, so that each cell of 4 × 4 pixels is seen by up to four. A candidate is
 //! judged by its residual alone; what it comes from (the coarser level, cells beside it, the prediction, the other
-//! direction) only decides whether it is tried. The number of comparisons is the same for every patch of a level.
+//! direction) only decides whether it is tried. A level sets the most comparisons of a patch; candidates that lie next to
+//! each other share one.
 
 use super::patch::{AREA, SIDE, Template};
 use crate::cpu::CpuLevel;
@@ -11,15 +12,12 @@ use crate::pyramid::Level;
 /// Side of a cell in pixels of the level.
 pub(super) const CELL: usize = SIDE / 2;
 
-/// A candidate replaces an earlier one that leaves more than this many times its residual …
+/// A candidate replaces an earlier one that leaves more than this many times its residual, and the variance of a pixel's
+/// noise more a pixel.
 const BETTER: f32 = 1.15;
 
-/// … and this much more, in squared grey levels a pixel: less is noise.
-const NOTICEABLE: f32 = 0.5;
-
-/// Variance in squared grey levels that is added to the residual of a patch before it is weighed: patches that fit to
-/// within the noise of 8-bit luma count alike.
-const WEIGHT_NOISE: f32 = 1.0;
+/// Candidates that differ by less along both axes, in pixels, lead to the same place by steps.
+const ALIKE: f32 = 0.5;
 
 /// What was found for one patch.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -35,7 +33,7 @@ pub(super) struct Found {
 }
 
 impl Found {
-    fn total(&self) -> f32 {
+    pub(super) fn total(&self) -> f32 {
         (self.squares[0] + self.squares[1]) + (self.squares[2] + self.squares[3])
     }
 }
@@ -50,17 +48,18 @@ pub(super) struct Mean {
     pub(super) energy: f32,
 }
 
-/// Whether a residual is so much less than an earlier one that what leaves it takes its place.
+/// Whether a residual is so much less than an earlier one that what leaves it takes its place; `noise` is the variance of a
+/// pixel's noise.
 #[inline(always)]
-fn is_better(next: f32, earlier: f32) -> bool {
-    BETTER * next + AREA * NOTICEABLE < earlier
+fn is_better(next: f32, earlier: f32, noise: f32) -> bool {
+    BETTER * next + AREA * noise < earlier
 }
 
 /// Of two that were found for one patch the later where it is clearly better.
 #[inline(always)]
-pub(super) fn better(earlier: Option<Found>, later: Option<Found>) -> Option<Found> {
+pub(super) fn better(earlier: Option<Found>, later: Option<Found>, noise: f32) -> Option<Found> {
     match (&earlier, &later) {
-        (Some(one), Some(other)) if !is_better(other.total(), one.total()) => earlier,
+        (Some(one), Some(other)) if !is_better(other.total(), one.total(), noise) => earlier,
         (_, Some(_)) => later,
         _ => earlier,
     }
@@ -79,6 +78,8 @@ pub(super) struct Pair<'a> {
     pub(super) second: &'a Level,
     /// Comparisons after the candidates'.
     pub(super) steps: usize,
+    /// Variance of a pixel's noise, squared grey levels.
+    pub(super) noise: f32,
 }
 
 /// The best of some candidates.
@@ -104,12 +105,17 @@ impl Pair<'_> {
     /// falls.
     #[inline(always)]
     pub(super) fn find(&self, x: usize, y: usize, candidates: &[[f32; 2]]) -> Option<Found> {
-        let template = Template::new(self.cpu, self.first, x, y)?;
+        let template = Template::new(self.cpu, self.first, self.noise, x, y)?;
         let at = [x as f32, y as f32];
         let mut best: Option<Best> = None;
-        for shift in candidates {
+        for (index, shift) in candidates.iter().enumerate() {
+            let is_tried =
+                |other: &[f32; 2]| (other[0] - shift[0]).abs() < ALIKE && (other[1] - shift[1]).abs() < ALIKE;
+            if candidates.iter().take(index).any(is_tried) {
+                continue;
+            }
             let next = Best::of(&template, self.second, at, *shift)?;
-            if best.as_ref().is_none_or(|best| is_better(next.total, best.total)) {
+            if best.as_ref().is_none_or(|best| is_better(next.total, best.total, self.noise)) {
                 best = Some(next);
             }
         }
@@ -129,9 +135,10 @@ impl Pair<'_> {
     }
 }
 
-/// The mean over the patches that see the cell in `column` and `row`, where `patches` has `across` of them in a row.
+/// The mean over the patches that see the cell in `column` and `row`, where `patches` has `across` of them in a row and
+/// `noise` is the variance of a pixel's noise.
 #[inline(always)]
-pub(super) fn mean(patches: &[Found], across: usize, column: usize, row: usize) -> Mean {
+pub(super) fn mean(patches: &[Found], across: usize, column: usize, row: usize, noise: f32) -> Mean {
     let mut sum = Mean::default();
     let mut weights = 0.0;
     let down = patches.len() / across.max(1);
@@ -144,8 +151,8 @@ pub(super) fn mean(patches: &[Found], across: usize, column: usize, row: usize) 
         let Some(patch) = patches.get(y * across + x) else { continue };
         let residual = patch.squares[2 * i + j] * (4.0 / AREA);
         let all = patch.total() * (1.0 / AREA);
-        let noise = WEIGHT_NOISE + residual;
-        let weight = 1.0 / (noise * (WEIGHT_NOISE + all));
+        // Patches that fit to within the noise of two frames count alike.
+        let weight = 1.0 / ((2.0 * noise + residual) * (2.0 * noise + all));
         sum.shift[0] += weight * patch.shift[0];
         sum.shift[1] += weight * patch.shift[1];
         sum.residual += weight * residual;

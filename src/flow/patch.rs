@@ -12,11 +12,6 @@ use crate::pyramid::Level;
 
 pub(super) use super::kernels::{AREA, SIDE};
 
-/// Variance of the noise in a gradient, squared grey levels a pixel, at least: the quantisation of 8-bit luma (1/12),
-/// taken three times for what compression adds. Added to both eigenvalues of the gradients' matrix, so that along an
-/// edge the start is kept.
-pub(super) const GRADIENT_NOISE: f32 = 0.25;
-
 /// A patch of the first frame.
 pub(super) struct Template {
     cpu: CpuLevel,
@@ -38,13 +33,16 @@ pub(super) struct Difference {
 }
 
 impl Template {
-    /// The patch of `level` whose top left pixel is (x, y); `None` further outside than the border.
+    /// The patch of `level` whose top left pixel is (x, y); `None` further outside than the border. `noise` is the
+    /// variance of a pixel's noise in squared grey levels: a central difference has half of it, which is added to both
+    /// eigenvalues of the gradients' matrix, so that along an edge the start is kept.
     #[inline(always)]
-    pub(super) fn new(cpu: CpuLevel, level: &Level, x: usize, y: usize) -> Option<Self> {
+    pub(super) fn new(cpu: CpuLevel, level: &Level, noise: f32, x: usize, y: usize) -> Option<Self> {
         let rows = level.from(x as isize - 1, y as isize - 1)?;
         let patch = kernels::centred(cpu, rows, level.stride())?;
         let [xx, xy, yy, _] = patch.products;
-        let (a, d) = (xx + AREA * GRADIENT_NOISE, yy + AREA * GRADIENT_NOISE);
+        let damping = AREA * 0.5 * noise;
+        let (a, d) = (xx + damping, yy + damping);
         let share = 1.0 / (a * d - xy * xy);
         Some(Self { cpu, patch, inverse: [d * share, -xy * share, a * share] })
     }

@@ -1,5 +1,6 @@
 //! A predicted motion at a few nodes, so that asking for it costs the same whatever predicts.
 
+use super::patch::SIDE;
 use nalgebra::Vector2;
 
 /// Nodes along each axis. A homography over an eighth of the frame is linear to within a few per cent of its
@@ -38,8 +39,16 @@ impl Prediction {
         }
     }
 
+    /// For the patch whose top left pixel on the level that is 2^`depth` times coarser is (x, y), in its pixels.
+    #[inline(always)]
+    pub(super) fn of_patch(&self, depth: usize, x: usize, y: usize) -> [f32; 2] {
+        let unit = (1usize << depth) as f32;
+        let middle = |at: usize| (at as f32 + 0.5 * SIDE as f32) * unit - 0.5;
+        self.at(middle(x), middle(y)).map(|shift| shift / unit)
+    }
+
     /// At a point of the frame in analysed pixels.
-    pub(super) fn at(&self, x: f32, y: f32) -> [f32; 2] {
+    fn at(&self, x: f32, y: f32) -> [f32; 2] {
         let last = (NODES - 1) as f32;
         // As `clamp`, except that it takes what is not a number to 0.
         let place = |at: f32, length: f32| ((at + 0.5) / length * last).max(0.0).min(last - 1e-3);

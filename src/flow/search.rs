@@ -3,21 +3,21 @@
 //! It is what makes the flow independent of any prediction. The level is at most 48 pixels long, so that a quarter of
 //! the frame's width is 12 pixels at most and 25 × 25 displacements are compared for each of some 80 patches.
 
+use super::level::Pair;
 use super::patch::{AREA, SIDE, Template};
-use crate::cpu::CpuLevel;
-use crate::pyramid::Level;
 
 /// Longest displacement that is searched, as a share of the frame's width; along both axes.
 const REACH: f32 = 0.25;
 
-/// What a displacement of one pixel costs beside none, in squared grey levels a pixel: decides between equals only.
-const LENGTH_COST: f32 = 0.05;
+/// What a displacement of one pixel costs beside none, in the variance of a pixel's noise: decides between equals only.
+const LENGTH_COST: f32 = 0.1;
 
 /// The displacement (pixels of the level) at which the patch with its top left pixel at (x, y) fits best; zero where
 /// nothing fits.
 #[inline(always)]
-pub(super) fn exhaustive(cpu: CpuLevel, first: &Level, second: &Level, x: usize, y: usize) -> [f32; 2] {
-    let Some(template) = Template::new(cpu, first, x, y) else { return [0.0; 2] };
+pub(super) fn exhaustive(pair: &Pair<'_>, x: usize, y: usize) -> [f32; 2] {
+    let Pair { cpu, first, second, noise, .. } = *pair;
+    let Some(template) = Template::new(cpu, first, noise, x, y) else { return [0.0; 2] };
     let reach = (REACH * second.width() as f32).ceil() as isize;
     // At least half of the patch is to be seen in the second frame, along each axis.
     let half = SIDE as isize / 2;
@@ -31,7 +31,7 @@ pub(super) fn exhaustive(cpu: CpuLevel, first: &Level, second: &Level, x: usize,
             let shift = [(to_x - x as isize) as f32, (to_y - y as isize) as f32];
             let length = (shift[0] * shift[0] + shift[1] * shift[1]).sqrt();
             let Some(residual) = template.residual_at(second, to_x, to_y) else { continue };
-            let cost = residual + AREA * LENGTH_COST * length;
+            let cost = residual + AREA * LENGTH_COST * noise * length;
             if cost < best.1 {
                 best = (shift, cost);
             }

@@ -3,7 +3,8 @@
 //! | step | file | what it does |
 //! |---|---|---|
 //! | reduce | `luma` | any luma view → grey of at most 960 pixels a side, by area average |
-//! | halve | `level` | means of 2 × 2 pixels, with a border of replicated pixels |
+//! | compare | `difference` | whether two frames are the same |
+//! | halve | `level` | half the resolution, with a border of replicated pixels |
 //!
 //! Level 0 has the resolution of the *analysed* luma; level l is 2^l times coarser. Pixel centres are integers on all
 //! levels, so that x on level 0 is (x + ½)/2^l − ½ on level l.
@@ -11,9 +12,11 @@
 //! Gradients are not stored: a kernel that holds the rows of a patch in registers makes them with two subtractions a
 //! pixel, in less time than it takes to load them.
 
+mod difference;
 mod level;
 mod luma;
 
+pub(crate) use difference::block_difference;
 pub(crate) use level::Level;
 pub(crate) use luma::Reduction;
 
@@ -48,9 +51,9 @@ impl Pyramid {
         !self.filled
     }
 
-    /// The analysed luma, row by row without border; empty where it holds no frame.
-    pub(crate) fn grey(&self) -> &[f32] {
-        if self.filled { &self.grey } else { &[] }
+    /// Whether it holds a frame of this analysed size.
+    pub(crate) fn is_of(&self, size: (usize, usize)) -> bool {
+        self.levels().first().is_some_and(|level| (level.width(), level.height()) == size)
     }
 
     /// The levels, finest first; none where it holds no frame.
@@ -125,15 +128,17 @@ mod tests {
     }
 
     #[test]
-    fn levels_are_means_of_the_luma() {
-        let data: Vec<u8> = (0..128 * 96).map(|i| (i * 31 % 253) as u8).collect();
+    fn a_level_is_the_luma_at_its_pixels_places() {
+        let at = |x: f64, y: f64| 20.0 + x + 0.5 * y;
+        let data: Vec<u8> = (0..128 * 96).map(|i| at((i % 128) as f64, (i / 128) as f64) as u8).collect();
         let plane = Plane::new(&data, PlaneLayout::packed(128, 96, SampleFormat::U8)).unwrap();
         let (reducer, mut pyramid) = (Reducer::new(128, 96), Pyramid::new());
         assert!(pyramid.is_empty() && pyramid.levels().is_empty());
         reducer.build(&plane.into(), &mut pyramid);
         assert_eq!(pyramid.levels().len(), 3);
-        let mean = (0..16).map(|i| f32::from(data[(8 + i / 4) * 128 + 12 + i % 4])).sum::<f32>() / 16.0;
-        assert!((pyramid.levels()[2].pixel(3, 2) - mean).abs() < 1e-3);
+        // Level 2 has a pixel at x = 4·(x + ½) − ½; half a grey level is lost where values are rounded.
+        let found = f64::from(pyramid.levels()[2].pixel(10, 7));
+        assert!((found - at(41.5, 29.5)).abs() < 0.5, "{found}");
         let wrong = Plane::new(&data, PlaneLayout::packed(64, 96, SampleFormat::U8)).unwrap();
         reducer.build(&wrong.into(), &mut pyramid);
         assert!(pyramid.is_empty());

@@ -83,11 +83,6 @@ impl Engine {
         }
     }
 
-    /// Whether finer correspondences than the grid's are of use.
-    pub fn wants_detail(&self) -> bool {
-        matches!(self, Self::Continuous(continuous) if continuous.wants_detail())
-    }
-
     /// Adds the next frame.
     pub fn push(&mut self, step: &Step<'_>) {
         match self {

@@ -7,7 +7,7 @@ mod error;
 #[cfg(test)]
 mod tests;
 
-use crate::correspond::{Correspondence, DenseFrame, DenseSampler, Pyramid, Sampler};
+use crate::correspond::{Correspondence, Pyramid, Sampler};
 use crate::motion::generators::Model;
 use crate::motion::{FrameMotion, MotionPath};
 use crate::plane::Luma;
@@ -25,9 +25,6 @@ pub use error::{PushError, SettingsError};
 /// Standard deviation of a tracked coordinate, in pixels of the analysed luma: what the sampler
 /// reaches on compressed footage.
 const TRACKING_NOISE: f64 = 0.1;
-/// Correspondences from dense flow whose deviation along some axis is larger, in pixels of the analysed luma, are left
-/// out: the solvers know one noise for all.
-const MOST_DEVIATION: f64 = 0.3;
 /// From this confidence on the whole correction is applied.
 const FULL_TRUST: f64 = 0.5;
 /// Confidence grows with the share of grid nodes whose correspondences follow the motion, up to this
@@ -122,14 +119,6 @@ struct Waiting {
     repeats: bool,
 }
 
-/// Measures by dense flow.
-#[derive(Debug)]
-struct Dense {
-    sampler: DenseSampler,
-    before: DenseFrame,
-    now: DenseFrame,
-}
-
 /// Solves the motion of a stream's frames, one after another, in bounded memory.
 ///
 /// Every frame pushed is popped once, in order.
@@ -139,14 +128,10 @@ pub struct Rectifier {
     size: (usize, usize),
     clock: Clock,
     sampler: Sampler,
-    /// In place of the sampler's correspondences, where asked for.
-    dense: Option<Box<Dense>>,
     /// The reference's luma, and room for the next frame's.
     before: Pyramid,
     now: Pyramid,
     correspondences: Vec<Correspondence>,
-    /// Finer ones of the same pair.
-    fine: Vec<Correspondence>,
     /// The time of the frame that the next one is compared with.
     reference: Option<f64>,
     duplicates: Duplicates,
@@ -188,11 +173,9 @@ impl Rectifier {
             size: (width, height),
             clock: Clock::new(period),
             sampler,
-            dense: None,
             before: Pyramid::default(),
             now: Pyramid::default(),
             correspondences: Vec::new(),
-            fine: Vec::new(),
             reference: None,
             duplicates: Duplicates::default(),
             engine,
@@ -201,18 +184,6 @@ impl Rectifier {
             last: None,
             timings: Timings::default(),
         })
-    }
-
-    /// Takes correspondences from dense flow instead of the tracker. For comparing the two; to be called before the
-    /// first frame.
-    #[doc(hidden)]
-    pub fn measure_by_flow(&mut self) {
-        let (width, height) = self.size;
-        self.dense = Some(Box::new(Dense {
-            sampler: DenseSampler::new(width, height, self.settings.grid_columns, self.settings.grid_rows),
-            before: DenseFrame::default(),
-            now: DenseFrame::default(),
-        }));
     }
 
     /// Adds the next frame: its luma and its timestamp in seconds.
@@ -236,9 +207,6 @@ impl Rectifier {
             self.reference = None;
         }
         self.sampler.build(luma, &mut self.now);
-        if let Some(dense) = &mut self.dense {
-            dense.sampler.build(luma, &mut dense.now);
-        }
         let repeats = self.reference.is_some()
             && (duplicate || self.duplicates.is_repeated(self.sampler.difference(&self.before, &self.now)));
         let readout = self.readout();
@@ -308,27 +276,18 @@ impl Rectifier {
         let interval = self.reference.map(|reference| time - reference);
         if let Some(interval) = interval {
             let predict = self.engine.predictor(readout, interval);
-            self.fine.clear();
-            if let Some(Dense { sampler, before, now }) = self.dense.as_deref_mut() {
-                let most = MOST_DEVIATION * self.sampler.pixel_scale();
-                sampler.correspond(before, now, predict, most, &mut self.correspondences);
-                if self.engine.wants_detail() {
-                    sampler.refine(&mut self.fine);
-                }
-            } else {
-                self.sampler.correspond(&self.before, &self.now, predict, &mut self.correspondences);
-                if self.engine.wants_detail() {
-                    self.sampler.refine(&self.before, &self.now, &mut self.fine);
-                }
-            }
+            self.sampler.correspond(&self.before, &self.now, predict, &mut self.correspondences);
             if let Some(waiting) = self.waiting.back_mut() {
                 waiting.correspondences = self.correspondences.len();
             }
         }
-        let tracked = Instant::now();
-        self.timings.correspond += tracked - started;
+        let measured = Instant::now();
+        self.timings.correspond += measured - started;
         self.engine.push(&Step {
-            found: interval.map(|_| Found { grid: &self.correspondences, fine: &self.fine }),
+            found: interval.map(|_| {
+                let flow = self.sampler.flow();
+                Found { grid: &self.correspondences, flow: Some([flow.forward(), flow.backward()]) }
+            }),
             time,
             interval: interval.unwrap_or(0.0),
             period: self.clock.period(),
@@ -337,10 +296,7 @@ impl Rectifier {
         });
         self.reference = Some(time);
         std::mem::swap(&mut self.before, &mut self.now);
-        if let Some(Dense { before, now, .. }) = self.dense.as_deref_mut() {
-            std::mem::swap(before, now);
-        }
-        self.timings.solve += tracked.elapsed();
+        self.timings.solve += measured.elapsed();
     }
 
     /// Gives out the motion of the first frame that waits.

@@ -6,19 +6,19 @@
 //! | `start` | (a start that survives outliers; the paper has none) |
 //! | [`link`] | one pair: uniform rotation 25.6, sequential steps 25.7–25.10 |
 //! | [`shutter`] | (readout time and direction from the picture; the paper takes them as known) |
-//! | [`layer`] | (what parallax adds to the global path; the paper has none) |
+//! | [`residual`] | (what parallax adds to the global path; the paper has none) |
 //! | [`window`] | least E over the window, both directions, final choice 25.4.1.3 |
 //!
 //! The only clock is the exposure time t = t_k + T·s, so that any frame rate, dropped frame or
 //! reverse playback is right; see the [`readout`](crate::readout).
 
 pub mod continuous;
-pub mod layer;
 pub mod link;
 pub mod measurement;
 mod median;
 #[cfg(test)]
 mod random;
+pub mod residual;
 pub mod shutter;
 mod start;
 pub mod window;

@@ -40,20 +40,9 @@ pub fn settings(
 
 /// Pushes the frames of a sequence and collects the motion of each.
 pub fn solve(footage: &Footage, settings: Settings) -> Result<Vec<FrameSolution>> {
-    solve_measured(footage, settings, false)
-}
-
-/// As [`solve`], with correspondences from dense flow where `by_flow`.
-///
-/// # Errors
-/// As [`solve`].
-pub fn solve_measured(footage: &Footage, settings: Settings, by_flow: bool) -> Result<Vec<FrameSolution>> {
     let (width, height) = (footage.settings().width, footage.settings().height);
     let period = Some(1.0 / footage.settings().delivered_fps());
     let mut rectifier = Rectifier::new(settings, width, height, period)?;
-    if by_flow {
-        rectifier.measure_by_flow();
-    }
     motions(&mut rectifier, footage.frames.iter().zip(footage.stamps.iter().copied()))
 }
 

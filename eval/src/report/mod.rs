@@ -85,7 +85,8 @@ pub fn run(options: &Options, footage: &dyn Fn(&Settings) -> Result<Footage>) ->
         runner::run(&tasks, &entries, footage, &mut progress)?.write(&kept)?;
     }
     let results = Results::read(&kept)?;
-    progress.time("stills", || stills::write_all(&tasks, &entries, footage, &folder))?;
+    let is_whole = options.aside().is_none();
+    progress.time("stills", || stills::write_all(&tasks, &entries, footage, &folder, is_whole))?;
     progress.time("charts", || figures::draw_all(&results, &entries, &folder))?;
     let [procedural, photographs] = [RESULTS.into(), Path::new(PHOTOGRAPHS).join(RESULTS)]
         .map(|file| Results::read(&target.join(file)).ok());

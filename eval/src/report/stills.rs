@@ -6,7 +6,7 @@ use crate::footage::Footage;
 use crate::methods::registry::Entry;
 use crate::metrics::resample::rectified;
 use crate::scene::Frame;
-use crate::sequence::Settings;
+use crate::sequence::{self, Settings};
 use anyhow::{Context, Result, anyhow, ensure};
 use image::codecs::jpeg::JpegEncoder;
 use image::{Rgb, RgbImage, imageops};
@@ -15,8 +15,9 @@ use std::fs::File;
 use std::io::BufWriter;
 use std::path::Path;
 
-/// Sequences of which a frame is shown, of scene 1.
+/// Sequences of which a frame is shown, of scene 1: of those that are run, and of those that are no part of the report.
 const SEQUENCES: [&str; 4] = ["rot1_B0", "rot2_B40", "trans_rot1_B40", "shake_g042"];
+const HARD: [&str; 3] = ["selfie", "thin", "driving"];
 const SEED: u64 = 1;
 /// Whose correction is shown, and whose is compared with it.
 const SHOWN: [&str; 2] = ["rsrectify-4", "3d-rotation-3"];
@@ -31,8 +32,8 @@ const QUALITY: u8 = 80;
 const SCALE: (u32, u32) = (420, 62);
 const STEPS: u32 = 120;
 
-/// Writes one JPEG for each of four sequences, where it is among the tasks: above the frame as it
-/// arrived, rectified and true; below the colour distance to the truth as it arrived, rectified, and
+/// Writes one JPEG for each of four sequences, where it is among the tasks, and of the hard ones if `with_hard`: above the
+/// frame as it arrived, rectified and true; below the colour distance to the truth as it arrived, rectified, and
 /// rectified by a calibrated 3D rotation, black where no pixel can be judged. The scale of the distances
 /// is drawn beside them as `still-scale.svg`.
 ///
@@ -43,10 +44,15 @@ pub fn write_all(
     entries: &[Entry],
     footage: &dyn Fn(&Settings) -> Result<Footage>,
     folder: &Path,
+    with_hard: bool,
 ) -> Result<()> {
     let shown = |settings: &Settings| settings.seed == SEED && SEQUENCES.contains(&settings.name.as_str());
-    for settings in tasks.iter().map(|task| &task.settings).filter(|settings| shown(settings)) {
-        let sheet = sheet(&footage(settings)?, entries)?;
+    let hard = HARD.iter().filter(|_| with_hard).filter_map(|name| sequence::named(name));
+    // As many frames beyond the one that is shown as a lookahead of four takes, and one more.
+    let hard = hard.map(|settings| Settings { seed: SEED, frames: FRAME + 6, ..settings });
+    let run = tasks.iter().map(|task| task.settings.clone()).filter(shown);
+    for settings in run.chain(hard) {
+        let sheet = sheet(&footage(&settings)?, entries)?;
         let file = BufWriter::new(File::create(folder.join(format!("still-{}.jpg", settings.name)))?);
         JpegEncoder::new_with_quality(file, QUALITY).encode_image(&sheet)?;
     }

@@ -36,6 +36,8 @@ pub enum SceneKind {
     Followed,
     /// The room and ten things with motions of their own.
     Crowd,
+    /// The room; a third of the picture moves as water does, each part on its own.
+    Water,
     /// The room; a third of the picture are stripes.
     Blinds,
     /// The room and a caption that is fixed to the frame of a camera on
@@ -81,6 +83,7 @@ impl SceneKind {
             Self::Thin => special::thin(&mut builder),
             Self::Followed => movers.push(special::followed(&mut builder, seed)),
             Self::Crowd => movers = special::crowd(&mut builder),
+            Self::Water => movers = special::water(&mut builder),
             Self::Blinds => textures.push(special::blinds(&mut builder)),
             Self::Caption => movers.push(special::caption(&mut builder, seed)),
         }

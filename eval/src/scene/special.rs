@@ -105,6 +105,32 @@ pub(super) fn crowd(builder: &mut Builder) -> Vec<Mover> {
         .collect()
 }
 
+/// The lower third of the picture in tiles, each of which swings on its own as fast as waves do.
+pub(super) fn water(builder: &mut Builder) -> Vec<Mover> {
+    furnished(builder, false);
+    const COLUMNS: usize = 6;
+    const ROWS: usize = 4;
+    let (width, height) = (0.28, 0.12);
+    (0..COLUMNS * ROWS)
+        .map(|index| {
+            let first = builder.surfaces.len();
+            let (u, v) = ([1.15 * width, 0.0, 0.0], [0.0, 1.15 * height, 0.0]);
+            builder.rectangle([-0.58 * width, -0.58 * height, 0.0], u, v, Pattern::Cloth, 0.3);
+            carry(builder, first, index);
+            let x = (index % COLUMNS) as f64 - 0.5 * (COLUMNS as f64 - 1.0);
+            let y = (index / COLUMNS) as f64;
+            let rest = Vector3::new(x * width, 0.24 + y * height, 1.5 - 0.01 * y);
+            let mut own = |amplitude: f64| {
+                let frequency = builder.random.random_range(0.1..0.4);
+                vec![Oscillation { amplitude, frequency, phase: builder.random.random() }]
+            };
+            let position = [0.02, 0.015, 0.0].map(&mut own);
+            let path = Oscillations { fps: 30.0, rotation: Default::default(), position };
+            Mover { rest, path }
+        })
+        .collect()
+}
+
 /// Railings, branches and wires before the far wall.
 pub(super) fn thin(builder: &mut Builder) {
     builder.shell();
@@ -219,6 +245,13 @@ mod tests {
                 assert!(share.contains(&seen), "{kind:?} at {frame}: {seen}");
             }
         }
+    }
+
+    #[test]
+    fn water_covers_a_third() {
+        let scene = scene(SceneKind::Water);
+        let share = moving_share(&scene, Motion::Still, 0.3);
+        assert!(scene.movers.len() == 24 && (0.27..0.4).contains(&share), "{share}");
     }
 
     #[test]

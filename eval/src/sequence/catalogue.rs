@@ -72,6 +72,7 @@ pub fn hard() -> Vec<Settings> {
         of("tracking", SceneKind::Followed, Motion::Follow),
         held("crowd", SceneKind::Crowd, SWAY),
         Settings { noise: 12.0, exposure, ..held("night", SceneKind::Room, SWAY) },
+        held("water", SceneKind::Water, SWAY),
         held("blinds", SceneKind::Blinds, SWAY),
         of("caption", SceneKind::Caption, Motion::Pan),
         Settings { width: 1920, height: 1080, frames: 8, ..held("thin_1080", SceneKind::Thin, 2.0 * SWAY) },

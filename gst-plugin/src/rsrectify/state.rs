@@ -358,7 +358,8 @@ impl Workers {
     fn run<R: Send>(&self, work: impl FnOnce() -> R + Send) -> R {
         match &self.pool {
             Some(pool) => pool.install(work),
-            None => work(),
+            // On a thread of the common pool: what it hands out is then done without waking others up first.
+            None => rayon::scope(|_| work()),
         }
     }
 }

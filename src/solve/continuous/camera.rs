@@ -9,6 +9,10 @@ pub(super) const READOUT_BELIEF: (f64, f64) = (0.0, 0.5);
 pub(super) const KAPPA_BELIEF: (f64, f64) = (0.3, 0.3);
 /// What κ may be: a field of view under 110°.
 pub(super) const KAPPA_LIMITS: [f64; 2] = [0.0, 2.0];
+/// Logarithm of how much likelier it is that the lines of the sensor lie along the longer side of the picture than along
+/// the shorter one: nearly every sensor is built so, and one video in sixteen or so is cropped to the other shape. Half as
+/// much again changes little.
+const ALONG_THE_LONGER_SIDE: f64 = 2.7;
 /// Deviation of what is known.
 pub(super) const KNOWN: f64 = 1e-6;
 
@@ -43,6 +47,12 @@ impl Camera {
         }
     }
 
+    /// Logarithm of how likely a direction is before anything was seen, up to a constant, in frames of this size.
+    pub(super) fn log_prior(direction: ReadoutDirection, width: usize, height: usize) -> f64 {
+        let is_usual = if direction.is_by_rows() { width >= height } else { height >= width };
+        if is_usual { 0.0 } else { -ALONG_THE_LONGER_SIDE }
+    }
+
     /// Mean and deviation of what is believed of κ.
     pub(super) fn kappa_belief(&self) -> (f64, f64) {
         match self.focal_length.filter(|focal| focal.is_finite() && *focal > 0.0) {
@@ -56,6 +66,15 @@ impl Camera {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn lines_lie_along_the_longer_side() {
+        use ReadoutDirection::{RightToLeft, TopToBottom};
+        let prior = Camera::log_prior;
+        assert!(prior(TopToBottom, 640, 480) > prior(RightToLeft, 640, 480));
+        assert!(prior(TopToBottom, 480, 640) < prior(RightToLeft, 480, 640));
+        assert_eq!(prior(TopToBottom, 500, 500), prior(RightToLeft, 500, 500));
+    }
 
     #[test]
     fn a_focal_length_is_believed_up_to_the_widest_view() {

@@ -14,7 +14,7 @@ use nalgebra::{Matrix2x3, Matrix3, Vector2, Vector3};
 const COLUMNS: usize = 32;
 /// Rows of cells, at most, however narrow the frame.
 const MOST_ROWS: usize = 8 * COLUMNS;
-/// What is fixed is found to move by so many times the tracker's noise, for it covers what moves behind it.
+/// What is fixed is found to move by so many times the noise of measurement, for it covers what moves behind it.
 const UNSTEADY: f64 = 5.0;
 /// What moves by more than so many times that, moves.
 const MOVES: f64 = 4.0;
@@ -40,22 +40,15 @@ pub(super) struct Fixed {
     odds: Vec<f64>,
     /// Spread in pixels of the displacements of what is fixed.
     spread: f64,
-    /// Whether anything was found fixed in the last pair.
-    any: bool,
 }
 
 impl Fixed {
-    /// For frames of `width` × `height` pixels, whose tracker has this standard deviation in pixels.
+    /// For frames of `width` × `height` pixels, whose points have this standard deviation in pixels.
     pub fn new(width: usize, height: usize, noise: f64) -> Self {
         let cell =
             (width as f64 / COLUMNS as f64).max(height as f64 / MOST_ROWS as f64).max(1.0 / COLUMNS as f64);
         let rows = (height as f64 / cell).ceil() as usize;
-        Self { cell, odds: vec![PRIOR; COLUMNS * rows], spread: UNSTEADY * noise, any: false }
-    }
-
-    /// Whether there is anything fixed in the picture.
-    pub fn any(&self) -> bool {
-        self.any
+        Self { cell, odds: vec![PRIOR; COLUMNS * rows], spread: UNSTEADY * noise }
     }
 
     /// Learns from the matches of a pair and leaves those of the scene in `scene`: all, where too few would be left.
@@ -67,7 +60,6 @@ impl Fixed {
             scene.clear();
             scene.extend_from_slice(found);
         }
-        self.any = scene.len() < found.len();
     }
 
     fn is_fixed(&self, m: &Correspondence) -> bool {
@@ -202,7 +194,6 @@ mod tests {
     fn a_caption_is_told_from_the_scene_at_once_and_remembered() {
         let mut fixed = fixed();
         assert_eq!(kept(&mut fixed, &captioned(1, Vector2::new(4.0, -2.0)), is_caption), [0, 22 * 32]);
-        assert!(fixed.any());
         // A camera at rest says nothing.
         let still = pair(2, |_| Vector2::zeros());
         assert_eq!(kept(&mut fixed, &still, is_caption), [0, 22 * 32]);
@@ -228,7 +219,6 @@ mod tests {
         }
         let kept = kept(&mut fixed, &pair(12, |_| Vector2::new(-3.0, 3.0)), is_caption);
         assert_eq!(kept.iter().sum::<usize>(), all);
-        assert!(!fixed.any());
     }
 
     #[test]

@@ -6,7 +6,7 @@ use super::stretch::{Stretch, breadth};
 use crate::readout::ReadoutDirection;
 
 /// Residuals of less than so many times the least noise are nothing but noise.
-pub(super) const NOTICEABLE: f64 = 4.0;
+const NOTICEABLE: f64 = 4.0;
 /// Steps, at most, where it is learnt how a vibration goes on, to the first path and to each one after it: that needs
 /// more of them, and what it changes hardly shows between frames, so that none is spared. Only the first frame of all
 /// takes them at once.

@@ -24,7 +24,7 @@
 //! | `hypothesis` | one reading axis: a solver, its tempo, its likelihood |
 //! | `scene` | whether the path stands for the scene alone |
 //! | `camera` | what is known of the camera, and believed of the rest |
-//! | `stream` | frames in, motions out: window, choice of the axis, confidence, residual layer |
+//! | `stream` | frames in, motions out: window, choice of the axis, confidence, residual field |
 //!
 //! # Units
 //!
@@ -48,6 +48,7 @@ mod left;
 mod normal;
 mod pair;
 mod path;
+mod pixels;
 mod prediction;
 mod running;
 mod scene;

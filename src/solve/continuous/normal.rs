@@ -22,6 +22,10 @@ use nalgebra::{Matrix2, SMatrix, SVector};
 const BANDS: usize = 24;
 /// Degrees of freedom of Student's t, as which residuals are distributed.
 const FREEDOM: f64 = 4.0;
+/// Share of the matches that belong to nothing that a path stands for: they lie anywhere within …
+const OUTLIERS: f64 = 0.1;
+/// … this distance in radii, the farthest that the flow is searched.
+const FARTHEST: f64 = 0.5;
 /// However many correspondences a pair has, they are worth no more than so many independent ones:
 /// what the path does not explain is alike in neighbours.
 const WORTH: f64 = 25.0;
@@ -51,19 +55,25 @@ impl Normal {
     }
 
     /// Logarithm of the likelihood of what is new in the pair, up to a constant, for as many matches as are
-    /// independent.
-    pub fn log_likelihood(&self, left: &Left) -> f64 {
+    /// independent; `radius` in pixels.
+    pub fn log_likelihood(&self, left: &Left, radius: f64) -> f64 {
         let likely = left.legs.iter().zip(&left.before).map(|(leg, before)| {
             let new = self.scatter.innovation(leg, before.as_ref());
-            log_student(new.square()) + new.weight.determinant().ln() / 2.0
+            density(new.square(), new.weight.determinant(), radius).ln()
         });
         worth(left) * likely.filter(|likely| likely.is_finite()).sum::<f64>()
     }
 }
 
-/// Logarithm of Student's t in two dimensions, up to a constant, of a squared distance in units of its scale.
-fn log_student(square: f64) -> f64 {
-    -(FREEDOM + 2.0) / 2.0 * (square / FREEDOM).ln_1p()
+/// Density of a match, up to a constant, at a squared distance in units of its scale, with the determinant of its inverse
+/// scale.
+///
+/// It is of Student's t about the path or, as an outlier, anywhere: with the tails of t alone a path that fits two thirds
+/// of the matches well is as likely as one that fits all of them badly.
+fn density(square: f64, determinant: f64, radius: f64) -> f64 {
+    let student = (1.0 + square / FREEDOM).powf(-(FREEDOM + 2.0) / 2.0) * determinant.sqrt();
+    // Uniform over a disc, times the 2π that t lacks as well.
+    student + 2.0 * OUTLIERS / (FARTHEST * radius).powi(2)
 }
 
 /// How many independent matches one is worth.

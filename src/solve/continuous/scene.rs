@@ -7,7 +7,7 @@ use super::stretch::Stretch;
 use rayon::prelude::*;
 
 /// Where more than this share of the matches goes its own way, a path for the rest is tried, unless the one for
-/// everything leaves residuals that are the tracker's.
+/// everything leaves residuals that are noise of measurement.
 const APART: f64 = 0.25;
 /// A path for the rest is worth what it does not see where it is trusted by this factor more.
 const PREFERRED: f64 = 2.0;
@@ -107,7 +107,7 @@ impl SceneTrial {
     }
 }
 
-/// How far the residuals of the best one are the tracker's.
+/// How far the residuals of the best one are noise of measurement.
 fn trust(hypotheses: &[Hypothesis]) -> f64 {
     hypotheses.iter().map(|hypothesis| hypothesis.solver.trust()).fold(0.0, f64::max)
 }

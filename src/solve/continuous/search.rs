@@ -24,7 +24,7 @@ const SETTLED_READOUT: f64 = 0.01;
 const UNCERTAIN: f64 = 0.5;
 /// Steps after which a path that starts from a turning camera is compared with one that starts from a moving one.
 const ROUND: usize = 3;
-/// Residuals that are the tracker's to this degree need no other explanation.
+/// Residuals that are those of measurement to this degree need no other explanation.
 pub(super) const TRUSTED: f64 = 0.5;
 
 /// Pairs times steps that are taken a frame: when the first frame is due, as many as the path in hand takes, four steps

@@ -22,8 +22,9 @@ const LIMITS: [f64; 2] = [1e-7, 1e4];
 const MOST_CHANGE: f64 = 10.0;
 /// Share of the differences that are held to be determined at least.
 const LEAST_DETERMINED: f64 = 1e-3;
-/// Variance in px² of the first differences: all but free.
-const RATE: f64 = 100.0;
+/// Variances in px² of the first differences of the turns, which have four knots to a block, and of the others, which have
+/// one: all but free.
+const RATES: [f64; 2] = [100.0, 400.0];
 /// Inverse variance of the coefficients: only differences can be seen.
 const LEVEL: f64 = 1e-6;
 /// Variance of the differences of a generator that the model does not have.
@@ -101,11 +102,12 @@ impl Smoothness {
         }
     }
 
-    /// Adds the prior to normal equations about the path as it is.
-    pub fn add(&self, path: &SplinePath, matrix: &mut Banded, right: &mut [f64]) {
+    /// Adds the prior to normal equations about the path as it is; with `share` of the variances that were learnt.
+    pub fn add(&self, path: &SplinePath, share: f64, matrix: &mut Banded, right: &mut [f64]) {
         let c = &path.coefficients;
         for j in 0..GENERATORS {
-            let (news, first) = if self.active[j] { (self.variance[j], RATE) } else { (NONE, NONE) };
+            let rate = RATES[usize::from(j >= TURNS)];
+            let (news, first) = if self.active[j] { (share * self.variance[j], rate) } else { (NONE, NONE) };
             let places = Self::places(path, j);
             for (difference, variance) in [(&self.predictions[j].error()[..], news), (&FIRST, first)] {
                 for at in places.windows(difference.len()) {
@@ -125,7 +127,7 @@ impl Smoothness {
     }
 
     /// Learns from a path and the covariance of its coefficients. A turn's next step is told from up to
-    /// `order` before it, where the path bends by more than `noise`, the tracker's deviation in pixels, may
+    /// `order` before it, where the path bends by more than `noise`, the deviation of a point in pixels, may
     /// make it.
     pub fn learn(&mut self, path: &SplinePath, covariance: &Banded, order: usize, noise: f64) {
         for j in (0..GENERATORS).filter(|j| self.active[*j]) {
@@ -176,7 +178,7 @@ mod tests {
             let off = |(value, measured): (&f64, &f64)| (measured - value) / (noise * noise);
             let mut right: Vec<f64> = path.coefficients.iter().zip(&measured).map(off).collect();
             (0..measured.len()).for_each(|place| matrix.add(place, place, 1.0 / (noise * noise)));
-            smoothness.add(&path, &mut matrix, &mut right);
+            smoothness.add(&path, 1.0, &mut matrix, &mut right);
             assert!(matrix.factorise());
             matrix.solve(&mut right);
             path.coefficients.iter_mut().zip(&right).for_each(|(value, step)| *value += step);
@@ -215,7 +217,7 @@ mod tests {
         let path = SplinePath { base: 0, coefficients: vec![0.0; 4 * BLOCK], kappa: 0.0 };
         let mut matrix = Banded::default();
         matrix.reset(band(path.coefficients.len()));
-        smoothness.add(&path, &mut matrix, &mut vec![0.0; path.coefficients.len()]);
+        smoothness.add(&path, 1.0, &mut matrix, &mut vec![0.0; path.coefficients.len()]);
         let stiffness = |j: usize| matrix.at(path.place(j, 1) as usize, path.place(j, 1) as usize);
         // Yaw is part of the model, roll and scale are not.
         assert!(stiffness(0) < 10.0 && stiffness(2) > 1e6 && stiffness(5) > 1e6);
@@ -230,7 +232,7 @@ mod tests {
             let mut matrix = Banded::default();
             let mut right = vec![0.0; path.coefficients.len()];
             matrix.reset(band(right.len()));
-            smoothness.add(path, &mut matrix, &mut right);
+            smoothness.add(path, 1.0, &mut matrix, &mut right);
             -path.coefficients.iter().zip(&right).map(|(x, r)| x * r).sum::<f64>()
         };
         for knot in path.knots(0) {

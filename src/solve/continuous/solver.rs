@@ -20,7 +20,7 @@ use nalgebra::{SMatrix, SVector};
 /// Blocks before the first exposure and after the last that the path covers: points may leave the
 /// frame, and the readout may turn out longer.
 const MARGIN: f64 = 0.25;
-/// Residuals of up to so many times the least noise are those of the tracker on blurred or compressed footage.
+/// Residuals of up to so many times the least noise are those of measurement on blurred or compressed footage.
 const TRACKED: f64 = 10.0;
 /// Correlation that what the path leaves may have with what γ and κ do.
 const CONSPIRACY: f64 = 0.1;
@@ -31,6 +31,9 @@ const CONTRADICTION: f64 = 4.0;
 const ORDER: usize = 16;
 /// With a readout ratio that is known worse, a path bends to imitate the shutter, and that is nothing to learn from.
 const FORESEEN: f64 = 0.03;
+/// Share of the variance from which learning starts that the path of a single pair has: with all of it, depth that changes
+/// from row to row is taken for a change of speed. From a third to a tenth of it, strong shakes keep more.
+const ALONE: f64 = 0.3;
 /// The most that γ and κ may change at once.
 const MOST_CHANGE: f64 = 0.1;
 
@@ -285,7 +288,10 @@ impl Solver {
         self.path.coefficients.iter_mut().zip(&self.right).for_each(|(value, step)| *value += step);
         held::forget(&mut self.held);
         self.matrix.inverse_band(&mut self.covariance);
-        self.smoothness.learn(&self.path, &self.covariance, self.order(), self.noise);
+        // One pair alone does not tell a change of speed from depth that changes from row to row.
+        if pairs.len() > 1 {
+            self.smoothness.learn(&self.path, &self.covariance, self.order(), self.noise);
+        }
         true
     }
 
@@ -302,6 +308,11 @@ impl Solver {
         first
     }
 
+    /// Share of the path's variances that its prior has. Nothing is learnt of them from a single pair.
+    fn known_share(&self) -> f64 {
+        if self.held.len() == 1 { ALONE } else { 1.0 }
+    }
+
     /// Adds up the normal equations; those of γ and κ.
     fn assemble(&mut self) -> (SMatrix<f64, SHARED, SHARED>, SVector<f64, SHARED>) {
         self.matrix.reset(self.band());
@@ -315,7 +326,7 @@ impl Solver {
             information += normal.shared;
             side += normal.shared_right;
         }
-        self.smoothness.add(&self.path, &mut self.matrix, &mut self.right);
+        self.smoothness.add(&self.path, self.known_share(), &mut self.matrix, &mut self.right);
         (information, side)
     }
 
@@ -380,18 +391,19 @@ impl Solver {
         self.smoothness.reach(&self.path, 1, &mut first);
         prior.reset(first);
         let mut side = vec![0.0; size];
-        self.smoothness.add(&self.path, &mut prior, &mut side);
+        self.smoothness.add(&self.path, self.known_share(), &mut prior, &mut side);
         if !(self.matrix.factorise() && prior.factorise()) {
             return None;
         }
-        let likelihood: f64 = self.held.iter().map(|held| held.normal.log_likelihood(&held.left)).sum();
+        let likelihood: f64 =
+            self.held.iter().map(|held| held.normal.log_likelihood(&held.left, self.radius)).sum();
         // The prior's right side is −Pc.
         let energy: f64 = self.path.coefficients.iter().zip(&side).map(|(value, side)| -value * side).sum();
         let room = prior.half_log_determinant() - self.matrix.half_log_determinant();
         Some(likelihood - 0.5 * energy + room).filter(|evidence| evidence.is_finite())
     }
 
-    /// How far residuals are the tracker's: what the model cannot explain is alike from pair to pair and says
+    /// How far residuals are those of measurement: what the model cannot explain is alike from pair to pair and says
     /// nothing of γ and κ. The middle one counts, for the path has not been fitted to the pair that came last.
     pub fn trust(&self) -> f64 {
         self.trust_of(self.held.iter().map(|held| held.normal.scatter.noise))
@@ -433,7 +445,7 @@ impl Solver {
     }
 
     /// By how much greater than by chance the variances of γ and κ are: what the path leaves beyond the
-    /// tracker's noise may go with what they do to the picture. With the correlation ρ an error of n
+    /// noise of measurement may go with what they do to the picture. With the correlation ρ an error of n
     /// coordinates, of variance σ² each, adds ρ²·n·σ² to the σ² that chance is worth.
     fn conspiracy(&self) -> f64 {
         let left = |Held { normal, .. }: &Held| {

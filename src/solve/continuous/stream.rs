@@ -6,17 +6,19 @@
 
 use super::camera::{Camera, KAPPA_LIMITS, KNOWN, READOUT_BELIEF};
 use super::fixed::Fixed;
-use super::hypothesis::{Hypothesis, NOTICEABLE};
+use super::hypothesis::Hypothesis;
 use super::pair::{Pair, Reading};
+use super::pixels::PixelPath;
 use super::running::Running;
 use super::scene::SceneTrial;
 use super::smoothness::Smoothness;
 use super::solver::{Solver, Tempo};
 use super::stretch::{Stretch, breadth};
 use crate::correspond::Correspondence;
+use crate::flow::FlowField;
 use crate::motion::{ResidualField, ResidualMesh, image_centre};
 use crate::readout::{Readout, ReadoutDirection};
-use crate::solve::layer::{Layer, Neighbour};
+use crate::solve::residual::{FrameFlow, ResidualSolver};
 use crate::solve::shutter::{ShutterEstimator, Verdict};
 use nalgebra::{Matrix3, Vector2};
 use rayon::prelude::*;
@@ -26,7 +28,7 @@ use std::collections::VecDeque;
 const PAST: usize = 10;
 /// Pairs after the frame that is settled that its path is fitted to, at most: a path forgets what is further away.
 const AHEAD: usize = 12;
-/// Standard deviation of a coordinate in analysed pixels that the tracker reaches on clean footage.
+/// Standard deviation of a coordinate in analysed pixels that is reached on clean footage.
 const NOISE: f64 = 0.03;
 /// Shares of the readout at which the homographies of a frame are given out, less one.
 const SHARES: usize = 32;
@@ -77,8 +79,8 @@ struct Entry {
     /// Timestamp in frame periods.
     stamp: f64,
     to_next: Option<Pair>,
-    /// The same pair's correspondences in pixels, the finer ones too, for what moves on its own.
-    detail: Vec<Correspondence>,
+    /// The flow of the same pair, to the next frame and back from it, for what moves on its own.
+    flows: [FlowField; 2],
 }
 
 /// The correspondences of a pair of frames.
@@ -86,8 +88,9 @@ struct Entry {
 pub struct Found<'a> {
     /// Those of the grid, by which the motion of the whole is found.
     pub grid: &'a [Correspondence],
-    /// Finer ones, where parts of the picture move differently.
-    pub fine: &'a [Correspondence],
+    /// The flow to the later frame and back, by which it is found what parts of the picture do beside it; where there
+    /// is any.
+    pub flow: Option<[&'a FlowField; 2]>,
 }
 
 /// The continuous estimator of one stream.
@@ -97,8 +100,6 @@ pub struct Continuous {
     size: [usize; 2],
     centre: Vector2<f64>,
     radius: f64,
-    /// Least standard deviation of a measured coordinate in pixels.
-    noise: f64,
     /// The one that is believed first.
     hypotheses: Vec<Hypothesis>,
     frames: VecDeque<Entry>,
@@ -114,16 +115,14 @@ pub struct Continuous {
     shutter: Option<ShutterEstimator>,
     /// Pairs that it has taken in.
     taken: usize,
-    layer: Layer,
-    /// Standard deviation of a coordinate in the last frame that was settled.
-    sigma: f64,
+    residual: ResidualSolver,
     /// Whether the path should stand for the scene alone.
     scene_trial: SceneTrial,
     /// Where the picture is fixed to the frame, and the last pair's correspondences elsewhere.
     fixed: Fixed,
     scene: Vec<Correspondence>,
-    /// Memory for correspondences.
-    spare: Vec<Vec<Correspondence>>,
+    /// Memory for flow.
+    spare: Vec<[FlowField; 2]>,
 }
 
 impl Continuous {
@@ -144,14 +143,15 @@ impl Continuous {
                 .map(|(mean, deviation)| Running::new(mean, deviation));
             let solver =
                 Solver::new(reading, Tempo::Calm, radius, noise, smoothness, beliefs, [signs, KAPPA_LIMITS]);
-            Hypothesis::new(direction, signs, solver)
+            let mut hypothesis = Hypothesis::new(direction, signs, solver);
+            hypothesis.score = Camera::log_prior(direction, width, height);
+            hypothesis
         };
         Self {
             camera,
             size: [width, height],
             centre: image_centre(width, height),
             radius,
-            noise,
             hypotheses: camera.directions().iter().copied().map(hypothesis).collect(),
             frames: VecDeque::new(),
             settled: 0,
@@ -160,19 +160,12 @@ impl Continuous {
             continues: false,
             shutter: (!camera.is_known()).then(|| ShutterEstimator::new(width, height)),
             taken: 0,
-            layer: Layer::new(width, height, pixel_scale),
-            sigma: f64::INFINITY,
+            residual: ResidualSolver::default(),
             scene_trial: SceneTrial::new(),
             fixed: Fixed::new(width, height, noise),
             scene: Vec::new(),
             spare: Vec::new(),
         }
-    }
-
-    /// Whether the path leaves so much that finer correspondences are of use.
-    pub fn wants_detail(&self) -> bool {
-        let is_scene_alone = self.hypotheses.first().is_some_and(|hypothesis| hypothesis.solver.scene_alone);
-        is_scene_alone || self.fixed.any() || self.sigma > NOTICEABLE * self.noise
     }
 
     /// Adds the next frame at `time` seconds, `period` the nominal frame period, with its
@@ -190,8 +183,9 @@ impl Continuous {
             if let Some(pair) = &mut last.to_next {
                 pair.measured = found.grid.len();
             }
-            last.detail.extend_from_slice(found.grid);
-            last.detail.extend_from_slice(found.fine);
+            if let Some(flow) = found.flow {
+                last.flows.iter_mut().zip(flow).for_each(|(own, flow)| own.clone_from(flow));
+            }
             let is_broad = |pair: &Pair| {
                 let readings = self.hypotheses.iter().map(|hypothesis| hypothesis.solver.reading);
                 readings.map(|reading| breadth(pair, reading)).all(|breadth| breadth > 0.0)
@@ -207,8 +201,9 @@ impl Continuous {
         } else if let Some(shutter) = &mut self.shutter {
             shutter.reset_pair();
         }
-        let detail = self.spare.pop().unwrap_or_default();
-        self.frames.push_back(Entry { stamp, to_next: None, detail });
+        let mut flows = self.spare.pop().unwrap_or_default();
+        flows.iter_mut().for_each(FlowField::clear);
+        self.frames.push_back(Entry { stamp, to_next: None, flows });
         self.prepare();
     }
 
@@ -320,21 +315,21 @@ impl Continuous {
         let moved = stretch.moved();
         let motion = (!pairs.is_empty()).then(|| self.motion(stretch, stamp, moved));
         let mut motion = motion.filter(Motion::is_finite);
-        self.sigma = motion.as_ref().map_or(f64::INFINITY, |motion| motion.sigma);
-        if let Some(motion) = motion.as_mut().filter(|_| self.wants_detail()) {
+        if let Some(motion) = motion.as_mut() {
             motion.field = self.field(own, past > 0, &motion.readout);
-            // What the layer explains is explained.
-            let left = motion.sigma.min(self.layer.left());
+            // What the residual field explains is explained.
+            let left = motion.sigma.min(self.residual.left());
             let solver = &self.hypotheses[0].solver;
             motion.confidence = self.confidence(solver, solver.explained(left, moved));
         }
         self.settled += 1;
         if self.settled > PAST {
-            if let Some(mut old) = self.frames.pop_front() {
-                old.detail.clear();
-                self.spare.push(old.detail);
-            }
+            self.frames.pop_front();
             self.settled -= 1;
+        }
+        // The flow back from the next frame is still needed.
+        if let Some(before) = self.settled.checked_sub(2).and_then(|index| self.frames.get_mut(index)) {
+            self.spare.push(std::mem::take(&mut before.flows));
         }
         motion
     }
@@ -385,32 +380,23 @@ impl Continuous {
         let (unit, _) = self.clock?;
         let solver = &self.hypotheses.first()?.solver;
         let frame = self.frames.get(own)?;
-        let mut neighbours = Vec::with_capacity(2);
-        if let Some(before) = own.checked_sub(1).and_then(|index| self.frames.get(index)).filter(|_| follows)
-        {
-            let interval = (before.stamp - frame.stamp) * unit;
-            neighbours.push(Neighbour { correspondences: &before.detail, interval });
-        }
-        if let Some(after) = self.frames.get(own + 1).filter(|_| frame.to_next.is_some()) {
-            let interval = (after.stamp - frame.stamp) * unit;
-            neighbours.push(Neighbour { correspondences: &frame.detail, interval });
-        }
-        // Where the far edge is read first, γ is negative and the first exposure that much before the stamp.
-        let start = frame.stamp + solver.shared[0].min(0.0);
-        let (centre, radius) = (self.centre, self.radius);
-        let carry = |pixel: Vector2<f64>, from: f64, to: f64| {
-            let [from, to] = [from, to].map(|time| solver.time(start + time / unit, 0.0));
-            solver.flow.carry((pixel - centre) / radius, from, to) * radius + centre
+        let interval = |entry: &Entry| (entry.stamp - frame.stamp) * unit;
+        let before = own.checked_sub(1).and_then(|index| self.frames.get(index)).filter(|_| follows);
+        let after = self.frames.get(own + 1).filter(|_| frame.to_next.is_some());
+        let backward = before.map(|before| FrameFlow { field: &before.flows[1], interval: interval(before) });
+        let forward = after.map(|after| FrameFlow { field: &frame.flows[0], interval: interval(after) });
+        let flows: Vec<_> = backward.into_iter().chain(forward).collect();
+        let path = PixelPath { solver, frame: frame.stamp, unit, centre: self.centre, radius: self.radius };
+        let cells = self.residual.solve(readout, &flows, &path);
+        let centre = self.centre;
+        let first = 0.5 * cells.side - 0.5;
+        let mesh = ResidualMesh {
+            columns: cells.columns,
+            rows: cells.rows,
+            origin: [first - centre.x, first - centre.y],
+            spacing: [cells.side; 2],
         };
-        let mesh = self.layer.solve(readout, &neighbours, carry);
-        let place = ResidualMesh {
-            columns: mesh.columns,
-            rows: mesh.rows,
-            origin: [-centre.x, -centre.y],
-            spacing: [mesh.spacing; 2],
-        };
-        ResidualField::new(place, mesh.velocities.iter().map(|velocity| [velocity.x, velocity.y]).collect())
-            .ok()
+        ResidualField::new(mesh, cells.velocities.clone()).ok()
     }
 
     fn confidence(&self, solver: &Solver, explained: f64) -> f64 {
@@ -452,7 +438,7 @@ impl Continuous {
     }
 }
 
-/// Adds what a stretch says for and against each hypothesis, as far as its residuals are the tracker's, and it is
+/// Adds what a stretch says for and against each hypothesis, as far as its residuals are noise of measurement, and it is
 /// worth anything, in the one that fits best.
 fn weigh(hypotheses: &mut [Hypothesis], stretch: Stretch<'_>) {
     if hypotheses.len() < 2 || hypotheses.iter().any(|hypothesis| hypothesis.knows_little(stretch)) {

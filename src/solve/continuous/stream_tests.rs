@@ -150,7 +150,7 @@ fn what_shows_on_few_lines_says_nothing_of_the_readout() {
             });
             pair
         });
-        continuous.push(pair.as_deref().map(|grid| Found { grid, fine: &[] }), stamps[k], PERIOD);
+        continuous.push(pair.as_deref().map(|grid| Found { grid, flow: None }), stamps[k], PERIOD);
     }
     for motion in (0..30).filter_map(|_| continuous.settle()) {
         assert!(motion.readout_deviation > 0.49 && motion.confidence == 0.0, "{}", motion.readout_deviation);
@@ -186,7 +186,6 @@ fn what_is_fixed_to_the_frame_does_not_pass_for_a_shutter() {
         assert!((readout.time / PERIOD - 0.8).abs() < 2.0 * deviation, "{fixed}: {readout:?} ± {deviation}");
         let left = film.share_left(&motions, &stamps);
         assert!(left < most, "{fixed}: {left}");
-        assert!(continuous.wants_detail(), "what is fixed is not to wobble");
     }
 }
 
@@ -274,7 +273,7 @@ fn points_are_expected_where_the_motion_goes_on_to() {
             let miss = (continuous.expected(found.from) - found.to).norm();
             misses.push([miss, (found.to - found.from).norm()]);
         }
-        continuous.push(pair.as_deref().map(|grid| Found { grid, fine: &[] }), stamps[k], PERIOD);
+        continuous.push(pair.as_deref().map(|grid| Found { grid, flow: None }), stamps[k], PERIOD);
         continuous.settle();
     }
     assert!(misses.iter().all(|[miss, moved]| miss < moved), "{misses:?}");
@@ -291,7 +290,7 @@ fn a_restart_forgets_the_path_and_keeps_the_camera() {
     let later: Vec<f64> = (0..3).map(|k| 77.0 + k as f64 * PERIOD).collect();
     for k in 0..3 {
         let found = (k > 0).then(|| film.pair(later[k - 1], later[k], &mut random));
-        continuous.push(found.as_deref().map(|grid| Found { grid, fine: &[] }), later[k], PERIOD);
+        continuous.push(found.as_deref().map(|grid| Found { grid, flow: None }), later[k], PERIOD);
     }
     let motions: Vec<_> = (0..3).map(|_| continuous.settle()).collect();
     let first = motions[0].as_ref().unwrap();
@@ -313,7 +312,7 @@ fn each_side_of_a_gap_is_solved_by_itself() {
     for k in 0..10 {
         // Nothing joins frame 4 to 5, and frame 9 to 8.
         let found = (k % 5 != 0 && k < 9).then(|| film.pair(stamps[k - 1], stamps[k], &mut random));
-        continuous.push(found.as_deref().map(|grid| Found { grid, fine: &[] }), stamps[k], PERIOD);
+        continuous.push(found.as_deref().map(|grid| Found { grid, flow: None }), stamps[k], PERIOD);
     }
     let motions: Vec<_> = (0..10).map(|_| continuous.settle()).collect();
     let worst = film.worst(&motions[..9], &stamps, 0);
@@ -325,7 +324,7 @@ fn each_side_of_a_gap_is_solved_by_itself() {
 fn fed(camera: Camera, found: &[Correspondence], stamps: &[f64]) -> Vec<Option<Motion>> {
     let mut continuous = Continuous::new(camera, SIZE[0], SIZE[1], 1.0);
     for (k, &stamp) in stamps.iter().enumerate() {
-        continuous.push((k > 0).then_some(Found { grid: found, fine: &[] }), stamp, PERIOD);
+        continuous.push((k > 0).then_some(Found { grid: found, flow: None }), stamp, PERIOD);
         let expected = continuous.expected(Vector2::new(10.0, 400.0));
         assert!(expected.iter().all(|coordinate| coordinate.is_finite()));
     }

@@ -66,7 +66,7 @@ const SETTLED: usize = 80;
 const ROUNDS: usize = 4;
 /// Standard deviation of a correspondence in pixels below which the spread is not believed.
 const NOISE: f64 = 0.05;
-/// Standard deviation in pixels at the frame's edge of what a tracker makes of a still picture.
+/// Standard deviation in pixels at the frame's edge of the points of a still picture.
 const FLOOR: f64 = 0.02;
 /// As a stretch is settled that brings the share x of what is known, what was known before keeps
 /// (1 − x) to this power of its weight: some five stretches that tell as much are remembered, for the

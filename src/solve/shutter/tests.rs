@@ -144,7 +144,7 @@ fn what_moves_on_its_own_does_not_mislead() {
 
 #[test]
 fn errors_are_as_large_as_they_are_said_to_be() {
-    // Mean square of error over standard error, over many short films of a noisy tracker.
+    // Mean square of error over standard error, over many short films of noisy points.
     let (mut squares, mut count) = (0.0, 0.0);
     for seed in 0..24 {
         let ratio = 0.3 + 0.025 * seed as f64;

@@ -9,26 +9,20 @@
 //! One sampling of N×N pixels takes 4·N·(2N + 3) multiply-adds, its sums 4·N²: 3.3 k for N = 16.
 
 use super::patch::{Rows, Sums, combine, dot, remove_mean, sample_sums, stretched};
-use super::pyramid::Level;
 #[cfg(target_arch = "x86_64")]
 use crate::cpu::Avx2;
 use crate::cpu::CpuLevel;
+use crate::pyramid::Level;
 use nalgebra::{Matrix2, Vector2};
 
 /// Side of a patch on the finest level, in pixels.
 pub(super) const FINE: usize = 16;
-
-/// Side of a patch on the coarser levels, in their pixels.
-pub(super) const COARSE: usize = 8;
 
 /// Contrast of the second frame over that of the first, at most, and its inverse at least.
 const MAX_GAIN: f32 = 3.0;
 
 /// A template on the finest level.
 pub(super) type FineTemplate = Template<FINE, { FINE + 3 }>;
-
-/// A template on a coarser level.
-pub(super) type CoarseTemplate = Template<COARSE, { COARSE + 3 }>;
 
 /// What is looked for: a patch of `N` × `N` pixels, its gradients and their matrix.
 ///
@@ -57,8 +51,6 @@ pub(super) struct Template<const N: usize, const M: usize> {
 pub(super) struct Match {
     /// The top left pixel of the patch, pixels of the level.
     pub(super) corner: Vector2<f32>,
-    /// Length of the last step in pixels.
-    pub(super) step: f32,
     /// Root mean square difference after brightness was matched, grey levels.
     pub(super) residual: f32,
     /// Coefficient of correlation of the two patches, 0 to 1.
@@ -75,35 +67,6 @@ pub(super) struct Effort {
 }
 
 impl<const N: usize, const M: usize> Template<N, M> {
-    /// The patch whose top left pixel is `corner`; `None` where it and a margin of one pixel do not
-    /// fit, or where it has no contrast at all.
-    ///
-    /// `damping` (squared grey levels) is added to the eigenvalues: along an edge, where nothing
-    /// can be measured, the start is then kept.
-    pub(super) fn new(cpu: CpuLevel, level: &Level, corner: (usize, usize), damping: f32) -> Option<Self> {
-        let (x, y) = (corner.0.checked_sub(1)?, corner.1.checked_sub(1)?);
-        if x + N + 2 > level.width || y + N + 2 > level.height {
-            return None;
-        }
-        let mut samples = [[0.0; M]; M];
-        for (r, row) in samples.iter_mut().enumerate().take(N + 2) {
-            let start = (y + r) * level.width + x;
-            row[..N + 2].copy_from_slice(&level.data[start..start + N + 2]);
-        }
-        match cpu {
-            // SAFETY: the level is a proof of AVX2.
-            #[cfg(target_arch = "x86_64")]
-            CpuLevel::Avx2(avx2) => unsafe { Self::from_samples_avx2(avx2, &samples, damping) },
-            _ => Self::from_samples(CpuLevel::Scalar, &samples, damping),
-        }
-    }
-
-    #[cfg(target_arch = "x86_64")]
-    #[target_feature(enable = "avx2")]
-    fn from_samples_avx2(avx2: Avx2, samples: &Rows<M, M>, damping: f32) -> Option<Self> {
-        Self::from_samples(CpuLevel::Avx2(avx2), samples, damping)
-    }
-
     /// From (N + 2) × (N + 2) samples: the patch and a margin of one pixel.
     #[inline(always)]
     fn from_samples(cpu: CpuLevel, samples: &Rows<M, M>, damping: f32) -> Option<Self> {
@@ -177,7 +140,7 @@ impl<const N: usize, const M: usize> Template<N, M> {
         }
         let (sums, gain, step) = best?;
         let (residual, correlation) = self.compare(&sums, gain);
-        step.is_finite().then_some(Match { corner, step, residual, correlation })
+        step.is_finite().then_some(Match { corner, residual, correlation })
     }
 
     /// Residual and correlation of a sampled patch of known gain.
@@ -193,10 +156,11 @@ impl<const N: usize, const M: usize> Template<N, M> {
 
 impl FineTemplate {
     /// The patch as the second frame is to show it: sampled at c + `distortion`·(x − c), with c the
-    /// centre of the patch at `corner`.
+    /// centre of the patch at `corner`. `None` where that leaves the frame, or has no contrast at all.
     ///
     /// Sampled linearly: c is at the same place between pixels on all sides, so the errors of the
-    /// interpolation are odd about c and cancel. `damping` as in [`new`](Self::new).
+    /// interpolation are odd about c and cancel. `damping` (squared grey levels) is added to the eigenvalues: along an
+    /// edge, where nothing can be measured, the start is then kept.
     pub(super) fn distorted(
         cpu: CpuLevel,
         level: &Level,

@@ -1,0 +1,126 @@
+//! The motion that most of a picture shares: an affine map, fitted robustly.
+
+use super::level::{CELL, Mean};
+use super::patch::SIDE;
+use nalgebra::{Matrix3, Matrix3x2, RowVector2, Vector3};
+
+/// Rounds of re-weighted least squares, with the weights of Geman and McClure. The scale of residuals is halved in each …
+const ROUNDS: usize = 8;
+
+/// … from this share of the level's width …
+const FIRST_SCALE: f32 = 0.1;
+
+/// … to this many pixels, at which a cell counts a quarter.
+const LAST_SCALE: f32 = 1.5;
+
+/// Every so many cells are enough for a few parameters; a prime, so that they do not lie in columns.
+const EVERY: usize = 7;
+
+/// Added to the normal equations of the slopes, it makes them nothing: more than the sum of squared coordinates of any
+/// level.
+const STIFF: f64 = 1e15;
+
+/// Displacement = A·(1, x, y) in pixels of the level.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(super) struct Consensus {
+    rows: [[f32; 3]; 2],
+}
+
+impl Consensus {
+    /// Of cells with `columns` in a row, where a pixel's noise has the variance `noise`. `None` where nothing is seen.
+    ///
+    /// Cells count by their texture, less where they fit badly.
+    pub(super) fn of(means: &[Mean], columns: usize, noise: f32) -> Option<Self> {
+        let side = CELL as f32;
+        let weight = |mean: &Mean| {
+            let texture = mean.tensor[0] + mean.tensor[2];
+            texture / (texture + 4.0 * noise + mean.residual)
+        };
+        let place = |index: usize| {
+            let at = |index: usize| (index as f32 + 0.5) * side - 0.5;
+            [1.0, at(index % columns.max(1)), at(index / columns.max(1))]
+        };
+        let middle = |axis: usize| {
+            let mut all: Vec<f32> = means
+                .iter()
+                .step_by(EVERY)
+                .filter(|mean| weight(mean) > 0.0)
+                .map(|mean| mean.shift[axis])
+                .collect();
+            let half = all.len() / 2;
+            (!all.is_empty()).then(|| *all.select_nth_unstable_by(half, f32::total_cmp).1)
+        };
+        let mut fit = Self { rows: [[middle(0)?, 0.0, 0.0], [middle(1)?, 0.0, 0.0]] };
+        let width = columns as f32 * side;
+        for round in 0..ROUNDS {
+            let scale = LAST_SCALE.max(FIRST_SCALE * width * 0.5f32.powi(round as i32));
+            let mut matrix = Matrix3::<f64>::zeros();
+            let mut right = Matrix3x2::<f64>::zeros();
+            for (index, mean) in means.iter().enumerate().step_by(EVERY) {
+                let at = place(index);
+                let own = fit.at(at[1], at[2]);
+                let (x, y) = (mean.shift[0] - own[0], mean.shift[1] - own[1]);
+                let share = 1.0 / (1.0 + (x * x + y * y) / (scale * scale));
+                let weight = f64::from(weight(mean) * share * share);
+                let v = Vector3::from(at).cast::<f64>();
+                matrix += v * v.transpose() * weight;
+                right += v * RowVector2::new(f64::from(mean.shift[0]), f64::from(mean.shift[1])) * weight;
+            }
+            if round < ROUNDS / 2 {
+                // An affine map may fit two motions halfway: first of all, the one that is shared is to be chosen.
+                matrix += Matrix3::from_diagonal(&Vector3::new(0.0, STIFF, STIFF));
+            }
+            let found = matrix.cholesky()?.solve(&right).cast::<f32>();
+            if !found.iter().all(|v| v.is_finite()) {
+                return None;
+            }
+            fit = Self { rows: [0, 1].map(|axis| [found[(0, axis)], found[(1, axis)], found[(2, axis)]]) };
+        }
+        Some(fit)
+    }
+
+    /// For the patch whose top left pixel is (x, y).
+    pub(super) fn of_patch(&self, x: usize, y: usize) -> [f32; 2] {
+        let middle = |at: usize| at as f32 + 0.5 * (SIDE as f32 - 1.0);
+        self.at(middle(x), middle(y))
+    }
+
+    /// The displacement at a pixel of the level.
+    fn at(&self, x: f32, y: f32) -> [f32; 2] {
+        self.rows.map(|row| row[0] + row[1] * x + row[2] * y)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn cells(shift: impl Fn(f32, f32) -> [f32; 2]) -> Vec<Mean> {
+        let cell = |index: usize| {
+            let at = |index: usize| (index as f32 + 0.5) * CELL as f32 - 0.5;
+            Mean {
+                shift: shift(at(index % 60), at(index / 60)),
+                tensor: [100.0, 0.0, 100.0],
+                ..Mean::default()
+            }
+        };
+        (0..60 * 40).map(cell).collect()
+    }
+
+    #[test]
+    fn what_forty_per_cent_do_changes_nothing() {
+        let shared = |x: f32, y: f32| [5.0 + 0.01 * x - 0.02 * y, -3.0 + 0.015 * y];
+        let means = cells(|x, y| if x < 96.0 { [-20.0, 7.0] } else { shared(x, y) });
+        let found = Consensus::of(&means, 60, 0.5).unwrap();
+        for (x, y) in [(0.0, 0.0), (200.0, 100.0), (120.0, 7.0)] {
+            let (is, ought) = (found.at(x, y), shared(x, y));
+            assert!((is[0] - ought[0]).hypot(is[1] - ought[1]) < 0.1, "{x} {y}: {is:?} {ought:?}");
+        }
+    }
+
+    #[test]
+    fn where_nothing_is_seen_nothing_is_shared() {
+        assert_eq!(Consensus::of(&vec![Mean::default(); 600], 60, 0.5), None);
+        assert_eq!(Consensus::of(&[], 0, 0.5), None);
+    }
+}

@@ -1,0 +1,160 @@
+//! The residual field: what parallax and things that move on their own add to the global path.
+//!
+//! The flow of a frame to a neighbour says where the global path is wrong: the point of a cell lies at x′ in the
+//! neighbour, where the path carries it to x̂. Over the time between the two exposures that is the residual velocity
+//!
+//! > v = (x′ − x̂) / (t′ − t).
+//!
+//! It is applied with the path's own row timing: a point exposed at share s is shown v·(ref − s) further, with v in
+//! pixels per whole readout.
+//!
+//! | step | file |
+//! |---|---|
+//! | flow to both neighbours → residual velocity of each cell, with its information | `velocity` |
+//! | velocities of all cells → the posterior of each | `diffuse` |
+//!
+//! The field is the posterior mean of a Gaussian Markov random field: a prior of mean zero (the path) with the variance
+//! that residual velocities have in the frame, and neighbouring cells that differ by a random step. The information of a
+//! flow has a direction, so that along edges and stripes, where the picture says nothing, its surroundings and the path
+//! decide.
+
+mod diffuse;
+mod velocity;
+
+use crate::flow::FlowField;
+use crate::readout::Readout;
+use crate::solve::median::{MEDIAN_TO_VARIANCE, median};
+use diffuse::{Field, Known};
+use nalgebra::Matrix3;
+use velocity::{Side, joined};
+
+/// Variance in squared cells of the step from one cell's velocity to the next: a tenth of a pixel of eight, squared.
+/// Five times as much or a fifth of it changes no figure of the evaluation by more than a tenth.
+const STEP: f32 = 0.0016;
+
+/// Variance that residual velocities have in squared cells, at least: below it they are noise.
+const LEAST_VARIANCE: f32 = 0.00016;
+
+/// Cells whose flow counts when it is asked how much is left: those with more information than the prior. With fewer of
+/// them than this share nothing is known.
+const FEWEST: f64 = 0.1;
+
+/// The flow from a frame to a neighbour in time.
+#[derive(Clone, Copy, Debug)]
+pub struct FrameFlow<'a> {
+    /// On the cells of the frame.
+    pub field: &'a FlowField,
+    /// From the frame's timestamp to the neighbour's in seconds: negative for the frame before.
+    pub interval: f64,
+}
+
+/// The global path, in frame pixels; times are seconds after the frame's timestamp.
+pub trait Path: Sync {
+    /// The homography from the path's first instant to a time.
+    fn until(&self, time: f64) -> Matrix3<f64>;
+
+    /// The homography from a time back to the path's first instant.
+    fn back(&self, time: f64) -> Matrix3<f64>;
+}
+
+/// A path that stands still.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Still;
+
+impl Path for Still {
+    fn until(&self, _: f64) -> Matrix3<f64> {
+        Matrix3::identity()
+    }
+
+    fn back(&self, _: f64) -> Matrix3<f64> {
+        Matrix3::identity()
+    }
+}
+
+/// Residual velocities at the centres of the flow's cells, row by row.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct CellVelocities {
+    /// Cells in a row.
+    pub columns: usize,
+    /// Rows of cells.
+    pub rows: usize,
+    /// Frame pixels from one centre to the next; the first lies half of that from the frame's corner.
+    pub side: f64,
+    /// Pixels per whole readout.
+    pub velocities: Vec<[f32; 2]>,
+}
+
+/// Solves the residual velocities of one frame after another.
+#[derive(Debug, Default)]
+pub struct ResidualSolver {
+    cells: CellVelocities,
+    sides: [Side; 2],
+    own: Vec<Known>,
+    posterior: Vec<Known>,
+    squares: Vec<f64>,
+    left: f64,
+}
+
+impl ResidualSolver {
+    /// The residual velocities of a frame, given the flow to its neighbours, one or two; none where there is no flow.
+    pub fn solve(&mut self, readout: &Readout, flows: &[FrameFlow<'_>], path: &impl Path) -> &CellVelocities {
+        let Self { cells, sides, own, posterior, .. } = self;
+        cells.velocities.clear();
+        self.left = f64::INFINITY;
+        let fields = flows.iter().filter(|flow| !flow.field.cells().is_empty());
+        let flows: Vec<_> = fields.take(sides.len()).collect();
+        let Some(first) = flows.first() else { return cells };
+        (cells.columns, cells.rows, cells.side) =
+            (first.field.columns(), first.field.rows(), first.field.cell_side());
+        for (side, flow) in sides.iter_mut().zip(&flows) {
+            side.fill(readout, flow, path);
+        }
+        let sides = sides.get(..flows.len()).unwrap_or_default();
+        joined(readout, first.field, sides, own);
+        let area = (cells.side * cells.side) as f32;
+        let prior = 1.0 / (variance(own, STEP * area) + LEAST_VARIANCE * area);
+        Field { columns: cells.columns, step: STEP * area, prior }.posterior(own, posterior);
+        cells.velocities.extend(posterior.iter().map(Known::value));
+        self.left = left(sides, &cells.velocities, prior, &mut self.squares);
+        cells
+    }
+
+    /// What path and residual together leave of the frame that was solved last: the standard deviation of a coordinate
+    /// in pixels, to the neighbour that fits worse, from the median. Infinite where nothing is known.
+    pub fn left(&self) -> f64 {
+        self.left
+    }
+}
+
+/// The variance of a coordinate of the velocities, of which those count half that are known with the variance `usual`.
+fn variance(cells: &[Known], usual: f32) -> f32 {
+    let (mut square, mut weights) = (0.0, f32::MIN_POSITIVE);
+    for known in cells {
+        let information = known.trace();
+        let weight = information / (information + 1.0 / usual);
+        let [x, y] = known.plus_prior(LITTLE).value();
+        square += weight * 0.5 * (x * x + y * y);
+        weights += weight;
+    }
+    square / weights
+}
+
+/// Information in (pixels per readout)⁻² that is next to none.
+const LITTLE: f32 = 1e-6;
+
+fn left(sides: &[Side], velocities: &[[f32; 2]], prior: f32, squares: &mut Vec<f64>) -> f64 {
+    let mut left: f64 = 0.0;
+    for side in sides {
+        squares.clear();
+        squares.extend(side.differences(velocities, prior).map(|[x, y]| f64::from(x * x + y * y)));
+        if (squares.len() as f64) < FEWEST * velocities.len() as f64 {
+            return f64::INFINITY;
+        }
+        left = left.max(median(squares) * MEDIAN_TO_VARIANCE);
+    }
+    left.sqrt()
+}
+
+#[cfg(test)]
+#[path = "tests.rs"]
+mod tests;

@@ -1,0 +1,184 @@
+//! The field against motions written down in closed form.
+
+use super::*;
+use crate::flow::Cell;
+use crate::readout::{ReadoutDirection, ReadoutTime};
+use nalgebra::Vector2;
+
+/// A path that is no path.
+struct Nowhere;
+
+impl Path for Nowhere {
+    fn until(&self, _: f64) -> Matrix3<f64> {
+        Matrix3::identity() * f64::NAN
+    }
+
+    fn back(&self, _: f64) -> Matrix3<f64> {
+        Matrix3::zeros()
+    }
+}
+
+const PERIOD: f64 = 0.04;
+const READOUT: f64 = 0.03;
+const COLUMNS: usize = 80;
+const SIDE: f64 = 8.0;
+
+fn readout() -> Readout {
+    Readout::new(640, 480, ReadoutDirection::TopToBottom, ReadoutTime::Seconds(READOUT), PERIOD)
+}
+
+/// The flow to a neighbour of points that move from `at`, exposed at t, by `moved`(at, t, t′) until t′; each cell as
+/// `known` has it: confidence, and information.
+fn flow(
+    interval: f64,
+    moved: impl Fn(Vector2<f64>, f64, f64) -> Vector2<f64>,
+    known: impl Fn(Vector2<f64>) -> (f32, [f32; 3]),
+) -> FlowField {
+    let readout = readout();
+    let cell = |index: usize| {
+        let at = place(index);
+        let mut there = at;
+        for _ in 0..30 {
+            let time = interval + readout.offset(there.x, there.y);
+            there = at + moved(at, readout.offset(at.x, at.y), time);
+        }
+        let (confidence, information) = known(at);
+        Cell { flow: (there - at).cast::<f32>().into(), confidence, information }
+    };
+    FlowField::new(COLUMNS, SIDE, (0..COLUMNS * 60).map(cell).collect()).unwrap()
+}
+
+/// The centre of a cell by its index.
+fn place(index: usize) -> Vector2<f64> {
+    Vector2::new((index % COLUMNS) as f64 + 0.5, (index / COLUMNS) as f64 + 0.5) * SIDE
+        - Vector2::new(0.5, 0.5)
+}
+
+const SURE: (f32, [f32; 3]) = (1.0, [50.0, 0.0, 50.0]);
+
+/// The field over a global path that stands still, by both neighbours.
+fn solved(
+    moved: impl Fn(Vector2<f64>, f64, f64) -> Vector2<f64> + Copy,
+    known: impl Fn(Vector2<f64>) -> (f32, [f32; 3]) + Copy,
+) -> (CellVelocities, f64) {
+    let [before, after] = [-PERIOD, PERIOD].map(|interval| flow(interval, moved, known));
+    let flows =
+        [FrameFlow { field: &before, interval: -PERIOD }, FrameFlow { field: &after, interval: PERIOD }];
+    let mut solver = ResidualSolver::default();
+    let cells = solver.solve(&readout(), &flows, &Still).clone();
+    (cells, solver.left())
+}
+
+fn worst(cells: &CellVelocities, truth: impl Fn(Vector2<f64>) -> Option<Vector2<f64>>) -> f64 {
+    let errors = cells.velocities.iter().enumerate().filter_map(|(index, [x, y])| {
+        Some((Vector2::new(f64::from(*x), f64::from(*y)) - truth(place(index))?).norm())
+    });
+    errors.fold(0.0, f64::max)
+}
+
+#[test]
+fn a_uniform_velocity_is_found_everywhere() {
+    let velocity = Vector2::new(200.0, -90.0);
+    let (cells, left) = solved(|_, from, to| velocity * (to - from), |_| SURE);
+    assert_eq!((cells.columns, cells.rows, cells.side), (COLUMNS, 60, SIDE));
+    let error = worst(&cells, |_| Some(velocity * READOUT));
+    assert!(error < 0.02, "{error}");
+    assert!(left < 0.02, "{left}");
+}
+
+#[test]
+fn an_edge_stays_an_edge() {
+    let velocity = |at: Vector2<f64>| Vector2::new(if at.x < 320.0 { 0.0 } else { 400.0 }, 0.0);
+    let (cells, _) = solved(|at, from, to| velocity(at) * (to - from), |_| SURE);
+    let error = worst(&cells, |at| Some(velocity(at) * READOUT));
+    assert!(error < 0.4, "{error}");
+}
+
+#[test]
+fn a_constant_acceleration_is_followed() {
+    // x(t) = ½·a·t² about the middle of the readout, where the point is shown.
+    let middle = 0.5 * READOUT;
+    let along = |t: f64| 0.5 * 9000.0 * (t - middle).powi(2);
+    let (cells, _) = solved(|_, from, to| Vector2::new(along(to) - along(from), 0.0), |_| SURE);
+    let readout = readout();
+    let error = worst(&cells, |at| {
+        let from = readout.offset(at.x, at.y);
+        // Near the middle a velocity is displacement over next to no time.
+        let apart = middle - from;
+        (apart.abs() > 0.1 * READOUT)
+            .then(|| Vector2::new((along(middle) - along(from)) / apart * READOUT, 0.0))
+    });
+    assert!(error < 0.2, "{error}");
+}
+
+#[test]
+fn what_is_not_trusted_follows_its_surroundings_and_the_path() {
+    let velocity = Vector2::new(100.0, 0.0);
+    // In the left half a mistake that nobody trusts; a hole of six cells in the right half.
+    let moved = |at: Vector2<f64>, from: f64, to: f64| {
+        if at.x < 320.0 { Vector2::new(0.0, 900.0) * (to - from) } else { velocity * (to - from) }
+    };
+    let is_hole = |at: Vector2<f64>| (at - Vector2::new(480.0, 240.0)).amax() < 24.0;
+    let known = |at: Vector2<f64>| if at.x < 320.0 || is_hole(at) { (0.0, [0.0; 3]) } else { SURE };
+    let (cells, _) = solved(moved, known);
+    let right = worst(&cells, |at| (at.x > 330.0).then(|| velocity * READOUT));
+    // A hole is filled from its surroundings.
+    assert!(right < 1.0, "{right}");
+    // Far from all that is known it is the path's.
+    let [x, y] = cells.velocities[30 * COLUMNS];
+    assert!(x.hypot(y) < 0.5 * 3.0, "{x} {y}");
+    assert!(cells.velocities.iter().all(|[_, y]| y.abs() < 0.1));
+}
+
+#[test]
+fn along_an_edge_the_path_decides() {
+    // The flow jumps along horizontal boards, whose gradients are vertical.
+    let moved = |at: Vector2<f64>, from: f64, to: f64| {
+        let along = if (at.x / 40.0) as i64 % 2 == 0 { 150.0 } else { -150.0 };
+        Vector2::new(along, 30.0) * (to - from)
+    };
+    let (cells, _) = solved(moved, |_| (1.0, [0.0, 0.0, 50.0]));
+    assert!(cells.velocities.iter().all(|[x, y]| x.abs() < 1e-3 && (y - 0.9).abs() < 0.05));
+}
+
+#[test]
+fn without_flow_there_is_no_field() {
+    let mut solver = ResidualSolver::default();
+    let empty = FlowField::default();
+    let none = [FrameFlow { field: &empty, interval: PERIOD }];
+    assert!(solver.solve(&readout(), &none, &Still).velocities.is_empty());
+    assert_eq!(solver.left(), f64::INFINITY);
+    assert!(solver.solve(&readout(), &[], &Still).velocities.is_empty());
+    // Nor is there one that is not a number.
+    let wild = flow(PERIOD, |_, _, _| Vector2::new(f64::NAN, 1e300), |_| SURE);
+    let flows = [FrameFlow { field: &wild, interval: PERIOD }];
+    let cells = solver.solve(&readout(), &flows, &Nowhere);
+    assert!(cells.velocities.iter().flatten().all(|value| *value == 0.0));
+}
+
+#[test]
+fn what_a_vibrating_path_explains_is_no_residual() {
+    /// A shift to and fro, 2.3 cycles to a readout.
+    struct Vibration;
+
+    fn shift(time: f64) -> f64 {
+        7.0 * (2.3 * std::f64::consts::TAU * time / READOUT).sin()
+    }
+
+    impl Path for Vibration {
+        fn until(&self, time: f64) -> Matrix3<f64> {
+            Matrix3::new_translation(&Vector2::new(shift(time), 0.0))
+        }
+
+        fn back(&self, time: f64) -> Matrix3<f64> {
+            Matrix3::new_translation(&Vector2::new(-shift(time), 0.0))
+        }
+    }
+
+    let moved = |_: Vector2<f64>, from: f64, to: f64| Vector2::new(shift(to) - shift(from), 0.0);
+    let after = flow(PERIOD, moved, |_| SURE);
+    let flows = [FrameFlow { field: &after, interval: PERIOD }];
+    let mut solver = ResidualSolver::default();
+    let cells = solver.solve(&readout(), &flows, &Vibration);
+    assert!(cells.velocities.iter().all(|[x, y]| x.hypot(*y) < 0.02));
+}

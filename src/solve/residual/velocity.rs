@@ -1,0 +1,150 @@
+//! Flow less path: the residual velocity of each cell, and how well it is known.
+
+use super::diffuse::Known;
+use super::{FrameFlow, Path};
+use crate::flow::FlowField;
+use crate::readout::Readout;
+use nalgebra::{Matrix3, Vector2};
+use rayon::prelude::*;
+
+/// Pixels in a readout, at most, that a part of a picture moves by beside the whole: more cannot be squared and weighed
+/// in `f32`, and is no measurement.
+const FASTEST: f32 = 1e6;
+
+/// Readouts from a frame to a neighbour, at most, and their inverse at least, for the same reason.
+const FARTHEST: f32 = 1e6;
+
+/// What the flow to one neighbour says.
+#[derive(Debug, Default)]
+pub(super) struct Side {
+    /// Readouts from the frame to the neighbour; negative for the frame before.
+    ahead: f32,
+    /// Velocity in pixels per readout and its information, of each cell.
+    cells: Vec<([f32; 2], [f32; 3])>,
+}
+
+/// The path at the instants at which the lines of a neighbour are exposed: homographies from the first instant to
+/// each, linear between equidistant ones. Of a vibration of 7 px at 2.3 cycles a readout that is right to 0.01 px.
+struct Arrivals {
+    /// Seconds.
+    first: f64,
+    step: f64,
+    homographies: Vec<Matrix3<f64>>,
+}
+
+impl Arrivals {
+    /// Instants to a readout.
+    const EVERY: f64 = 128.0;
+    /// Readouts before the first line's exposure and after the last one's that are covered: points leave the frame.
+    const BEYOND: f64 = 0.25;
+
+    fn new(interval: f64, readout: f64, until: impl Fn(f64) -> Matrix3<f64> + Sync) -> Self {
+        let (first, step) = (interval - Self::BEYOND * readout, readout / Self::EVERY);
+        let count = (Self::EVERY * (1.0 + 2.0 * Self::BEYOND)) as usize + 2;
+        let homographies =
+            (0..count).into_par_iter().with_min_len(32).map(|index| until(first + index as f64 * step));
+        Self { first, step, homographies: homographies.collect() }
+    }
+
+    /// The homography from the first instant to a time; the outermost ones go on.
+    fn at(&self, time: f64) -> Option<Matrix3<f64>> {
+        let last = self.homographies.len().checked_sub(2)?;
+        let at = ((time - self.first) / self.step).clamp(0.0, last as f64);
+        // Not a number becomes 0.
+        let index = at as usize;
+        let [a, b] = self.homographies.get(index..)?.first_chunk()?;
+        let share = at - index as f64;
+        Some(a * (1.0 - share) + b * share)
+    }
+}
+
+impl Side {
+    /// Takes the flow to a neighbour, less what the path explains of it.
+    pub(super) fn fill(&mut self, readout: &Readout, flow: &FrameFlow<'_>, path: &impl Path) {
+        let field = flow.field;
+        let (columns, rows) = (field.columns(), field.rows());
+        self.ahead = (flow.interval / readout.time) as f32;
+        self.cells.clear();
+        self.cells.resize(columns * rows, Default::default());
+        if !(self.ahead.abs() < FARTHEST && self.ahead.abs() > FARTHEST.recip()) {
+            return;
+        }
+        let arrivals = Arrivals::new(flow.interval, readout.time, |time| path.until(time));
+        let by_rows = readout.direction.is_by_rows();
+        // All cells of a line are exposed at once.
+        let start = |line: usize| {
+            let [x, y] = if by_rows { field.centre(0, line) } else { field.centre(line, 0) };
+            let time = readout.offset(x, y);
+            (time, path.back(time))
+        };
+        let starts: Vec<_> = (0..if by_rows { rows } else { columns }).map(start).collect();
+        let velocity = |column: usize, row: usize| {
+            let cell = field.cells().get(row * columns + column).filter(|cell| cell.confidence > 0.0)?;
+            let here = Vector2::from(field.centre(column, row));
+            let there = here + Vector2::from(cell.flow).map(f64::from);
+            let (from, back) = starts.get(if by_rows { row } else { column })?;
+            let to = flow.interval + readout.offset(there.x, there.y);
+            let at_first = back * here.push(1.0);
+            let carried = arrivals.at(to)? * at_first;
+            // Readouts between the two exposures.
+            let apart = ((to - from) / readout.time) as f32;
+            let velocity = (there - carried.xy() / carried.z).cast::<f32>() / apart;
+            let weight = cell.confidence * apart * apart;
+            let is_sound = velocity.x.abs() < FASTEST && velocity.y.abs() < FASTEST && weight.is_finite();
+            is_sound.then(|| (velocity.into(), cell.information.map(|value| value * weight)))
+        };
+        self.cells.par_chunks_mut(columns.max(1)).enumerate().for_each(|(row, cells)| {
+            for (column, cell) in cells.iter_mut().enumerate() {
+                *cell = velocity(column, row).unwrap_or_default();
+            }
+        });
+    }
+
+    /// By what the flow to the neighbour and `velocities` differ, in pixels, at the cells of more information than
+    /// `least`.
+    pub(super) fn differences<'a>(
+        &'a self,
+        velocities: &'a [[f32; 2]],
+        least: f32,
+    ) -> impl Iterator<Item = [f32; 2]> + 'a {
+        let known = self.cells.iter().zip(velocities).filter(move |((_, information), _)| {
+            let [xx, _, yy] = information;
+            xx + yy > least
+        });
+        known.map(|((own, _), velocity)| [0, 1].map(|axis| (own[axis] - velocity[axis]) * self.ahead))
+    }
+}
+
+/// The velocity of each cell from its exposure to the middle of the readout, as one or two neighbours have it.
+///
+/// The mean velocity until a neighbour is that at half the time until then; what is wanted is that at half the time until
+/// the middle of the readout: on the line through the two, where both are known alike, and else their mean.
+pub(super) fn joined(readout: &Readout, field: &FlowField, sides: &[Side], out: &mut Vec<Known>) {
+    out.clear();
+    let (Some(first), last) = (sides.first(), sides.last()) else { return };
+    let second = last.filter(|_| sides.len() > 1);
+    out.extend(first.cells.iter().enumerate().map(|(index, (velocity, information))| {
+        let own = Known::new(*information, *velocity);
+        let Some((second, (other_velocity, other_information))) =
+            second.and_then(|second| Some((second, second.cells.get(index)?)))
+        else {
+            return own;
+        };
+        let other = Known::new(*other_information, *other_velocity);
+        let both = own.plus(other);
+        let least = own.trace().min(other.trace());
+        if least <= 0.0 {
+            return both;
+        }
+        let [x, y] = field.centre(index % field.columns(), index / field.columns());
+        let share = readout.share(x, y) as f32;
+        let along = ((0.5 - share - first.ahead) / (second.ahead - first.ahead)).clamp(-0.5, 1.5);
+        let balance = (4.0 * least / both.trace()).min(1.0);
+        let mean = both.plus_prior(1e-6 * both.trace()).value();
+        let towards = [0, 1].map(|axis| {
+            let line = velocity[axis] + (other_velocity[axis] - velocity[axis]) * along;
+            mean[axis] + balance * (line - mean[axis])
+        });
+        both.with_value(towards)
+    }));
+}
