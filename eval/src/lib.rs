@@ -21,6 +21,7 @@
 //! | [`video`] | frames to files |
 //! | [`media`] | coded video: any clip to frames, frames through H.264 |
 
+pub mod blind;
 pub mod cache;
 pub mod clip;
 pub mod correspondences;

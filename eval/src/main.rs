@@ -2,6 +2,7 @@
 
 use anyhow::{Context, Result};
 use clap::{Args, Parser, Subcommand};
+use eval::blind::{self, Blind};
 use eval::cache::Cache;
 use eval::clip;
 use eval::dense;
@@ -85,6 +86,17 @@ enum Command {
         #[arg(long, conflicts_with = "sequence")]
         clip: Option<PathBuf>,
         /// Names of sequences; all without it.
+        #[arg(long)]
+        sequence: Vec<String>,
+        #[command(flatten)]
+        changes: Changes,
+        #[command(flatten)]
+        place: Place,
+    },
+    /// Runs the library without a word about the camera, from several frames on and with several lookaheads, and counts
+    /// the wrong readouts.
+    Blind {
+        /// Names of sequences; without it, all that a rolling shutter distorts.
         #[arg(long)]
         sequence: Vec<String>,
         #[command(flatten)]
@@ -232,6 +244,7 @@ fn main() -> Result<()> {
         }
         Command::Readout { clip: Some(file), .. } => readout_of_clip(&file),
         Command::Readout { clip: None, sequence, changes, place } => readouts(&sequence, &changes, &place),
+        Command::Blind { sequence, changes, place } => blind(&sequence, &changes, &place),
         Command::Flow { points: _, export: Some(folder), sequence, changes, place } => chosen(&sequence)?
             .into_iter()
             .try_for_each(|settings| dense::export(&place.footage(&changes.apply(settings))?, &folder)),
@@ -284,6 +297,20 @@ fn render(settings: Settings, out: &std::path::Path) -> Result<()> {
 /// The sequences of these names; all without names.
 fn chosen(names: &[String]) -> Result<Vec<Settings>> {
     if names.is_empty() { Ok(sequence::catalogue()) } else { names.iter().map(|name| find(name)).collect() }
+}
+
+fn blind(names: &[String], changes: &Changes, place: &Place) -> Result<()> {
+    let all = || sequence::catalogue().into_iter().chain(sequence::hard());
+    let distorted =
+        || all().filter(|settings| settings.readout_ratio > 0.0 && settings.width < 1000).collect();
+    println!("{}", blind::HEADING);
+    for settings in if names.is_empty() { distorted() } else { chosen(names)? } {
+        let settings = changes.apply(Settings { frames: blind::NEEDED_FRAMES, ..settings });
+        let blind = Blind::of(&place.footage(&settings)?)?;
+        println!("{}", blind.row());
+        blind.wrong().for_each(|line| eprintln!("{line}"));
+    }
+    Ok(())
 }
 
 fn readouts(names: &[String], changes: &Changes, place: &Place) -> Result<()> {

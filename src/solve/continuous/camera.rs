@@ -36,14 +36,13 @@ impl Camera {
         self.readout_time.is_known()
     }
 
-    /// The directions that are tried. Where the readout time is to be found out, its sign tells one edge
-    /// from the opposite one.
+    /// The directions that are tried. A shake that is read from one edge looks much like another one that is read from the
+    /// opposite edge, until enough of it is seen.
     pub(super) fn directions(&self) -> Vec<ReadoutDirection> {
         use ReadoutDirection::{BottomToTop, LeftToRight, RightToLeft, TopToBottom};
         match self.direction {
             Some(direction) => vec![direction],
-            None if self.is_known() => vec![TopToBottom, BottomToTop, LeftToRight, RightToLeft],
-            None => vec![TopToBottom, LeftToRight],
+            None => vec![TopToBottom, BottomToTop, LeftToRight, RightToLeft],
         }
     }
 

@@ -17,6 +17,8 @@ const FORESEEABLE: f64 = 0.5;
 const BY_LINE: f64 = 0.7;
 /// Readout ratios from which a vibration is looked for where the readout is unknown.
 const READOUTS: [f64; 4] = [0.9, 0.5, -0.5, -0.9];
+/// Size of the readout ratio beside the one in hand from which a vague one is sought.
+const END: f64 = 0.9;
 /// A readout ratio that is known as well as this, or that is so many deviations from none, may be relied upon.
 const WELL_KNOWN: f64 = 0.02;
 const EVIDENT: f64 = 4.0;
@@ -32,7 +34,7 @@ const PREPARED_STEPS: [usize; 2] = [4, 1];
 /// A way in which the sensor may be read.
 #[derive(Clone, Debug)]
 pub(super) struct Hypothesis {
-    /// Which edge is first, where γ is known to be positive or negative.
+    /// Which edge is first; where that is to be found out, the one from which γ is sought, which may turn out the other.
     pub direction: ReadoutDirection,
     /// The least and the greatest γ, in intervals between frames.
     pub signs: [f64; 2],
@@ -94,14 +96,27 @@ impl Hypothesis {
         self.solver.readout_deviation() > VAGUE
     }
 
+    /// Whether it says the same of the sensor as another one.
+    pub fn agrees_with(&self, other: &Self) -> bool {
+        let is_same_axis = self.direction.is_by_rows() == other.direction.is_by_rows();
+        is_same_axis && (self.solver.shared[0] - other.solver.shared[0]).abs() < VAGUE
+    }
+
+    /// Readout ratios from which a fit is begun: the one in hand and, where that is vague, the end of its direction. What
+    /// is in between is reached; so is what is beyond zero, where the other direction's fit may end in a worse place.
+    pub fn starts(&self, is_vague: bool) -> Vec<f64> {
+        let end = if self.direction.is_reversed() { -END } else { END };
+        std::iter::once(self.solver.shared[0]).chain(is_vague.then_some(end)).collect()
+    }
+
     /// Goes on with a fit to the pairs that have come so far, before the first one of them is due.
     pub fn prepare(&mut self, stretch: Stretch<'_>) {
         if stretch.pairs.len() < LEAST_PAIRS {
             self.prepared = None;
             return;
         }
-        let is_vague = self.is_vague();
-        let search = self.prepared.get_or_insert_with(|| Search::new(&self.solver, is_vague));
+        let starts = self.starts(self.is_vague());
+        let search = self.prepared.get_or_insert_with(|| Search::new(&self.solver, &starts));
         search.prepare(stretch, prepared_steps(stretch), &self.solver);
     }
 
@@ -130,7 +145,8 @@ impl Hypothesis {
         }
         if self.knows_little(stretch) {
             if stretch.pairs.len() >= LEAST_PAIRS {
-                let search = self.search.get_or_insert_with(|| Search::new(&self.solver, true));
+                let starts = self.starts(true);
+                let search = self.search.get_or_insert_with(|| Search::new(&self.solver, &starts));
                 search.prepare(stretch, prepared_steps(stretch), &self.solver);
             }
             iterate(&mut self.solver, stretch, STEPS[usize::from(!starts)]);
@@ -183,7 +199,7 @@ impl Hypothesis {
         self.since_sought = self.since_sought.map(|since| since + 1);
         let is_due = is_time && self.is_vague() && self.moves(stretch);
         if self.search.is_none() && (starts || is_due) {
-            self.search = Some(Search::new(&self.solver, is_due));
+            self.search = Some(Search::new(&self.solver, &self.starts(is_due)));
         }
         let search = self.search.as_mut()?;
         search.advance(stretch, search.pace(stretch, at_once), &self.solver);

@@ -43,7 +43,7 @@ impl SceneTrial {
             let mut other = hypothesis.clone();
             other.drop_searches();
             other.solver.scene_alone = !hypothesis.solver.scene_alone;
-            other.search = Some(Search::new(&other.solver, hypothesis.is_vague()));
+            other.search = Some(Search::new(&other.solver, &hypothesis.starts(hypothesis.is_vague())));
             other
         };
         self.others.extend(hypotheses.iter().map(turned));

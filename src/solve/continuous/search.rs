@@ -12,8 +12,6 @@ use rayon::prelude::*;
 /// to rest: while it is far off, the splines bend to imitate the shutter, and learn to be straight again only
 /// as it comes nearer. Not all at once, for a live stream does not wait.
 pub(super) const STEPS: [usize; 2] = [12, 4];
-/// Readout ratios beside the one in hand from which a vague one is sought: the ends, as what is in between is reached.
-const ENDS: [f64; 2] = [0.9, -0.9];
 /// A step that changes the displacements at the frame by less than this share of the least noise (root mean
 /// square) is the last.
 const SETTLED: f64 = 0.3;
@@ -59,18 +57,17 @@ pub(super) struct Search {
 }
 
 impl Search {
-    /// For the path and the readout ratio, from the one in hand and, if that is vague, from the ends of what it may be.
-    pub fn new(solver: &Solver, is_vague: bool) -> Self {
+    /// For the path and the readout ratio, from several of these.
+    pub fn new(solver: &Solver, starts: &[f64]) -> Self {
         let [low, high] = solver.limits[0];
-        let ends = ENDS.into_iter().filter(|end| is_vague && (low..=high).contains(end));
-        let candidate = |start: f64| {
+        let candidate = |start: &f64| {
+            let start = start.clamp(low, high);
             let mut solver = solver.clone();
             solver.restart();
             solver.shared[0] = start;
             Candidate { solver, start, taken: 0, steps: 0, is_turning: true, is_moving: false }
         };
-        let candidates = std::iter::once(solver.shared[0]).chain(ends).map(candidate).collect();
-        Self { candidates, is_narrowed: false }
+        Self { candidates: starts.iter().map(candidate).collect(), is_narrowed: false }
     }
 
     /// For a path of a tempo, from the readout ratio in hand and from these.

@@ -405,10 +405,10 @@ impl Continuous {
         }
         // Nothing up to so many deviations from no rolling shutter at all.
         let deviation = solver.readout_deviation().max(LEAST_DEVIATION);
-        let doubt = match self.hypotheses.as_slice() {
-            [first, second, ..] => ((first.likelihood() - second.likelihood()) / CERTAIN).clamp(0.0, 1.0),
-            _ => 1.0,
-        };
+        let doubt = self.hypotheses.split_first().map_or(0.0, |(first, others)| {
+            let rival = others.iter().find(|other| !first.agrees_with(other));
+            rival.map_or(1.0, |rival| ((first.likelihood() - rival.likelihood()) / CERTAIN).clamp(0.0, 1.0))
+        });
         let certain = (solver.shared[0].abs() / deviation / DOUBTFUL - 1.0).clamp(0.0, 2.0) / 2.0;
         explained * doubt * certain
     }
@@ -462,9 +462,24 @@ fn choose(hypotheses: &mut Vec<Hypothesis>) {
     if first.knows_readout() {
         hypotheses.retain(|hypothesis| likelihood(hypothesis) > least);
     }
+    drop_twins(hypotheses);
     for hypothesis in hypotheses {
         hypothesis.score = hypothesis.score.max(least - hypothesis.rough);
     }
+}
+
+/// Of hypotheses that have come to the same answer from different starts, keeps the likeliest.
+fn drop_twins(hypotheses: &mut Vec<Hypothesis>) {
+    let mut kept: Vec<Hypothesis> = Vec::with_capacity(hypotheses.len());
+    for hypothesis in hypotheses.drain(..) {
+        let is_twin = |other: &Hypothesis| {
+            other.settled && hypothesis.settled && !other.is_vague() && other.agrees_with(&hypothesis)
+        };
+        if !kept.iter().any(is_twin) {
+            kept.push(hypothesis);
+        }
+    }
+    *hypotheses = kept;
 }
 
 #[cfg(test)]

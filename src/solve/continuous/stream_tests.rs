@@ -137,6 +137,21 @@ fn the_edge_that_is_read_first_shows_in_the_first_window() {
 }
 
 #[test]
+fn starts_from_both_edges_come_to_one_answer() {
+    for gamma in [0.8, -0.5] {
+        let film = Film::new(gamma, true);
+        let camera =
+            Camera { direction: None, readout_time: crate::readout::ReadoutTime::Unknown, ..film.camera() };
+        let (motions, continuous) = film.solved(camera, &regular(25), 3);
+        let same = continuous.hypotheses.iter().filter(|one| one.agrees_with(&continuous.hypotheses[0]));
+        assert_eq!(same.count(), 1, "{gamma}");
+        let readout = motions.last().cloned().flatten().unwrap().readout;
+        assert_eq!(readout.direction, film.direction());
+        assert!((readout.time / PERIOD - gamma.abs()).abs() < 0.02, "{readout:?}");
+    }
+}
+
+#[test]
 fn what_shows_on_few_lines_says_nothing_of_the_readout() {
     let film = Film::new(0.9, true);
     let stamps = regular(30);

@@ -1,0 +1,195 @@
+//! Runs that are told nothing of the camera, from several frames of a sequence on and with several lookaheads: how often
+//! the readout that they end with is wrong, whether they say so, and what they do to a picture.
+
+use crate::footage::Footage;
+use crate::methods::product::{self, Delay};
+use crate::metrics::readout::{error, signed_ratio};
+use crate::metrics::{Stats, displacement, distances};
+use anyhow::{Context, Result};
+use rayon::prelude::*;
+use rsrectify::rectifier::{Estimator, Rectifier};
+
+/// Frames of a run.
+const FRAMES: usize = 50;
+/// Frames of a sequence at which runs start.
+const STARTS: [usize; 5] = [0, 2, 5, 8, 12];
+const LOOKAHEADS: [usize; 6] = [0, 1, 2, 3, 4, 8];
+/// A signed readout ratio that is off by more, in frame periods, is wrong.
+const WRONG: f64 = 0.05;
+/// A run that is off by more than so many of the deviations that it states is sure and wrong.
+const SURE: f64 = 3.0;
+
+/// Frames that a sequence needs for all runs.
+pub const NEEDED_FRAMES: usize = STARTS[STARTS.len() - 1] + FRAMES;
+
+/// The heading of the rows of [`Blind::row`].
+pub const HEADING: &str = "| sequence | seed | runs | wrong axis | wrong edge | off by more than 0.05 | these: sure | \
+                           error, median | left, median | left, worst | worst frame above its input px |\n\
+                           |---|---|---|---|---|---|---|---|---|---|---|";
+
+/// What became of one run.
+#[derive(Clone, Copy, Debug)]
+struct Run {
+    start: usize,
+    lookahead: usize,
+    /// Signed readout ratio and its stated deviation at the end.
+    ratio: f64,
+    deviation: f64,
+    is_axis_right: bool,
+    is_edge_right: bool,
+    /// Of the readout ratio, in frame periods.
+    error: f64,
+    /// Displacement left, RMS, as a share of the uncorrected one.
+    left: f64,
+    /// By how much the RMS displacement of a frame is above that of its input, in pixels, at most.
+    harm: f64,
+}
+
+/// What became of the runs of a sequence.
+pub struct Blind {
+    name: String,
+    seed: u64,
+    runs: Vec<Run>,
+}
+
+impl Blind {
+    /// Does all the runs of a sequence.
+    ///
+    /// # Errors
+    /// If the rectifier refuses a frame, or there are too few.
+    pub fn of(footage: &Footage) -> Result<Self> {
+        let cases: Vec<[usize; 2]> =
+            STARTS.iter().flat_map(|start| LOOKAHEADS.map(|lookahead| [*start, lookahead])).collect();
+        let runs: Result<Vec<Run>> =
+            cases.into_par_iter().map(|[start, lookahead]| run(footage, start, lookahead)).collect();
+        let settings = footage.settings();
+        Ok(Self { name: settings.name.clone(), seed: settings.seed, runs: runs? })
+    }
+
+    /// The row of the table.
+    pub fn row(&self) -> String {
+        let count = |is: &dyn Fn(&Run) -> bool| self.runs.iter().filter(|run| is(run)).count();
+        let sorted = |of: fn(&Run) -> f64| {
+            let mut values: Vec<f64> = self.runs.iter().map(of).collect();
+            values.sort_by(f64::total_cmp);
+            values
+        };
+        let (errors, left, harm) = (sorted(|run| run.error), sorted(|run| run.left), sorted(|run| run.harm));
+        let [middle, last] = [self.runs.len() / 2, self.runs.len() - 1];
+        format!(
+            "| {} | {} | {} | {} | {} | {} | {} | {:.3} | {:.1} % | {:.1} % | {:+.2} |",
+            self.name,
+            self.seed,
+            self.runs.len(),
+            count(&|run| !run.is_axis_right),
+            count(&|run| run.is_axis_right && !run.is_edge_right),
+            count(&Run::is_wrong),
+            count(&|run| run.is_wrong() && run.is_sure()),
+            errors[middle],
+            100.0 * left[middle],
+            100.0 * left[last],
+            harm[last],
+        )
+    }
+
+    /// A line for each run that ends with a wrong readout.
+    pub fn wrong(&self) -> impl Iterator<Item = String> {
+        self.runs.iter().filter(|run| run.is_wrong()).map(|run| {
+            format!(
+                "  from frame {}, lookahead {}: {:+.3} ± {:.3}{}, left {:.1} %, worst frame {:+.2} px",
+                run.start,
+                run.lookahead,
+                run.ratio,
+                run.deviation,
+                if run.is_axis_right { "" } else { " along the wrong axis" },
+                100.0 * run.left,
+                run.harm
+            )
+        })
+    }
+}
+
+impl Run {
+    fn is_wrong(&self) -> bool {
+        !self.is_axis_right || self.error > WRONG
+    }
+
+    fn is_sure(&self) -> bool {
+        self.error > SURE * self.deviation
+    }
+}
+
+fn run(footage: &Footage, start: usize, lookahead: usize) -> Result<Run> {
+    let settings = footage.settings();
+    let truths = footage.truth.get(start..start + FRAMES).context("a sequence is shorter than its runs")?;
+    let period = 1.0 / settings.delivered_fps();
+    let told = product::settings(settings, Delay::Unknown, Estimator::Continuous, lookahead);
+    let mut rectifier = Rectifier::new(told, settings.width, settings.height, Some(period))?;
+    let stamps = footage.stamps.iter().copied();
+    let frames = footage.frames.iter().zip(stamps).skip(start).take(FRAMES);
+    let solutions = product::motions(&mut rectifier, frames)?;
+    let last = solutions.last().context("a run needs a frame")?;
+    let (readout, truth) = (*last.motion.readout(), footage.readout());
+    let deviation = last.readout_deviation;
+    let corrections = product::corrections(solutions);
+    let harm = truths.iter().zip(&corrections).map(|(truth, correction)| {
+        let left = Stats::of(distances(&truth.samples, |pixel| correction.correct(pixel)).collect());
+        left.rms - displacement::uncorrected(truth.samples.iter().copied()).rms
+    });
+    let harm = harm.fold(f64::NEG_INFINITY, f64::max);
+    let uncorrected =
+        displacement::uncorrected(truths.iter().flat_map(|truth| truth.samples.iter().copied()));
+    Ok(Run {
+        start,
+        lookahead,
+        ratio: signed_ratio(&readout, period),
+        deviation,
+        is_axis_right: readout.direction.is_by_rows() == truth.direction.is_by_rows(),
+        is_edge_right: readout.direction == truth.direction,
+        error: error(&readout, &truth, period),
+        left: displacement::left(truths, &corrections).share_of(&uncorrected).unwrap_or(0.0),
+        harm,
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::sequence::{Settings, named};
+
+    fn ended(ratio: f64, deviation: f64, error: f64) -> Run {
+        Run {
+            start: 0,
+            lookahead: 4,
+            ratio,
+            deviation,
+            is_axis_right: true,
+            is_edge_right: ratio > 0.0,
+            error,
+            left: 0.1,
+            harm: -1.0,
+        }
+    }
+
+    #[test]
+    fn wrong_and_sure_are_counted() {
+        let sideways = Run { is_axis_right: false, ..ended(0.02, 0.1, 0.04) };
+        let runs = vec![ended(0.8, 0.01, 0.001), ended(0.7, 0.05, 0.1), ended(-0.8, 0.02, 1.6), sideways];
+        let blind = Blind { name: "one".into(), seed: 3, runs };
+        let row = blind.row();
+        let cells: Vec<&str> = row.split('|').map(str::trim).collect();
+        assert_eq!(cells[1..8], ["one", "3", "4", "1", "1", "3", "1"]);
+        assert_eq!(blind.wrong().count(), 3);
+    }
+
+    #[test]
+    fn a_shaken_camera_is_run_from_several_frames_on() {
+        let settings =
+            Settings { width: 160, height: 120, frames: NEEDED_FRAMES, ..named("rot2_B40").unwrap() };
+        let blind = Blind::of(&Footage::of_settings(&settings).unwrap()).unwrap();
+        assert_eq!(blind.runs.len(), STARTS.len() * LOOKAHEADS.len());
+        assert!(blind.runs.iter().all(|run| run.left < 1.0 && run.harm < 0.5), "{}", blind.row());
+        let short = Settings { frames: NEEDED_FRAMES - 1, ..settings };
+        assert!(Blind::of(&Footage::of_settings(&short).unwrap()).is_err());
+    }
+}
