@@ -4,7 +4,7 @@
 #![allow(missing_docs)]
 
 use criterion::{Criterion, criterion_group, criterion_main};
-use nalgebra::Vector2;
+use nalgebra::{Matrix2, Vector2};
 use rayon::ThreadPoolBuilder;
 use rsrectify::correspond::Correspondence;
 use rsrectify::flow::{Cell, FlowField};
@@ -67,7 +67,7 @@ fn pair(frame: usize, (columns, rows): (usize, usize), [far, near]: [f64; 2]) ->
             let error =
                 Vector2::new(phase.sin(), (phase * 1.7).cos()) * if index % 20 == 0 { 15.0 } else { 0.06 };
             let to = seen(from, frame, if is_near { near } else { far }) + error;
-            Correspondence { from, to, texture: 100.0, residual: 1.0 }
+            Correspondence { from, to, texture: 100.0, residual: 1.0, covariance: Matrix2::zeros() }
         })
         .collect()
 }

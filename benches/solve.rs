@@ -3,7 +3,7 @@
 #![allow(missing_docs)]
 
 use criterion::{Criterion, criterion_group, criterion_main};
-use nalgebra::Vector2;
+use nalgebra::{Matrix2, Vector2};
 use rsrectify::correspond::Correspondence;
 use rsrectify::motion::{Twist, image_centre};
 use rsrectify::readout::{Readout, ReadoutDirection, ReadoutTime};
@@ -23,7 +23,7 @@ fn link(twist: Twist, seed: f64) -> Link {
             let size = if i % 5 == 0 { 15.0 } else { 0.2 };
             let stray = Vector2::new(phase.sin(), (phase * 1.7).cos()) * size;
             let to = twist.after(PERIOD).apply(from - centre) + centre + stray;
-            Correspondence { from, to, texture: 100.0, residual: 1.0 }
+            Correspondence { from, to, texture: 100.0, residual: 1.0, covariance: Matrix2::zeros() }
         })
         .collect();
     Link::new(&correspondences, &readout, PERIOD, 0.2)

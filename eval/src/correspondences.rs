@@ -5,7 +5,7 @@ use crate::flow::{Prepared, points};
 use crate::footage::Footage;
 use crate::scene::Frame;
 use anyhow::Result;
-use rsrectify::correspond::{Correspondence, Pyramid, Sampler};
+use rsrectify::correspond::{Correspondence, Pyramid, Sampler, certain};
 use rsrectify::plane::{Luma, Plane, PlaneLayout, SampleFormat};
 use serde::{Deserialize, Serialize};
 
@@ -73,7 +73,9 @@ impl Follower {
         let found = self.before.as_ref().map(|before| {
             let mut found = Vec::new();
             self.sampler.correspond(before, &now, |pixel| pixel, &mut found);
-            found
+            let mut kept = Vec::with_capacity(found.len());
+            certain(&found, self.sampler.pixel_scale(), &mut kept);
+            kept
         });
         self.before = Some(now);
         Ok(found)

@@ -97,10 +97,10 @@ pub fn points_row(footage: &Footage) -> Result<String> {
             if let Some((first, before)) = &before {
                 let pair = [footage.capture(*first), footage.capture(index)];
                 let started = Instant::now();
-                sampler.measure(before, &now, |point| point, &mut measurements);
+                sampler.correspond(before, &now, |point| point, &mut measurements);
                 fastest = fastest.min(started.elapsed());
                 for found in &measurements {
-                    sampled.add(pair, &found.point, found.covariance);
+                    sampled.add(pair, found, found.covariance);
                 }
                 pairs += 1;
             }

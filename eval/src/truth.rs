@@ -6,7 +6,7 @@ pub use dense::DisplacementMap;
 
 use crate::scene::Hit;
 use crate::sequence::{Take, Warp};
-use nalgebra::Vector2;
+use nalgebra::{Matrix2, Vector2};
 use rayon::prelude::*;
 use rsrectify::correspond::Correspondence;
 
@@ -85,7 +85,13 @@ impl Capture<'_> {
                     centre(cell / columns, rows, lens.height),
                 );
                 let to = self.seen_by(next, from)?;
-                Some(Correspondence { from, to, texture: EXACT_TEXTURE, residual: 0.0 })
+                Some(Correspondence {
+                    from,
+                    to,
+                    texture: EXACT_TEXTURE,
+                    residual: 0.0,
+                    covariance: Matrix2::zeros(),
+                })
             })
             .collect()
     }

@@ -2,7 +2,7 @@
 
 use super::input::{DIRECTIONS, real, settings, small};
 use arbitrary::{Result, Unstructured};
-use nalgebra::Vector2;
+use nalgebra::{Matrix2, Vector2};
 use rsrectify::correspond::Correspondence;
 use rsrectify::flow::{Cell, FlowField};
 use rsrectify::motion::{SampledPath, Twist, image_centre};
@@ -163,14 +163,16 @@ fn measured(u: &mut Unstructured<'_>) -> Result<Vec<Correspondence>> {
             _ => Vector2::new((index * 167 % 640) as f64, (index * 211 % 480) as f64),
         };
         let to = twist.apply(from - centre) + centre;
-        let mut found = Correspondence { from, to, texture: 50.0, residual: 1.0 };
+        let covariance = Matrix2::identity() * if u.ratio(1, 4)? { real(u, 4.0)? } else { 0.01 };
+        let mut found = Correspondence { from, to, texture: 50.0, residual: 1.0, covariance };
         if broken && u.ratio(1, 4)? {
-            match u.int_in_range(0..=5u8)? {
+            match u.int_in_range(0..=6u8)? {
                 0 => found.from.x = real(u, 700.0)?,
                 1 => found.from.y = real(u, 500.0)?,
                 2 => found.to.x = real(u, 700.0)?,
                 3 => found.to.y = real(u, 500.0)?,
                 4 => found.texture = real(u, 100.0)? as f32,
+                5 => found.covariance[u.int_in_range(0..=3usize)?] = real(u, 10.0)?,
                 _ => found.residual = real(u, 100.0)? as f32,
             }
         }

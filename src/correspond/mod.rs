@@ -9,6 +9,7 @@
 //! | agree | `field` | what the neighbours of a point say of its local distortion |
 //! | polish | `polish` | registration of one point to sub-pixel accuracy, and its covariance |
 //! | register | `template` | one patch: inverse-compositional Lucas–Kanade |
+//! | choose | `certain` | those that are certain enough for solvers that know one noise for all |
 //! | sum | `patch` | its kernels: patches between pixels, stretched patches, sums |
 //!
 //! Three coordinate systems occur: *full-frame* pixels, which callers see; *analysed* pixels, those
@@ -25,6 +26,7 @@
 //! | halve | 2.8 MB + 0.7 MB | 2.8 M |
 //! | polish | in cache | 768 points × at most 5 samplings × 3.3 k = 13 M, and a template of 13 k operations |
 
+mod certain;
 mod field;
 mod grid;
 mod patch;
@@ -35,10 +37,10 @@ mod template;
 mod tests;
 
 pub use crate::pyramid::Pyramid;
-pub use polish::Measurement;
+pub use certain::certain;
 pub use sampler::Sampler;
 
-use nalgebra::Vector2;
+use nalgebra::{Matrix2, Vector2};
 
 /// The same scene point in a frame and in a later one.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -54,6 +56,16 @@ pub struct Correspondence {
     pub texture: f32,
     /// Root mean square difference of the two patches in grey levels after brightness was matched.
     pub residual: f32,
+    /// Covariance of `to` given `from`, squared full-frame pixels.
+    pub covariance: Matrix2<f64>,
+}
+
+impl Correspondence {
+    /// The variance along the axis where it is largest, squared full-frame pixels.
+    pub fn variance(&self) -> f64 {
+        let c = self.covariance;
+        0.5 * (c.m11 + c.m22) + (0.5 * (c.m11 - c.m22)).hypot(c.m12)
+    }
 }
 
 /// Full-frame pixels from analysed ones, of which each is `scale` wide.

@@ -40,28 +40,6 @@ const DAMPING: f32 = 0.07;
 
 const EFFORT: Effort = Effort { iterations: 5, tolerance: 0.02 };
 
-/// A correspondence and the covariance of its second point.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Measurement {
-    /// The point in both frames, full-frame pixels.
-    pub point: Correspondence,
-    /// Covariance of `point.to` given `point.from`, squared full-frame pixels.
-    pub covariance: Matrix2<f64>,
-}
-
-impl Measurement {
-    /// The variance along the axis where it is largest, squared full-frame pixels.
-    pub fn variance(&self) -> f64 {
-        let c = self.covariance;
-        0.5 * (c.m11 + c.m22) + (0.5 * (c.m11 - c.m22)).hypot(c.m12)
-    }
-
-    /// With `share` times the covariance.
-    pub(super) fn scaled(self, share: f64) -> Self {
-        Self { covariance: self.covariance * share, ..self }
-    }
-}
-
 /// Where a point starts from.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Start {
@@ -79,7 +57,7 @@ pub(super) fn polish(
     [first, second]: [&Level; 2],
     start: &Start,
     scale: f64,
-) -> Option<Measurement> {
+) -> Option<Correspondence> {
     let from = Vector2::new(start.corner.0 as f32, start.corner.1 as f32);
     let back = start.distortion.try_inverse()?;
     let template = FineTemplate::distorted(cpu, first, start.corner, &back, DAMPING)?;
@@ -92,13 +70,11 @@ pub(super) fn polish(
     let middle = 0.5 * (FINE as f32 - 1.0);
     let centre = |corner: Vector2<f32>| to_full(corner.add_scalar(middle), scale);
     let covariance = covariance(template.matrix, found.residual)?;
-    Some(Measurement {
-        point: Correspondence {
-            from: centre(from),
-            to: centre(found.corner),
-            texture: template.texture,
-            residual: found.residual,
-        },
+    Some(Correspondence {
+        from: centre(from),
+        to: centre(found.corner),
+        texture: template.texture,
+        residual: found.residual,
         covariance: covariance.map(f64::from) * (scale * scale),
     })
 }

@@ -2,7 +2,7 @@
 
 use super::field::{Motion, Neighbourhood};
 use super::grid::{Grid, centre};
-use super::polish::{Measurement, Start, polish};
+use super::polish::{Start, polish};
 use super::template::FINE;
 use super::{Correspondence, to_full};
 use crate::cpu::CpuLevel;
@@ -14,13 +14,6 @@ use rayon::prelude::*;
 
 /// From this confidence on a displacement of the flow is taken up.
 const LEAST_CONFIDENCE: f64 = 0.5;
-
-/// A correspondence whose deviation is so many times the usual one is left out.
-const UNSURE: f64 = 2.0;
-
-/// Correspondences whose deviation along some axis is larger, in analysed pixels, are left out, unless more of them are
-/// than not: the solvers know one noise for all.
-const MOST_DEVIATION: f64 = 0.3;
 
 /// First decile of the smallest of the four squared deviations of [`scatter`] where the covariances are true: by
 /// simulation of 60,000 points with normal errors.
@@ -45,10 +38,9 @@ pub struct Sampler {
     grid: Grid,
     flow: DenseFlow,
     motions: Vec<Option<Motion>>,
-    found: Vec<Option<Measurement>>,
+    found: Vec<Option<Correspondence>>,
     /// Scratch.
     deviations: Vec<f64>,
-    measured: Vec<Measurement>,
 }
 
 impl Sampler {
@@ -79,7 +71,6 @@ impl Sampler {
             motions: vec![None; cells],
             found: vec![None; cells],
             deviations: Vec::new(),
-            measured: Vec::new(),
         }
     }
 
@@ -97,12 +88,12 @@ impl Sampler {
     ///
     /// `predict` says where a point (full-frame pixels) of the first frame is expected in the second; the identity where
     /// nothing is known.
-    pub fn measure(
+    pub fn correspond(
         &mut self,
         first: &Pyramid,
         second: &Pyramid,
         predict: impl Fn(Vector2<f64>) -> Vector2<f64>,
-        out: &mut Vec<Measurement>,
+        out: &mut Vec<Correspondence>,
     ) {
         out.clear();
         self.flow.estimate(first, second, predict);
@@ -124,32 +115,9 @@ impl Sampler {
             });
         });
         let share = scatter(&self.found, self.grid.columns, &mut self.deviations);
-        out.extend(self.found.iter().flatten().map(|found| found.scaled(share)));
-    }
-
-    /// As [`measure`](Self::measure), without the covariances: the correspondences whose deviation along any axis is at
-    /// most 0.3 analysed pixels, or twice what is usual in the pair. For solvers that know one noise for all.
-    pub fn correspond(
-        &mut self,
-        first: &Pyramid,
-        second: &Pyramid,
-        predict: impl Fn(Vector2<f64>) -> Vector2<f64>,
-        out: &mut Vec<Correspondence>,
-    ) {
-        let mut all = std::mem::take(&mut self.measured);
-        self.measure(first, second, predict, &mut all);
-        self.deviations.clear();
-        self.deviations.extend(all.iter().map(Measurement::variance));
-        let middle = self.deviations.len() / 2;
-        let usual = match self.deviations.get(middle) {
-            Some(_) => *self.deviations.select_nth_unstable_by(middle, f64::total_cmp).1,
-            None => 0.0,
-        };
-        let most = MOST_DEVIATION * self.reducer.scale();
-        let limit = (most * most).max(UNSURE * UNSURE * usual);
-        out.clear();
-        out.extend(all.iter().filter(|found| found.variance() <= limit).map(|found| found.point));
-        self.measured = all;
+        let scaled =
+            |found: &Correspondence| Correspondence { covariance: found.covariance * share, ..*found };
+        out.extend(self.found.iter().flatten().map(scaled));
     }
 
     /// How much two frames differ: see [`block_difference`]. Infinite where a pyramid is empty or not of the sampler's size.
@@ -170,9 +138,9 @@ impl Sampler {
 /// between patches: the difference of a displacement from the mean of those on either side is free of all that changes
 /// evenly. Of the four pairs of opposite neighbours the best counts, and of all points the lowest tenth, so that depth
 /// edges have no say.
-fn scatter(found: &[Option<Measurement>], columns: usize, deviations: &mut Vec<f64>) -> f64 {
+fn scatter(found: &[Option<Correspondence>], columns: usize, deviations: &mut Vec<f64>) -> f64 {
     let at = |index: Option<usize>| found.get(index?)?.as_ref();
-    let shift = |found: &Measurement| found.point.to - found.point.from;
+    let shift = |found: &Correspondence| found.to - found.from;
     deviations.clear();
     for (index, own) in found.iter().enumerate() {
         let Some(own) = own else { continue };

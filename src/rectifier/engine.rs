@@ -1,10 +1,15 @@
 //! The two estimators behind one face.
 
+use crate::correspond::{Correspondence, certain};
 use crate::motion::{MotionPath, Rigid, SampledPath, Twist, image_centre};
 use crate::readout::Readout;
 use crate::solve::continuous::{Camera, Continuous, Found};
 use crate::solve::{Candidate, Link, Origin, Window};
 use nalgebra::Vector2;
+
+/// Standard deviation of a measured coordinate in analysed pixels, for the paper's window, which knows one for all: what the
+/// sampler reaches on compressed footage.
+const NOISE: f64 = 0.1;
 
 /// The motion of a frame and how it fits.
 #[derive(Clone, Debug)]
@@ -37,8 +42,8 @@ pub(super) struct Step<'a> {
     pub period: f64,
     /// The shutter, as far as it is known.
     pub readout: Readout,
-    /// Standard deviation of a measured coordinate in pixels.
-    pub noise: f64,
+    /// Full-frame pixels to an analysed one.
+    pub pixel_scale: f64,
 }
 
 /// What estimates the motion of a stream.
@@ -55,6 +60,8 @@ pub(super) struct Sequential {
     expected: Twist,
     /// The shutters of the frames that wait.
     readouts: std::collections::VecDeque<Readout>,
+    /// Scratch.
+    certain: Vec<Correspondence>,
 }
 
 impl Engine {
@@ -138,7 +145,10 @@ impl Engine {
 
 impl Sequential {
     fn push(&mut self, step: &Step<'_>) {
-        let link = step.found.map(|found| Link::new(found.grid, &step.readout, step.interval, step.noise));
+        let link = step.found.map(|found| {
+            certain(found.grid, step.pixel_scale, &mut self.certain);
+            Link::new(&self.certain, &step.readout, step.interval, NOISE * step.pixel_scale)
+        });
         self.expected = self.window.push(link).map_or(Twist::ZERO, |fit| fit.twist);
         self.readouts.push_back(step.readout);
     }

@@ -22,9 +22,6 @@ use std::time::{Duration, Instant};
 pub use crate::solve::Origin;
 pub use error::{PushError, SettingsError};
 
-/// Standard deviation of a tracked coordinate, in pixels of the analysed luma: what the sampler
-/// reaches on compressed footage.
-const TRACKING_NOISE: f64 = 0.1;
 /// From this confidence on the whole correction is applied.
 const FULL_TRUST: f64 = 0.5;
 /// Confidence grows with the share of grid nodes whose correspondences follow the motion, up to this
@@ -292,7 +289,7 @@ impl Rectifier {
             interval: interval.unwrap_or(0.0),
             period: self.clock.period(),
             readout: *readout,
-            noise: TRACKING_NOISE * self.sampler.pixel_scale(),
+            pixel_scale: self.sampler.pixel_scale(),
         });
         self.reference = Some(time);
         std::mem::swap(&mut self.before, &mut self.now);

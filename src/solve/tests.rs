@@ -5,7 +5,7 @@ use super::*;
 use crate::correspond::Correspondence;
 use crate::motion::{Twist, image_centre};
 use crate::readout::{Readout, ReadoutDirection, ReadoutTime};
-use nalgebra::Vector2;
+use nalgebra::{Matrix2, Vector2};
 
 const PERIOD: f64 = 0.04;
 const NOISE: f64 = 0.05;
@@ -62,7 +62,7 @@ impl World {
                     let shown = end + self.readout.offset(to.x, to.y);
                     to = self.carry(from - centre, exposed, shown) + centre;
                 }
-                Correspondence { from, to, texture: 100.0, residual: 0.0 }
+                Correspondence { from, to, texture: 100.0, residual: 0.0, covariance: Matrix2::zeros() }
             })
             .collect()
     }

@@ -2,7 +2,7 @@
 
 use super::image::Image;
 use super::{Flow, Prepared};
-use nalgebra::Vector2;
+use nalgebra::{Matrix2, Vector2};
 use rsrectify::correspond::Correspondence;
 
 /// Half of a patch's side, in pixels: as large as the sampler's, 16 × 16.
@@ -30,7 +30,7 @@ pub fn correspondences(
             let to = followed(&forward, &backward, from.cast())?;
             let patch = Patch::of(&first.luma, &second.luma, &forward, from.cast());
             let (texture, residual) = (patch.texture(), patch.residual());
-            Some(Correspondence { from, to: to.cast(), texture, residual })
+            Some(Correspondence { from, to: to.cast(), texture, residual, covariance: Matrix2::zeros() })
         })
         .collect()
 }

@@ -71,6 +71,7 @@ pub fn until_reference(readout: &Readout, pixel: Vector2<f64>) -> f64 {
 pub(super) mod closed_form {
     use super::*;
     use crate::methods::Method;
+    use nalgebra::Matrix2;
     use rsrectify::correspond::Correspondence;
     use rsrectify::readout::{ReadoutDirection, ReadoutTime};
 
@@ -120,7 +121,7 @@ pub(super) mod closed_form {
                         Vector2::zeros()
                     };
                     let to = run.seen(k + 1, inverse(run.centred(from), run.exposure(k, from)), flow) + off;
-                    Correspondence { from, to, texture: 1000.0, residual: 0.0 }
+                    Correspondence { from, to, texture: 1000.0, residual: 0.0, covariance: Matrix2::zeros() }
                 });
                 let pairs = pairs.collect();
                 run.pairs.push(pairs);

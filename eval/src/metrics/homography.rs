@@ -155,6 +155,7 @@ pub fn median(values: &mut [f64]) -> f64 {
 #[cfg(test)]
 pub(super) mod tests {
     use super::*;
+    use nalgebra::Matrix2;
 
     /// A turned, scaled, shifted and tilted view.
     pub fn view() -> Homography {
@@ -165,7 +166,13 @@ pub(super) mod tests {
     pub fn on_a_grid(seen: impl Fn(Vector2<f64>) -> Vector2<f64>) -> Vec<Correspondence> {
         let node =
             |index: usize| Vector2::new((index % 32) as f64 * 20.0 + 9.5, (index / 32) as f64 * 20.0 + 9.5);
-        let pair = |from| Correspondence { from, to: seen(from), texture: 100.0, residual: 0.0 };
+        let pair = |from| Correspondence {
+            from,
+            to: seen(from),
+            texture: 100.0,
+            residual: 0.0,
+            covariance: Matrix2::zeros(),
+        };
         (0..32 * 24).map(node).map(pair).collect()
     }
 

@@ -142,6 +142,7 @@ fn refined(voters: &[&Match], motion: &Quadratic, variance: f64) -> Option<Quadr
 mod tests {
     use super::*;
     use crate::solve::random::Random;
+    use nalgebra::Matrix2;
 
     /// Matches over the picture that turn and speed up with the row; those within `side` of the centre along both axes
     /// move by `own` more.
@@ -153,7 +154,11 @@ mod tests {
             let scene = Vector2::new(0.1 - 0.02 * y + 0.01 * y * y, 0.03 + 0.02 * x);
             let error = Vector2::new(random.normal(), random.normal()) * 3e-4;
             let is_inside = x.abs() < side && y.abs() < side;
-            Match { from, to: from + scene + error + if is_inside { own } else { Vector2::zeros() } }
+            Match {
+                from,
+                to: from + scene + error + if is_inside { own } else { Vector2::zeros() },
+                covariance: Matrix2::zeros(),
+            }
         };
         (0..300).map(|_| point()).collect()
     }

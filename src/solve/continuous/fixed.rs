@@ -150,6 +150,7 @@ fn terms(m: &Correspondence) -> Vector3<f64> {
 mod tests {
     use super::*;
     use crate::solve::random::Random;
+    use nalgebra::Matrix2;
 
     const WIDTH: f64 = 800.0;
     const HEIGHT: f64 = 600.0;
@@ -165,7 +166,13 @@ mod tests {
         let mut at = |index: usize| {
             let place = Vector2::new((index % 32) as f64 + 0.5, (index / 32) as f64 + 0.5) * 25.0;
             let error = Vector2::new(random.normal(), random.normal()) * NOISE;
-            Correspondence { from: place, to: place + motion(place) + error, texture: 100.0, residual: 1.0 }
+            Correspondence {
+                from: place,
+                to: place + motion(place) + error,
+                texture: 100.0,
+                residual: 1.0,
+                covariance: Matrix2::zeros(),
+            }
         };
         (0..32 * 24).map(&mut at).collect()
     }

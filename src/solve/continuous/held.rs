@@ -86,6 +86,7 @@ mod tests {
     use super::*;
     use crate::correspond::Correspondence;
     use crate::motion::generators::GENERATORS;
+    use nalgebra::Matrix2;
 
     const RADIUS: f64 = 320.0;
 
@@ -108,7 +109,7 @@ mod tests {
                 let from = Vector2::new(-300.0 + 60.0 * (k % 10) as f64, -225.0 + 45.0 * (k / 10) as f64);
                 let phase = k as f64 + stamp;
                 let to = from + Vector2::new((1.7 * phase).sin(), (2.9 * phase).cos()) * 2.0;
-                Correspondence { from, to, texture: 1.0, residual: 0.0 }
+                Correspondence { from, to, texture: 1.0, residual: 0.0, covariance: Matrix2::zeros() }
             })
             .collect();
         Pair::new(&found, Vector2::zeros(), RADIUS, [stamp, stamp + 1.0], None).unwrap()

@@ -6,13 +6,15 @@ use super::path::SplinePath;
 use super::tracks;
 use crate::motion::generators::{GENERATORS, TURNS, fields};
 use crate::solve::median::{MEDIAN_TO_VARIANCE, median};
-use nalgebra::{SVector, Vector2};
+use nalgebra::{Matrix2, SVector, Vector2};
 
 /// Generators other than the turns.
 const OTHERS: usize = GENERATORS - TURNS;
 
 /// Bands of lines in which residuals are alike if a motion is faster than the path.
 const LINES: usize = 16;
+/// Rounds in which errors of measurement are told from what the path leaves.
+const ROUNDS: usize = 4;
 /// Matches that tell whether those of a line have anything in common.
 const FEWEST: f64 = 4.0;
 
@@ -47,6 +49,31 @@ pub(super) struct Leg {
     pub by_readout: [Vector2<f64>; 2],
     /// What κ adds to what the turns move it by.
     pub by_kappa: Vector2<f64>,
+    /// What all of these have been multiplied by.
+    pub whitening: Matrix2<f64>,
+}
+
+impl Leg {
+    /// Makes it as uncertain as a residual of this variance is by itself: W = (I + C/σ²)^(−½), C the covariance of its
+    /// match.
+    fn whiten(&mut self, variance: f64) {
+        let whitening = inverse_root(Matrix2::identity() + self.m.covariance / variance);
+        self.whitening = whitening;
+        for vector in [&mut self.residual, &mut self.parallax, &mut self.by_kappa]
+            .into_iter()
+            .chain(&mut self.by_readout)
+        {
+            *vector = whitening * *vector;
+        }
+    }
+}
+
+/// A^(−½) of a positive definite matrix: √A = (A + √|A|·I)/√(tr A + 2·√|A|).
+fn inverse_root(matrix: Matrix2<f64>) -> Matrix2<f64> {
+    let root = matrix.determinant().max(0.0).sqrt();
+    let length = (matrix.trace() + 2.0 * root).sqrt();
+    let inverse = (matrix + Matrix2::identity() * root).try_inverse().map(|inverse| inverse * length);
+    inverse.filter(|inverse| inverse.iter().all(|value| value.is_finite())).unwrap_or_else(Matrix2::identity)
 }
 
 /// What the path leaves of a pair.
@@ -67,6 +94,19 @@ pub(super) struct Left {
 }
 
 impl Left {
+    /// Variance, at least `least`, of what the path leaves of a coordinate beside the errors of measurement: the fixed
+    /// point of σ² = median over the matches of |r|²·σ²/(σ² + s²), s² their variance, as that of a normal distribution.
+    fn misfit(&mut self, least: f64) -> f64 {
+        let mut variance = f64::INFINITY;
+        for _ in 0..ROUNDS {
+            let share = |leg: &Leg| (1.0 + 0.5 * leg.m.covariance.trace() / variance).recip();
+            self.squares.clear();
+            self.squares.extend(self.legs.iter().map(|leg| leg.residual.norm_squared() * share(leg)));
+            variance = (median(&mut self.squares) * MEDIAN_TO_VARIANCE).max(least);
+        }
+        variance
+    }
+
     /// Share of the residuals' square sum that is the same, or a turn, along a line of the sensor, 0 to 1: a motion faster
     /// than the path does the same to all that is exposed at the same time; depth, and things with motions of their
     /// own, do not.
@@ -149,6 +189,7 @@ impl View<'_> {
             parallax: others * moved.fixed_rows::<OTHERS>(TURNS),
             by_readout: [turns * rates.fixed_rows::<TURNS>(0), others * rates.fixed_rows::<OTHERS>(TURNS)],
             by_kappa: middle * middle.dot(&moved.xy()),
+            whitening: Matrix2::identity(),
         })
     }
 
@@ -158,11 +199,12 @@ impl View<'_> {
         out.legs.clear();
         let followed = || pair.followed(self.scene_alone);
         out.legs.extend(followed().filter_map(|(m, _)| self.leg(pair.stamps, m)));
+        let least = self.noise * self.noise;
+        let variance = out.misfit(least);
+        out.sigma = variance.sqrt();
+        out.legs.iter_mut().for_each(|leg| leg.whiten(variance));
         out.squares.clear();
         out.squares.extend(out.legs.iter().map(|leg| leg.residual.norm_squared()));
-        let least = self.noise * self.noise;
-        let variance = (median(&mut out.squares) * MEDIAN_TO_VARIANCE).max(least);
-        out.sigma = variance.sqrt();
         let near = out.squares.iter().filter(|square| **square < 2.0 * 9.0 * variance).count();
         out.inliers = near * pair.count() / pair.matches.len().max(1);
         let tracks = followed().map(|(_, track)| track.filter(|_| tracks));
@@ -177,7 +219,12 @@ impl View<'_> {
 
     /// Follows the path along the tracks that a pair continues.
     pub fn legs_before(&self, pair: &Pair, out: &mut Left) {
-        let leg = |track: &Track| self.leg(track.stamps, &track.before);
+        let variance = out.sigma * out.sigma;
+        let leg = |track: &Track| {
+            let mut leg = self.leg(track.stamps, &track.before)?;
+            leg.whiten(variance);
+            Some(leg)
+        };
         out.before.clear();
         out.before.extend(pair.followed(self.scene_alone).map(|(_, track)| track.and_then(leg)));
     }
@@ -194,18 +241,57 @@ mod tests {
             (0..384).map(|k| Vector2::new((k % 24) as f64 / 12.0 - 0.96, (k / 24) as f64 / 11.0 - 0.68));
         let mut residual = residual;
         let leg = |from| Leg {
-            m: Match { from, to: from },
+            m: Match { from, to: from, covariance: Matrix2::zeros() },
             times: [0.0; 2],
             residual: residual(from),
             parallax: Vector2::zeros(),
             by_readout: [Vector2::zeros(); 2],
             by_kappa: Vector2::zeros(),
+            whitening: Matrix2::identity(),
         };
         Left { legs: points.map(leg).collect(), sigma: 1.0, ..Left::default() }
     }
 
     const ROWS: Reading = Reading { by_rows: true, length: 1.5 };
     const COLUMNS: Reading = Reading { by_rows: false, length: 2.0 };
+
+    #[test]
+    fn a_whitened_residual_is_as_uncertain_as_the_others() {
+        let covariance = Matrix2::new(0.5, 0.2, 0.2, 0.3);
+        let mut left = left(|_| Vector2::new(1.0, 0.0));
+        let leg = &mut left.legs[0];
+        (leg.m.covariance, leg.parallax) = (covariance, Vector2::new(0.0, 2.0));
+        leg.whiten(0.04);
+        // W·(σ²·I + C)·Wᵀ = σ²·I.
+        let all = Matrix2::identity() * 0.04 + covariance;
+        let white = leg.whitening * all * leg.whitening.transpose();
+        assert!((white - Matrix2::identity() * 0.04).norm() < 1e-12, "{white}");
+        assert_eq!(leg.residual, leg.whitening.column(0));
+        assert!((leg.parallax - leg.whitening.column(1) * 2.0).norm() < 1e-12);
+        for strange in [f64::NAN, f64::INFINITY, -1.0] {
+            let mut leg = left.legs[1];
+            leg.m.covariance = Matrix2::identity() * strange;
+            leg.whiten(0.04);
+            assert!(leg.residual.iter().all(|value| value.is_finite()), "{strange}: {}", leg.residual);
+        }
+    }
+
+    #[test]
+    fn errors_of_measurement_are_told_from_what_the_path_leaves() {
+        // Two thirds of the matches are measured with a deviation of 0.5 px, the others exactly; the path leaves 0.2 px.
+        let mut random = Random(8);
+        let mut left = left(|_| Vector2::zeros());
+        for (index, leg) in left.legs.iter_mut().enumerate() {
+            let deviation = if index % 3 == 0 { 0.0 } else { 0.5 };
+            leg.m.covariance = Matrix2::identity() * (deviation * deviation);
+            let spread = deviation.hypot(0.2);
+            leg.residual = Vector2::new(random.normal(), random.normal()) * spread;
+        }
+        let found = left.misfit(1e-4).sqrt();
+        assert!((0.16..0.24).contains(&found), "{found}");
+        left.legs.iter_mut().for_each(|leg| leg.residual = Vector2::zeros());
+        assert_eq!(left.misfit(1e-4), 1e-4);
+    }
 
     #[test]
     fn a_vibration_is_common_to_the_lines_that_it_is_read_along() {

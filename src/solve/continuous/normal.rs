@@ -26,8 +26,8 @@ const FREEDOM: f64 = 4.0;
 const OUTLIERS: f64 = 0.1;
 /// … this distance in radii, the farthest that the flow is searched.
 const FARTHEST: f64 = 0.5;
-/// However many correspondences a pair has, they are worth no more than so many independent ones:
-/// what the path does not explain is alike in neighbours.
+/// However many correspondences a pair has, they are worth no more than so many independent ones of equal weight: what the
+/// path does not explain is alike in neighbours.
 const WORTH: f64 = 25.0;
 
 /// What a pair says.
@@ -59,7 +59,8 @@ impl Normal {
     pub fn log_likelihood(&self, left: &Left, radius: f64) -> f64 {
         let likely = left.legs.iter().zip(&left.before).map(|(leg, before)| {
             let new = self.scatter.innovation(leg, before.as_ref());
-            density(new.square(), new.weight.determinant(), radius).ln()
+            let inverse_scale = new.weight.determinant() * leg.whitening.determinant().powi(2);
+            density(new.square(), inverse_scale, radius).ln()
         });
         worth(left) * likely.filter(|likely| likely.is_finite()).sum::<f64>()
     }
@@ -76,9 +77,12 @@ fn density(square: f64, determinant: f64, radius: f64) -> f64 {
     student + 2.0 * OUTLIERS / (FARTHEST * radius).powi(2)
 }
 
-/// How many independent matches one is worth.
+/// How many independent matches one is worth: of weights w, there are as many as (Σw)²/Σw² equal ones (L. Kish, *Survey
+/// Sampling*, 1965).
 fn worth(left: &Left) -> f64 {
-    (WORTH / left.legs.len() as f64).min(1.0)
+    let weights = left.legs.iter().map(|leg| leg.whitening.norm_squared());
+    let [sum, squares] = weights.fold([0.0; 2], |[sum, squares], w| [sum + w, squares + w * w]);
+    if sum > 0.0 { (WORTH * squares / (sum * sum)).min(1.0) } else { 0.0 }
 }
 
 impl View<'_> {
@@ -142,7 +146,7 @@ impl View<'_> {
         let by_readout = leg.by_readout[0] + leg.by_readout[1] * depth;
         let depth = |j: usize| if j < TURNS { 1.0 } else { depth };
         let slopes = [0, 1].map(|end| std::array::from_fn(|j| phi[(end, j)] * depth(j)));
-        (slopes, SMatrix::from_columns(&[by_readout, leg.by_kappa]))
+        (mixed(&leg.whitening, &slopes), SMatrix::from_columns(&[by_readout, leg.by_kappa]))
     }
 }
 

@@ -6,7 +6,7 @@ use super::super::path::{BLOCK, SplinePath, ratio};
 use super::*;
 use crate::correspond::Correspondence;
 use crate::motion::generators::GENERATORS;
-use nalgebra::Vector2;
+use nalgebra::{Matrix2, Vector2};
 
 const RADIUS: f64 = 320.0;
 const NOISE: f64 = 0.5;
@@ -80,7 +80,13 @@ impl Setting {
         let from = nodes.map(|(i, j)| Vector2::new(-0.95 + 0.1 * i as f64, -0.7 + 0.1 * j as f64));
         let pixel = |point: Vector2<f64>| point * RADIUS;
         let found: Vec<Correspondence> = from
-            .map(|from| Correspondence { from: pixel(from), to: pixel(from), texture: 1.0, residual: 0.0 })
+            .map(|from| Correspondence {
+                from: pixel(from),
+                to: pixel(from),
+                texture: 1.0,
+                residual: 0.0,
+                covariance: Matrix2::zeros(),
+            })
             .collect();
         let mut pair = Pair::new(&found, Vector2::zeros(), RADIUS, [0.2, 1.2], None).unwrap();
         self.view(|view| {
@@ -88,7 +94,8 @@ impl Setting {
                 let off = Vector2::new((k as f64 * 1.7).sin(), (k as f64 * 2.9).cos()) * (most / RADIUS);
                 let mut to = m.from;
                 for _ in 0..20 {
-                    let [before, after] = view.times(pair.stamps, &Match { from: m.from, to });
+                    let [before, after] =
+                        view.times(pair.stamps, &Match { from: m.from, to, covariance: Matrix2::zeros() });
                     to = view.flow.carry(m.from, before, after) + off;
                 }
                 pair.matches[k].to = to;
@@ -211,7 +218,7 @@ fn the_normal_equations_of_tracks_are_those_of_what_is_new() {
     setting.view(|view| {
         for index in 0..pair.matches.len() {
             let to = pair.matches[index].from;
-            let (mut before, stamps) = (Match { from: to, to }, [-0.8, 0.2]);
+            let (mut before, stamps) = (Match { from: to, to, covariance: Matrix2::zeros() }, [-0.8, 0.2]);
             for _ in 0..20 {
                 let [start, end] = view.times(stamps, &before);
                 before.from = view.flow.carry(to, end, start);
@@ -280,7 +287,13 @@ fn sigma_is_that_of_a_coordinate_and_the_wild_are_told_apart() {
 fn thinned_out_matches_are_counted_all_the_same() {
     let at = |k: usize| Vector2::new((k % 40) as f64 * 16.0, (k / 40) as f64 * 12.0);
     let found = |count: usize| -> Vec<Correspondence> {
-        let found = |k| Correspondence { from: at(k), to: at(k), texture: 1.0, residual: 0.0 };
+        let found = |k| Correspondence {
+            from: at(k),
+            to: at(k),
+            texture: 1.0,
+            residual: 0.0,
+            covariance: Matrix2::zeros(),
+        };
         (0..count).map(found).collect()
     };
     let pair = |count| Pair::new(&found(count), Vector2::new(319.5, 239.5), RADIUS, [0.0, 1.0], None);

@@ -2,7 +2,7 @@
 
 use super::dominant::Dominant;
 use crate::correspond::Correspondence;
-use nalgebra::Vector2;
+use nalgebra::{Matrix2, Vector2};
 
 /// More matches than this are thinned out.
 const MOST_MATCHES: usize = 400;
@@ -23,6 +23,8 @@ const LATEST: f64 = 1e12;
 pub(super) struct Match {
     pub from: Vector2<f64>,
     pub to: Vector2<f64>,
+    /// Covariance of `to` in squared pixels.
+    pub covariance: Matrix2<f64>,
 }
 
 /// Along which axis the sensor is read.
@@ -81,8 +83,15 @@ impl Pair {
         let measured = found.len();
         let is_near = (second - first).abs() <= LONGEST && first.abs() < LATEST;
         let point = |pixel: Vector2<f64>| (pixel - centre) / radius;
-        let matches = found.iter().map(|found| Match { from: point(found.from), to: point(found.to) });
-        let is_sound = |m: &Match| m.from.iter().chain(&m.to).all(|coordinate| coordinate.abs() < FARTHEST);
+        let matches = found.iter().map(|found| Match {
+            from: point(found.from),
+            to: point(found.to),
+            covariance: found.covariance,
+        });
+        let is_sound = |m: &Match| {
+            let is_near = m.from.iter().chain(&m.to).all(|coordinate| coordinate.abs() < FARTHEST);
+            is_near && m.covariance.iter().all(|element| element.is_finite())
+        };
         let mut found: Vec<Match> = matches.filter(is_sound).collect();
         if found.len() < FEWEST_MATCHES || !is_near {
             return None;
@@ -163,7 +172,7 @@ mod tests {
         let found: Vec<Correspondence> = (0..20)
             .map(|k| {
                 let to = at(k) + Vector2::new(0.0, 100.0);
-                Correspondence { from: at(k), to, texture: 1.0, residual: 0.0 }
+                Correspondence { from: at(k), to, texture: 1.0, residual: 0.0, covariance: Matrix2::zeros() }
             })
             .collect();
         Pair::new(&found, Vector2::zeros(), 10.0, stamps, before).unwrap()

@@ -14,7 +14,7 @@ use super::scene::SceneTrial;
 use super::smoothness::Smoothness;
 use super::solver::{Solver, Tempo};
 use super::stretch::{Stretch, breadth};
-use crate::correspond::Correspondence;
+use crate::correspond::{Correspondence, certain};
 use crate::flow::FlowField;
 use crate::motion::{ResidualField, ResidualMesh, image_centre};
 use crate::readout::{Readout, ReadoutDirection};
@@ -100,6 +100,8 @@ pub struct Continuous {
     size: [usize; 2],
     centre: Vector2<f64>,
     radius: f64,
+    /// Pixels to an analysed one.
+    pixel_scale: f64,
     /// The one that is believed first.
     hypotheses: Vec<Hypothesis>,
     frames: VecDeque<Entry>,
@@ -121,6 +123,8 @@ pub struct Continuous {
     /// Where the picture is fixed to the frame, and the last pair's correspondences elsewhere.
     fixed: Fixed,
     scene: Vec<Correspondence>,
+    /// Those of them that the rough estimate is made of.
+    certain: Vec<Correspondence>,
     /// Memory for flow.
     spare: Vec<[FlowField; 2]>,
 }
@@ -152,6 +156,7 @@ impl Continuous {
             size: [width, height],
             centre: image_centre(width, height),
             radius,
+            pixel_scale,
             hypotheses: camera.directions().iter().copied().map(hypothesis).collect(),
             frames: VecDeque::new(),
             settled: 0,
@@ -164,6 +169,7 @@ impl Continuous {
             scene_trial: SceneTrial::new(),
             fixed: Fixed::new(width, height, noise),
             scene: Vec::new(),
+            certain: Vec::new(),
             spare: Vec::new(),
         }
     }
@@ -192,7 +198,8 @@ impl Continuous {
             };
             let is_scene = last.to_next.as_ref().is_some_and(is_broad);
             if let Some(shutter) = self.shutter.as_mut().filter(|_| is_scene) {
-                shutter.push(&self.scene, (stamp - last.stamp) * unit);
+                certain(&self.scene, self.pixel_scale, &mut self.certain);
+                shutter.push(&self.certain, (stamp - last.stamp) * unit);
                 self.taken += 1;
                 if self.taken.is_multiple_of(HINT_EVERY) {
                     self.take_hint(unit);

@@ -4,7 +4,7 @@ use super::super::*;
 use crate::motion::generators::Model;
 use crate::readout::ReadoutTime;
 use crate::solve::random::Random;
-use nalgebra::{Rotation3, Vector3};
+use nalgebra::{Matrix2, Rotation3, Vector3};
 use std::f64::consts::TAU;
 
 pub const SIZE: [usize; 2] = [640, 480];
@@ -130,7 +130,7 @@ impl Film {
             if self.wild.is_some_and(|every| index % every == 0) {
                 to = from + Vector2::new(random.uniform() - 0.5, random.uniform() - 0.5) * 80.0;
             }
-            Correspondence { from, to, texture: 1.0, residual: 0.0 }
+            Correspondence { from, to, texture: 1.0, residual: 0.0, covariance: Matrix2::zeros() }
         };
         cells.enumerate().map(pair).collect()
     }

@@ -152,6 +152,29 @@ fn starts_from_both_edges_come_to_one_answer() {
 }
 
 #[test]
+fn what_is_measured_badly_counts_as_little_as_it_says() {
+    let film = Film::new(0.8, true);
+    let stamps = regular(12);
+    let mut random = Random(9);
+    let mut solve = |says: f64| {
+        let mut continuous = Continuous::new(film.camera(), SIZE[0], SIZE[1], 1.0);
+        for (k, stamp) in stamps.iter().enumerate() {
+            let mut pair = k.checked_sub(1).map(|before| film.pair(stamps[before], *stamp, &mut random));
+            // Two of three are off by 3 px along x.
+            for (_, found) in pair.iter_mut().flatten().enumerate().filter(|(index, _)| index % 3 > 0) {
+                found.to.x += 3.0 * random.normal();
+                found.covariance.m11 = says * says;
+            }
+            continuous.push(pair.as_deref().map(|grid| Found { grid, flow: None }), *stamp, PERIOD);
+        }
+        let motions: Vec<Option<Motion>> = stamps.iter().map(|_| continuous.settle()).collect();
+        film.share_left(&motions, &stamps)
+    };
+    let (told, untold) = (solve(3.0), solve(0.0));
+    assert!(told < 0.03 && told < 0.5 * untold, "{told}, {untold}");
+}
+
+#[test]
 fn what_shows_on_few_lines_says_nothing_of_the_readout() {
     let film = Film::new(0.9, true);
     let stamps = regular(30);

@@ -157,7 +157,7 @@ mod tests {
     use nalgebra::{Matrix4, Vector4};
 
     fn leg(residual: [f64; 2], parallax: [f64; 2]) -> Leg {
-        let m = Match { from: Vector2::zeros(), to: Vector2::zeros() };
+        let m = Match { from: Vector2::zeros(), to: Vector2::zeros(), covariance: Matrix2::zeros() };
         Leg {
             m,
             times: [0.0, 1.0],
@@ -165,6 +165,7 @@ mod tests {
             parallax: parallax.into(),
             by_readout: [Vector2::zeros(); 2],
             by_kappa: Vector2::zeros(),
+            whitening: Matrix2::identity(),
         }
     }
 

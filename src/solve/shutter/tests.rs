@@ -4,7 +4,7 @@ use super::*;
 use crate::motion::image_centre;
 use crate::readout::{Readout, ReadoutTime};
 use crate::solve::random::Random;
-use nalgebra::Rotation2;
+use nalgebra::{Matrix2, Rotation2};
 use std::f64::consts::TAU;
 
 const SIZE: [usize; 2] = [640, 480];
@@ -60,7 +60,7 @@ impl Camera {
                 to = self.seen(place, second + readout.offset(to.x, to.y));
             }
             let to = to + Vector2::new(random.normal(), random.normal()) * self.noise;
-            Correspondence { from, to, texture: 1.0, residual: 0.0 }
+            Correspondence { from, to, texture: 1.0, residual: 0.0, covariance: Matrix2::zeros() }
         };
         cells.map(pair).collect()
     }
@@ -189,6 +189,7 @@ fn nonsense_is_survived() {
         to: Vector2::new(x, 2.0 * x),
         texture: 1.0,
         residual: 0.0,
+        covariance: Matrix2::zeros(),
     };
     for strange in [f64::NAN, f64::INFINITY, 0.0, 1e300] {
         let pairs = vec![pair(strange); 100];
