@@ -96,10 +96,12 @@ impl Hypothesis {
         self.solver.readout_deviation() > VAGUE
     }
 
-    /// Whether it says the same of the sensor as another one.
+    /// Whether it has come to the same answer as another one; never, where all that is sought is the edge.
     pub fn agrees_with(&self, other: &Self) -> bool {
+        let [low, high] = self.solver.limits[0];
         let is_same_axis = self.direction.is_by_rows() == other.direction.is_by_rows();
-        is_same_axis && (self.solver.shared[0] - other.solver.shared[0]).abs() < VAGUE
+        let distance = (self.solver.shared[0] - other.solver.shared[0]).abs();
+        low < high && is_same_axis && distance < VAGUE
     }
 
     /// Readout ratios from which a fit is begun: the one in hand and, where that is vague, the end of its direction. What

@@ -8,7 +8,7 @@
 //! | `fixed` | which correspondences show what is fixed to the frame: overlays, the bonnet |
 //! | `pair` | correspondences of two frames, and the tracks that they continue |
 //! | `dominant` | which of them move as most of the picture does |
-//! | `left` | what a path leaves of them |
+//! | `left` | what a path leaves of them, each by its covariance |
 //! | `tracks` | what is new in a residual, given the one of the same point in the pair before |
 //! | `normal` | what a pair says of the path, γ and κ: normal equations |
 //! | `sums` | what the matches of a pair that are exposed at about the same time add up to |
@@ -21,7 +21,7 @@
 //! | `solver` | Gauss–Newton over a window for one reading axis and one tempo |
 //! | `search` | fits from several starts, side by side |
 //! | `stretch` | the pairs that a path is fitted to |
-//! | `hypothesis` | one reading axis: a solver, its tempo, its likelihood |
+//! | `hypothesis` | one edge that may be read first: a solver, its tempo, its likelihood |
 //! | `scene` | whether the path stands for the scene alone |
 //! | `camera` | what is known of the camera, and believed of the rest |
 //! | `stream` | frames in, motions out: window, choice of the axis, confidence, residual field |

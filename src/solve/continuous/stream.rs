@@ -1,8 +1,8 @@
 //! Frames as they come → the motion of each, a few frames later.
 //!
 //! A frame is settled over the pairs of a few frames before it and of all that have come after it.
-//! How the sensor is read, by rows or by columns, is a hypothesis: each has a solver of its own, and the
-//! likelier one speaks. Vibrations, too fast for the usual knots, are a hypothesis within each.
+//! Which edge of the sensor is read first is a hypothesis: each has a solver of its own, and the likeliest
+//! one speaks. Vibrations, too fast for the usual knots, are a hypothesis within each.
 
 use super::camera::{Camera, KAPPA_LIMITS, KNOWN, READOUT_BELIEF};
 use super::fixed::Fixed;
@@ -39,11 +39,11 @@ const DOUBTFUL: f64 = 2.0;
 const LONGEST_READOUT: f64 = 8.0;
 /// The least deviation that is believed of an estimated γ.
 const LEAST_DEVIATION: f64 = 0.01;
-/// An axis whose likelihood is greater than another's by a factor of e to this power is held to be right.
+/// A hypothesis whose likelihood is greater than another's by a factor of e to this power is taken to be right.
 const CERTAIN: f64 = 5.0;
 /// Pairs from one rough estimate of the readout to the next.
 const HINT_EVERY: usize = 4;
-/// A reading axis whose likelihood is less than another's by a factor of e to this power is given up.
+/// A hypothesis whose likelihood is less than another's by a factor of e to this power is given up.
 const DECISIVE: f64 = 40.0;
 
 /// The motion of a frame.
@@ -459,7 +459,7 @@ fn weigh(hypotheses: &mut [Hypothesis], stretch: Stretch<'_>) {
     }
 }
 
-/// Puts the likelier axis first and gives up one that is far less likely, once the first knows its γ: until then it may
+/// Puts the likeliest first and gives up those that are far less likely, once the first knows its γ: until then it may
 /// have fared well for another reason, and the other one badly because it was not found yet.
 fn choose(hypotheses: &mut Vec<Hypothesis>) {
     let likelihood = Hypothesis::likelihood;

@@ -152,6 +152,15 @@ fn starts_from_both_edges_come_to_one_answer() {
 }
 
 #[test]
+fn no_edge_is_given_up_while_nothing_tells_which_one_is_read_first() {
+    // A short readout that is given is the same from both edges but for its sign; a camera at rest shows none.
+    let film = Film { swings: [[(0.0, 0.0); 2]; 3], ..Film::new(0.08, true) };
+    let camera = Camera { direction: None, ..film.camera() };
+    let (_, continuous) = film.solved(camera, &regular(12), 3);
+    assert_eq!(continuous.hypotheses.len(), 4);
+}
+
+#[test]
 fn what_is_measured_badly_counts_as_little_as_it_says() {
     let film = Film::new(0.8, true);
     let stamps = regular(12);
