@@ -9,7 +9,7 @@ use eval::dense;
 use eval::footage::Footage;
 use eval::media;
 use eval::methods::product::{self, Delay};
-use eval::metrics::{Stats, displacement, distances, floor};
+use eval::metrics::{Stats, displacement, distances, floor, ripple};
 use eval::pairs;
 use eval::readout;
 use eval::report::{self, quick};
@@ -368,9 +368,9 @@ fn measure(names: &[String], lookahead: usize, changes: &Changes, place: &Place)
     println!(
         "| sequence | uncorrected px (p95) | best rotation: left px (p95) | share | sequential: left px (p95) | share \
          | continuous: left px (p95) | share | readout unknown: left px (p95) | share | second half: left px (p95) | share \
-         | readout ratio found (true) |"
+         | readout ratio found (true) | ripple, readout given, px (true) |"
     );
-    println!("|---|---|---|---|---|---|---|---|---|---|---|---|---|");
+    println!("|---|---|---|---|---|---|---|---|---|---|---|---|---|---|");
     for settings in settings {
         println!("{}", measured_row(&place.footage(&changes.apply(settings))?, lookahead)?);
     }
@@ -382,9 +382,11 @@ fn measured_row(footage: &Footage, lookahead: usize) -> Result<String> {
     let mut row = format!("| {} | {} |", footage.settings().name, pixels(&uncorrected));
     row += &share_left(&floor::of_rotation(footage), &uncorrected);
     let solve = |delay, estimator| solve(footage, delay, estimator, lookahead);
+    let mut ripples = [0.0; 2];
     for estimator in [Estimator::Sequential, Estimator::Continuous] {
         let corrections = product::corrections(solve(Delay::True, estimator)?);
         row += &share_left(&displacement::left(&footage.truth, &corrections), &uncorrected);
+        ripples = ripple::of_sequence(footage, &corrections);
     }
     let solutions = solve(Delay::Unknown, Estimator::Continuous)?;
     let found = solutions.last().map(|last| (*last.motion.readout(), last.readout_deviation));
@@ -406,6 +408,7 @@ fn measured_row(footage: &Footage, lookahead: usize) -> Result<String> {
             truth.direction
         );
     }
+    row += &format!(" {:.2} ({:.2}) |", ripples[0], ripples[1]);
     Ok(row)
 }
 

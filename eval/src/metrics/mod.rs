@@ -4,6 +4,7 @@
 //! |---|---|---|
 //! | displacement truth | [`displacement`] | pixels left |
 //! | displacement truth | [`floor`] | pixels that a model must leave |
+//! | displacement truth | [`ripple`] | what is applied beside a smooth change from line to line |
 //! | no displacement at all | [`harm`] | pixels added |
 //! | a global frame | [`colour`] | the paper's colour distance, PSNR, SSIM |
 //! | the true shutter | [`readout`] | error of the readout ratio |
@@ -20,6 +21,7 @@ pub mod homography;
 pub mod jitter;
 pub mod readout;
 pub mod resample;
+pub mod ripple;
 pub mod wobble;
 
 pub use displacement::{Stats, distances};
