@@ -3,11 +3,11 @@
 
 use crate::footage::Footage;
 use crate::methods::product::{self, Delay};
+use crate::metrics::displacement;
 use crate::metrics::readout::{error, signed_ratio};
-use crate::metrics::{Stats, displacement, distances};
 use anyhow::{Context, Result};
 use rayon::prelude::*;
-use rsrectify::rectifier::{Estimator, Rectifier};
+use rsrectify::rectifier::Estimator;
 
 /// Frames of a run.
 const FRAMES: usize = 50;
@@ -121,22 +121,15 @@ impl Run {
 
 fn run(footage: &Footage, start: usize, lookahead: usize) -> Result<Run> {
     let settings = footage.settings();
-    let truths = footage.truth.get(start..start + FRAMES).context("a sequence is shorter than its runs")?;
+    let frames = start..start + FRAMES;
+    let truths = footage.truth.get(frames.clone()).context("a sequence is shorter than its runs")?;
     let period = 1.0 / settings.delivered_fps();
     let told = product::settings(settings, Delay::Unknown, Estimator::Continuous, lookahead);
-    let mut rectifier = Rectifier::new(told, settings.width, settings.height, Some(period))?;
-    let stamps = footage.stamps.iter().copied();
-    let frames = footage.frames.iter().zip(stamps).skip(start).take(FRAMES);
-    let solutions = product::motions(&mut rectifier, frames)?;
+    let solutions = product::solve_frames(footage, frames, told)?;
     let last = solutions.last().context("a run needs a frame")?;
     let (readout, truth) = (*last.motion.readout(), footage.readout());
     let deviation = last.readout_deviation;
     let corrections = product::corrections(solutions);
-    let harm = truths.iter().zip(&corrections).map(|(truth, correction)| {
-        let left = Stats::of(distances(&truth.samples, |pixel| correction.correct(pixel)).collect());
-        left.rms - displacement::uncorrected(truth.samples.iter().copied()).rms
-    });
-    let harm = harm.fold(f64::NEG_INFINITY, f64::max);
     let uncorrected =
         displacement::uncorrected(truths.iter().flat_map(|truth| truth.samples.iter().copied()));
     Ok(Run {
@@ -148,7 +141,7 @@ fn run(footage: &Footage, start: usize, lookahead: usize) -> Result<Run> {
         is_edge_right: readout.direction == truth.direction,
         error: error(&readout, &truth, period),
         left: displacement::left(truths, &corrections).share_of(&uncorrected).unwrap_or(0.0),
-        harm,
+        harm: displacement::worst_above_input(truths, &corrections),
     })
 }
 

@@ -6,7 +6,7 @@ use crate::scene::Frame;
 use crate::speed::median_ms;
 use crate::truth::Capture;
 use anyhow::Result;
-use nalgebra::{Matrix2, Vector2};
+use nalgebra::Vector2;
 use rsrectify::correspond::{Correspondence, Sampler};
 use rsrectify::flow::DenseFlow;
 use rsrectify::plane::{Luma, Plane, PlaneLayout, SampleFormat};
@@ -49,12 +49,12 @@ struct Points {
 }
 
 impl Points {
-    fn add(&mut self, pair: [Capture<'_>; 2], point: &Correspondence, covariance: Matrix2<f64>) {
+    fn add(&mut self, pair: [Capture<'_>; 2], point: &Correspondence) {
         self.found += 1;
         let Some(truth) = pair[0].seen_by(&pair[1], point.from) else { return };
         let error = point.to - truth;
         self.errors.push(error.norm());
-        if let Some(inverse) = covariance.try_inverse() {
+        if let Some(inverse) = point.covariance.try_inverse() {
             self.squares.push(error.dot(&(inverse * error)));
         }
     }
@@ -100,7 +100,7 @@ pub fn points_row(footage: &Footage) -> Result<String> {
                 sampler.correspond(before, &now, |point| point, &mut measurements);
                 fastest = fastest.min(started.elapsed());
                 for found in &measurements {
-                    sampled.add(pair, found, found.covariance);
+                    sampled.add(pair, found);
                 }
                 pairs += 1;
             }

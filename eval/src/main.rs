@@ -51,9 +51,6 @@ enum Command {
     },
     /// Measures the displacement the library leaves, and what no 2D rotation for each frame can remove.
     Measure {
-        /// Names of sequences; all without it.
-        #[arg(long)]
-        sequence: Vec<String>,
         /// Frames the library may look ahead.
         #[arg(long, default_value_t = 4)]
         lookahead: usize,
@@ -61,9 +58,7 @@ enum Command {
         #[arg(long, hide = true)]
         by_frame: bool,
         #[command(flatten)]
-        changes: Changes,
-        #[command(flatten)]
-        place: Place,
+        chosen: Chosen,
     },
     /// Rectifies the second of two frames by these alone, readout given, and judges it; also the whole sequence, and its
     /// worst frame.
@@ -72,37 +67,22 @@ enum Command {
         /// judged beside.
         #[arg(long)]
         against: Option<PathBuf>,
-        /// Names of sequences; all without it.
-        #[arg(long)]
-        sequence: Vec<String>,
         #[command(flatten)]
-        changes: Changes,
-        #[command(flatten)]
-        place: Place,
+        chosen: Chosen,
     },
     /// Finds the readout from the picture alone, and compares it with the truth.
     Readout {
         /// A real clip instead of sequences.
         #[arg(long, conflicts_with = "sequence")]
         clip: Option<PathBuf>,
-        /// Names of sequences; all without it.
-        #[arg(long)]
-        sequence: Vec<String>,
         #[command(flatten)]
-        changes: Changes,
-        #[command(flatten)]
-        place: Place,
+        chosen: Chosen,
     },
     /// Runs the library without a word about the camera, from several frames on and with several lookaheads, and counts
-    /// the wrong readouts.
+    /// the wrong readouts. Without names, of all sequences that a rolling shutter distorts.
     Blind {
-        /// Names of sequences; without it, all that a rolling shutter distorts.
-        #[arg(long)]
-        sequence: Vec<String>,
         #[command(flatten)]
-        changes: Changes,
-        #[command(flatten)]
-        place: Place,
+        chosen: Chosen,
     },
     /// Measures the library's dense flow against the exact one, and its time.
     Flow {
@@ -112,13 +92,8 @@ enum Command {
         /// Writes frames and exact flow into this folder instead, for other programs.
         #[arg(long, conflicts_with = "points")]
         export: Option<PathBuf>,
-        /// Names of sequences; all without it.
-        #[arg(long)]
-        sequence: Vec<String>,
         #[command(flatten)]
-        changes: Changes,
-        #[command(flatten)]
-        place: Place,
+        chosen: Chosen,
     },
     /// Measures the time that the library takes for a frame of a YUV4MPEG2 file (8-bit 4:2:0).
     Speed {
@@ -205,6 +180,42 @@ struct Place {
     cache: Option<PathBuf>,
 }
 
+/// Which sequences, and how.
+#[derive(Args)]
+struct Chosen {
+    /// Names of sequences; all without it.
+    #[arg(long)]
+    sequence: Vec<String>,
+    #[command(flatten)]
+    changes: Changes,
+    #[command(flatten)]
+    place: Place,
+}
+
+impl Chosen {
+    /// The sequences of these names; all without names.
+    fn settings(&self) -> Result<Vec<Settings>> {
+        if self.sequence.is_empty() {
+            Ok(sequence::catalogue())
+        } else {
+            self.sequence.iter().map(|name| find(name)).collect()
+        }
+    }
+
+    fn footage(&self, settings: Settings) -> Result<Footage> {
+        self.place.footage(&self.changes.apply(settings))
+    }
+
+    /// Prints a table with a row for each sequence.
+    fn print(&self, heading: &str, row: impl Fn(&Footage) -> Result<String>) -> Result<()> {
+        println!("{heading}");
+        for settings in self.settings()? {
+            println!("{}", row(&self.footage(settings)?)?);
+        }
+        Ok(())
+    }
+}
+
 impl Place {
     fn footage(&self, settings: &Settings) -> Result<Footage> {
         let cache =
@@ -227,39 +238,24 @@ fn main() -> Result<()> {
     match Cli::parse().command {
         Command::Render { sequence, out, changes } => render(changes.apply(find(&sequence)?), &out),
         Command::Demo { out, changes } => render(changes.apply(sequence::demo()), &out),
-        Command::Measure { sequence, lookahead, by_frame, changes, place } => {
-            if by_frame {
-                frames(&sequence, lookahead, &changes, &place)
-            } else {
-                measure(&sequence, lookahead, &changes, &place)
-            }
+        Command::Measure { lookahead, by_frame: true, chosen } => frames(&chosen, lookahead),
+        Command::Measure { lookahead, by_frame: false, chosen } => {
+            chosen.print(MEASURED_HEADING, |footage| measured_row(footage, lookahead))
         }
-        Command::TwoFrames { against, sequence, changes, place } => {
-            println!("{}", two_frames::HEADING);
-            for settings in chosen(&sequence)? {
-                let footage = place.footage(&changes.apply(settings))?;
-                println!("{}", two_frames::row(&footage, against.as_deref())?);
-            }
-            Ok(())
+        Command::TwoFrames { against, chosen } => {
+            chosen.print(two_frames::HEADING, |footage| two_frames::row(footage, against.as_deref()))
         }
         Command::Readout { clip: Some(file), .. } => readout_of_clip(&file),
-        Command::Readout { clip: None, sequence, changes, place } => readouts(&sequence, &changes, &place),
-        Command::Blind { sequence, changes, place } => blind(&sequence, &changes, &place),
-        Command::Flow { points: _, export: Some(folder), sequence, changes, place } => chosen(&sequence)?
-            .into_iter()
-            .try_for_each(|settings| dense::export(&place.footage(&changes.apply(settings))?, &folder)),
-        Command::Flow { points, export: None, sequence, changes, place } => {
-            let (heading, row): (_, fn(&Footage) -> Result<String>) = if points {
-                (dense::POINTS_HEADING, dense::points_row)
-            } else {
-                (dense::HEADING, dense::row)
-            };
-            println!("{heading}");
-            for settings in chosen(&sequence)? {
-                println!("{}", row(&place.footage(&changes.apply(settings))?)?);
-            }
-            Ok(())
+        Command::Readout { clip: None, chosen } => chosen.print(readout::HEADING, readout::row),
+        Command::Blind { chosen } => blind(&chosen),
+        Command::Flow { export: Some(folder), chosen, .. } => {
+            let export = |settings| dense::export(&chosen.footage(settings)?, &folder);
+            chosen.settings()?.into_iter().try_for_each(export)
         }
+        Command::Flow { points: true, export: None, chosen } => {
+            chosen.print(dense::POINTS_HEADING, dense::points_row)
+        }
+        Command::Flow { points: false, export: None, chosen } => chosen.print(dense::HEADING, dense::row),
         Command::Speed { file, lookahead } => speed(&file, lookahead),
         Command::Report { scenes, sequence: sequences, frames, redraw, place } => {
             let photographs = place.textures.is_some();
@@ -294,29 +290,15 @@ fn render(settings: Settings, out: &std::path::Path) -> Result<()> {
     video::write(out, size, fps, Sequence::new(settings).frames()?)
 }
 
-/// The sequences of these names; all without names.
-fn chosen(names: &[String]) -> Result<Vec<Settings>> {
-    if names.is_empty() { Ok(sequence::catalogue()) } else { names.iter().map(|name| find(name)).collect() }
-}
-
-fn blind(names: &[String], changes: &Changes, place: &Place) -> Result<()> {
+fn blind(chosen: &Chosen) -> Result<()> {
     let all = || sequence::catalogue().into_iter().chain(sequence::hard());
     let distorted =
         || all().filter(|settings| settings.readout_ratio > 0.0 && settings.width < 1000).collect();
     println!("{}", blind::HEADING);
-    for settings in if names.is_empty() { distorted() } else { chosen(names)? } {
-        let settings = changes.apply(Settings { frames: blind::NEEDED_FRAMES, ..settings });
-        let blind = Blind::of(&place.footage(&settings)?)?;
+    for settings in if chosen.sequence.is_empty() { distorted() } else { chosen.settings()? } {
+        let blind = Blind::of(&chosen.footage(Settings { frames: blind::NEEDED_FRAMES, ..settings })?)?;
         println!("{}", blind.row());
         blind.wrong().for_each(|line| eprintln!("{line}"));
-    }
-    Ok(())
-}
-
-fn readouts(names: &[String], changes: &Changes, place: &Place) -> Result<()> {
-    println!("{}", readout::HEADING);
-    for settings in chosen(names)? {
-        println!("{}", readout::row(&place.footage(&changes.apply(settings))?)?);
     }
     Ok(())
 }
@@ -340,9 +322,9 @@ fn solve(
 
 /// Prints for each frame the displacement as it arrives and what is left of it, RMS in pixels, with the number of
 /// correspondences and the confidence.
-fn frames(names: &[String], lookahead: usize, changes: &Changes, place: &Place) -> Result<()> {
-    for settings in chosen(names)? {
-        let footage = place.footage(&changes.apply(settings))?;
+fn frames(chosen: &Chosen, lookahead: usize) -> Result<()> {
+    for settings in chosen.settings()? {
+        let footage = chosen.footage(settings)?;
         let given = solve(&footage, Delay::True, Estimator::Continuous, lookahead)?;
         let unknown = solve(&footage, Delay::Unknown, Estimator::Continuous, lookahead)?;
         println!(
@@ -363,19 +345,10 @@ fn frames(names: &[String], lookahead: usize, changes: &Changes, place: &Place) 
     Ok(())
 }
 
-fn measure(names: &[String], lookahead: usize, changes: &Changes, place: &Place) -> Result<()> {
-    let settings = chosen(names)?;
-    println!(
-        "| sequence | uncorrected px (p95) | best rotation: left px (p95) | share | sequential: left px (p95) | share \
+const MEASURED_HEADING: &str = "| sequence | uncorrected px (p95) | best rotation: left px (p95) | share | sequential: left px (p95) | share \
          | continuous: left px (p95) | share | readout unknown: left px (p95) | share | second half: left px (p95) | share \
-         | readout ratio found (true) | ripple, readout given, px (true) |"
-    );
-    println!("|---|---|---|---|---|---|---|---|---|---|---|---|---|---|");
-    for settings in settings {
-        println!("{}", measured_row(&place.footage(&changes.apply(settings))?, lookahead)?);
-    }
-    Ok(())
-}
+         | readout ratio found (true) | ripple, readout given, px (true) |\n\
+         |---|---|---|---|---|---|---|---|---|---|---|---|---|---|";
 
 fn measured_row(footage: &Footage, lookahead: usize) -> Result<String> {
     let uncorrected = footage.uncorrected();

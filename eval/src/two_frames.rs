@@ -77,14 +77,9 @@ struct Sums {
 pub fn row(footage: &Footage, against: Option<&Path>) -> Result<String> {
     let settings = product::settings(footage.settings(), Delay::True, Estimator::Continuous, 4);
     let solutions = product::solve(footage, settings)?;
-    let uncorrected =
-        |index: usize| displacement::uncorrected(footage.truth[index].samples.iter().copied()).rms;
-    let each = solutions.iter().enumerate();
-    let worst = each.map(|(index, solution)| {
-        left(footage, index, &|pixel| product::corrected(solution, pixel)) - uncorrected(index)
-    });
-    let worst = worst.fold(f64::NEG_INFINITY, f64::max);
-    let whole = displacement::left(&footage.truth, &product::corrections(solutions));
+    let corrections = product::corrections(solutions);
+    let worst = displacement::worst_above_input(&footage.truth, &corrections);
+    let whole = displacement::left(&footage.truth, &corrections);
 
     let [mut input, mut ours, mut theirs] = [Sums::default(), Sums::default(), Sums::default()];
     let mut pairs = 0.0;

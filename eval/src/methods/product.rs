@@ -10,6 +10,7 @@ use rsrectify::motion::image_centre;
 use rsrectify::plane::{Luma, Plane, PlaneLayout, SampleFormat};
 use rsrectify::readout::ReadoutTime;
 use rsrectify::rectifier::{Estimator, FrameSolution, Rectifier, Settings};
+use std::ops::Range;
 
 /// What the product is told of the readout time.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -40,10 +41,20 @@ pub fn settings(
 
 /// Pushes the frames of a sequence and collects the motion of each.
 pub fn solve(footage: &Footage, settings: Settings) -> Result<Vec<FrameSolution>> {
+    solve_frames(footage, 0..footage.frames.len(), settings)
+}
+
+/// The same of some of its frames, as if there were no others.
+pub fn solve_frames(
+    footage: &Footage,
+    frames: Range<usize>,
+    settings: Settings,
+) -> Result<Vec<FrameSolution>> {
     let (width, height) = (footage.settings().width, footage.settings().height);
     let period = Some(1.0 / footage.settings().delivered_fps());
     let mut rectifier = Rectifier::new(settings, width, height, period)?;
-    motions(&mut rectifier, footage.frames.iter().zip(footage.stamps.iter().copied()))
+    let all = footage.frames.iter().zip(footage.stamps.iter().copied());
+    motions(&mut rectifier, all.skip(frames.start).take(frames.len()))
 }
 
 /// Pushes frames, each with its timestamp in seconds, and collects the motion of each.

@@ -57,6 +57,15 @@ pub fn left(truth: &[FrameTruth], corrections: &[Box<dyn Correction>]) -> Stats 
     Stats::of(left.collect())
 }
 
+/// By how much the RMS displacement of a frame is above that of its input, in pixels, in the frame where it is most.
+pub fn worst_above_input(truth: &[FrameTruth], corrections: &[Box<dyn Correction>]) -> f64 {
+    let above = |(truth, correction): (&FrameTruth, _)| {
+        let left = left(std::slice::from_ref(truth), std::slice::from_ref(correction));
+        left.rms - uncorrected(truth.samples.iter().copied()).rms
+    };
+    truth.iter().zip(corrections).map(above).fold(f64::NEG_INFINITY, f64::max)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

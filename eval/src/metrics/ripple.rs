@@ -5,6 +5,7 @@
 //! that is held in a hand does to a flat scene. The rest is true where depth or things that move on their own make it;
 //! beyond that it is ripple, which is seen as wobbling.
 
+use super::Stats;
 use crate::footage::{Footage, STEP};
 use crate::methods::Correction;
 use crate::scene::Frame;
@@ -16,8 +17,6 @@ const TERMS: usize = 5;
 /// A sample is textured where the grey levels around it have this standard deviation, half the step of the samples away
 /// along both axes: three times that of the strongest noise that sequences usually have.
 const TEXTURED: f64 = 9.0;
-/// Share of the frames that the stated ripple is not exceeded in.
-const RANK: f64 = 0.95;
 
 /// The 95th percentile over the frames of the ripple that is applied, and that of the ripple of the true displacement, RMS
 /// in pixels.
@@ -28,17 +27,10 @@ pub fn of_sequence(footage: &Footage, corrections: &[Box<dyn Correction>]) -> [f
         .map(|((frame, truth), correction)| {
             let textured = textured(frame, &truth.samples);
             let applied = |sample: &Sample| correction.correct(sample.seen) - sample.seen;
-            [of_frame(&textured, by_rows, applied), of_frame(&textured, by_rows, |s| s.truth - s.seen)]
+            (of_frame(&textured, by_rows, applied), of_frame(&textured, by_rows, |s| s.truth - s.seen))
         })
-        .map(|[applied, own]| (applied, own))
         .unzip();
-    [percentile(applied), percentile(own)]
-}
-
-fn percentile(mut values: Vec<f64>) -> f64 {
-    values.sort_by(f64::total_cmp);
-    let rank = (RANK * values.len() as f64).ceil() as usize;
-    values.get(rank.saturating_sub(1)).copied().unwrap_or(0.0)
+    [applied, own].map(|ripples| Stats::of(ripples).p95)
 }
 
 /// The samples around which a frame shows something.
