@@ -1,7 +1,9 @@
 //! The flow of one frame to the other on one level after another.
 
 use super::consensus::Consensus;
+use super::lanes::Cpu;
 use super::level::{CELL, Found, Mean, Pair, better, cells, mean};
+use super::patch::Template;
 use super::prediction::Prediction;
 use super::rows::{RowKernel, fill};
 use super::search::exhaustive;
@@ -199,20 +201,23 @@ impl Direction {
 /// Patches from what coarser levels say.
 impl RowKernel<Found> for Known<'_> {
     #[inline(always)]
-    fn fill(&self, row: usize, out: &mut [Found]) {
-        let Stage { cpu, first, second, is_coarsest, is_finest, noise, .. } = self.stage;
-        let pair =
-            Pair { cpu, first, second, steps: if is_finest { FINE_STEPS } else { COARSE_STEPS }, noise };
+    fn fill<C: Cpu>(&self, cpu: C, row: usize, out: &mut [Found]) {
+        let Stage { first, second, is_coarsest, is_finest, noise, .. } = self.stage;
+        let pair = Pair { first, second, steps: if is_finest { FINE_STEPS } else { COARSE_STEPS }, noise };
+        let mut template = Template::new(cpu);
         for (column, out) in out.iter_mut().enumerate() {
             let (x, y) = (column * CELL, row * CELL);
             let found = if is_coarsest {
                 // Compared after the steps: half a pixel of this level beside the truth, a residual tells little.
-                let near = pair.find(x, y, &[self.predicted(x, y), [0.0; 2]]);
-                better(near, pair.find(x, y, &[exhaustive(&pair, x, y)]), noise)
+                let near = pair.find(&mut template, x, y, &[self.predicted(x, y), [0.0; 2]]);
+                {
+                    let best = exhaustive(&pair, &mut template, x, y);
+                    better(near, pair.find(&mut template, x, y, &[best]), noise)
+                }
             } else if is_finest {
-                pair.find(x, y, &self.fine_candidates(column, row))
+                pair.find(&mut template, x, y, &self.fine_candidates(column, row))
             } else {
-                pair.find(x, y, &self.candidates(column, row, x, y))
+                pair.find(&mut template, x, y, &self.candidates(column, row, x, y))
             };
             *out = found.unwrap_or_default();
         }
@@ -227,9 +232,10 @@ struct Spread<'a> {
 
 impl RowKernel<Found> for Spread<'_> {
     #[inline(always)]
-    fn fill(&self, row: usize, out: &mut [Found]) {
-        let Stage { cpu, first, second, noise, .. } = self.stage;
-        let pair = Pair { cpu, first, second, steps: SPREAD_STEPS, noise };
+    fn fill<C: Cpu>(&self, cpu: C, row: usize, out: &mut [Found]) {
+        let Stage { first, second, noise, .. } = self.stage;
+        let pair = Pair { first, second, steps: SPREAD_STEPS, noise };
+        let mut template = Template::new(cpu);
         let across = out.len();
         let at = |row: usize, column: usize| self.patches.get(row * across + column).map(|found| found.shift);
         for (column, out) in out.iter_mut().enumerate() {
@@ -239,7 +245,7 @@ impl RowKernel<Found> for Spread<'_> {
             let above = row.checked_sub(1).and_then(|row| at(row, column)).unwrap_or(own);
             let below = at(row + 1, column).unwrap_or(own);
             let candidates = [own, left, right, above, below];
-            *out = pair.find(column * CELL, row * CELL, &candidates).unwrap_or_default();
+            *out = pair.find(&mut template, column * CELL, row * CELL, &candidates).unwrap_or_default();
         }
     }
 }
@@ -266,14 +272,18 @@ struct Agreement<'a> {
 
 impl RowKernel<Found> for Agreement<'_> {
     #[inline(always)]
-    fn fill(&self, row: usize, out: &mut [Found]) {
-        let Stage { cpu, first, second, noise, .. } = self.stage;
-        let pair = Pair { cpu, first, second, steps: AGREEMENT_STEPS, noise };
+    fn fill<C: Cpu>(&self, cpu: C, row: usize, out: &mut [Found]) {
+        let Stage { first, second, noise, .. } = self.stage;
+        let pair = Pair { first, second, steps: AGREEMENT_STEPS, noise };
+        let mut template = Template::new(cpu);
         for (out, apart) in out.iter_mut().zip(self.apart.iter().skip(row * APART)) {
             let Apart { x, y, own, expected: [predicted, shared], .. } = *apart;
-            let found = better(pair.find(x, y, &[predicted]), pair.find(x, y, &[shared]), noise);
-            let most = AS_GOOD * own.total() + UNEXPLAINED * own.energy;
-            let taken = found.filter(|found| found.total() < most);
+            let found = {
+                let a = pair.find(&mut template, x, y, &[predicted]);
+                better(a, pair.find(&mut template, x, y, &[shared]), noise)
+            };
+            let most = AS_GOOD * own.total + UNEXPLAINED * own.energy;
+            let taken = found.filter(|found| found.total < most);
             *out = taken.map_or(own, |found| Found { tensor: found.tensor.map(|t| EXPECTED * t), ..found });
         }
     }
@@ -288,7 +298,7 @@ struct Overlap<'a> {
 
 impl RowKernel<Mean> for Overlap<'_> {
     #[inline(always)]
-    fn fill(&self, row: usize, out: &mut [Mean]) {
+    fn fill<C: Cpu>(&self, _: C, row: usize, out: &mut [Mean]) {
         for (column, out) in out.iter_mut().enumerate() {
             *out = mean(self.patches, self.across, column, row, self.noise);
         }

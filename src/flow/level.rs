@@ -5,8 +5,8 @@
 //! direction) only decides whether it is tried. A level sets the most comparisons of a patch; candidates that lie next to
 //! each other share one.
 
-use super::patch::{AREA, SIDE, Template};
-use crate::cpu::CpuLevel;
+use super::lanes::Cpu;
+use super::patch::{AREA, Difference, SIDE, Template};
 use crate::pyramid::Level;
 
 /// Side of a cell in pixels of the level.
@@ -24,18 +24,13 @@ const ALIKE: f32 = 0.5;
 pub(super) struct Found {
     /// Displacement in pixels of the level.
     pub(super) shift: [f32; 2],
-    /// Squared differences of its quarters.
+    /// Squared differences of its quarters, and of all of it.
     pub(super) squares: [f32; 4],
+    pub(super) total: f32,
     /// Its structure tensor, summed.
     pub(super) tensor: [f32; 3],
     /// Its squared differences from the mean, summed.
     pub(super) energy: f32,
-}
-
-impl Found {
-    pub(super) fn total(&self) -> f32 {
-        (self.squares[0] + self.squares[1]) + (self.squares[2] + self.squares[3])
-    }
 }
 
 /// A cell's displacement in pixels of its level.
@@ -59,7 +54,7 @@ fn is_better(next: f32, earlier: f32, noise: f32) -> bool {
 #[inline(always)]
 pub(super) fn better(earlier: Option<Found>, later: Option<Found>, noise: f32) -> Option<Found> {
     match (&earlier, &later) {
-        (Some(one), Some(other)) if !is_better(other.total(), one.total(), noise) => earlier,
+        (Some(one), Some(other)) if !is_better(other.total, one.total, noise) => earlier,
         (_, Some(_)) => later,
         _ => earlier,
     }
@@ -73,7 +68,6 @@ pub(super) fn cells(level: &Level) -> (usize, usize) {
 /// Two levels, and how often a patch is compared.
 #[derive(Clone, Copy)]
 pub(super) struct Pair<'a> {
-    pub(super) cpu: CpuLevel,
     pub(super) first: &'a Level,
     pub(super) second: &'a Level,
     /// Comparisons after the candidates'.
@@ -82,56 +76,57 @@ pub(super) struct Pair<'a> {
     pub(super) noise: f32,
 }
 
-/// The best of some candidates.
-struct Best {
-    shift: [f32; 2],
-    step: [f32; 2],
-    squares: [f32; 4],
-    total: f32,
-}
-
-impl Best {
-    /// Compares a template, which lies at `at` in the first frame, with the second.
-    #[inline(always)]
-    fn of(template: &Template, second: &Level, at: [f32; 2], shift: [f32; 2]) -> Option<Self> {
-        let difference = template.compare(second, [at[0] + shift[0], at[1] + shift[1]])?;
-        Some(Self { shift, step: difference.step, squares: difference.squares, total: difference.total })
-    }
-}
-
 impl Pair<'_> {
     /// Finds the patch whose top left pixel is (x, y): of `candidates` (displacements in pixels) the best, the first
     /// being preferred where others are hardly better, and from there by Gauss–Newton steps for as long as the residual
-    /// falls.
+    /// falls. `template` is scratch.
     #[inline(always)]
-    pub(super) fn find(&self, x: usize, y: usize, candidates: &[[f32; 2]]) -> Option<Found> {
-        let template = Template::new(self.cpu, self.first, self.noise, x, y)?;
+    pub(super) fn find<C: Cpu>(
+        &self,
+        template: &mut Template<C>,
+        x: usize,
+        y: usize,
+        candidates: &[[f32; 2]],
+    ) -> Option<Found> {
+        template.take(self.first, self.noise, x, y)?;
         let at = [x as f32, y as f32];
-        let mut best: Option<Best> = None;
+        let mut best: Option<([f32; 2], Difference)> = None;
         for (index, shift) in candidates.iter().enumerate() {
             let is_tried =
                 |other: &[f32; 2]| (other[0] - shift[0]).abs() < ALIKE && (other[1] - shift[1]).abs() < ALIKE;
             if candidates.iter().take(index).any(is_tried) {
                 continue;
             }
-            let next = Best::of(&template, self.second, at, *shift)?;
-            if best.as_ref().is_none_or(|best| is_better(next.total, best.total, self.noise)) {
+            let next = self.compared(template, at, *shift)?;
+            if best.is_none_or(|(_, best)| is_better(next.1.total, best.total, self.noise)) {
                 best = Some(next);
             }
         }
-        let mut best = best?;
+        let (mut shift, mut best) = best?;
         for _ in 0..self.steps {
-            let shift = [best.shift[0] + best.step[0], best.shift[1] + best.step[1]];
-            let next = Best::of(&template, self.second, at, shift)?;
+            let [x, y] = best.step;
+            let (to, next) = self.compared(template, at, [shift[0] + x, shift[1] + y])?;
             if next.total < best.total {
-                best = next;
+                (shift, best) = (to, next);
             } else {
                 // A step that leads away is halved.
                 best.step = best.step.map(|step| 0.5 * step);
             }
         }
-        let (tensor, energy) = (template.tensor(), template.energy());
-        Some(Found { shift: best.shift, squares: best.squares, tensor, energy })
+        let Difference { squares, total, .. } = best;
+        Some(Found { shift, squares, total, tensor: template.tensor, energy: template.energy })
+    }
+}
+
+impl Pair<'_> {
+    #[inline(always)]
+    fn compared<C: Cpu>(
+        &self,
+        template: &Template<C>,
+        [x, y]: [f32; 2],
+        shift: [f32; 2],
+    ) -> Option<([f32; 2], Difference)> {
+        Some((shift, template.compare(self.second, [x + shift[0], y + shift[1]])?))
     }
 }
 
@@ -150,7 +145,7 @@ pub(super) fn mean(patches: &[Found], across: usize, column: usize, row: usize, 
         }
         let Some(patch) = patches.get(y * across + x) else { continue };
         let residual = patch.squares[2 * i + j] * (4.0 / AREA);
-        let all = patch.total() * (1.0 / AREA);
+        let all = patch.total * (1.0 / AREA);
         // Patches that fit to within the noise of two frames count alike.
         let weight = 1.0 / ((2.0 * noise + residual) * (2.0 * noise + all));
         sum.shift[0] += weight * patch.shift[0];

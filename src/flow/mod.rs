@@ -29,7 +29,7 @@ mod confidence;
 mod consensus;
 mod direction;
 mod field;
-mod kernels;
+mod lanes;
 mod level;
 mod patch;
 mod prediction;

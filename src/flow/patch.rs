@@ -1,22 +1,38 @@
 //! One patch of 8 × 8 pixels and its comparison with another frame between pixels.
 //!
 //! Inverse compositional (S. Baker, I. Matthews, *Lucas–Kanade 20 Years On*, IJCV 56(3), 2004): the gradients are the
-//! template's, so that their matrix is inverted once. They are given a zero mean and nothing in common with
-//! the template, which takes a difference of brightness or of contrast out of the step; the residual is taken about its mean.
+//! template's, so that their matrix is inverted once. They count without their mean and without what they have in common
+//! with the template, which takes a difference of brightness or of contrast out of the step; the residual is taken about
+//! its mean. Nothing is subtracted from the gradients pixel by pixel: with g′ = g − ḡ − a·(v − v̄) the sums Σ g′·d and
+//! Σ g′·g′ follow from those of g, v and d.
 //!
-//! A comparison reads 9 rows of 9 samples and takes 64 × 11 additions and multiplications.
+//! A comparison reads 9 rows of 9 samples and takes 64 × 15 additions and multiplications.
 
-use super::kernels::{self, Centred};
-use crate::cpu::CpuLevel;
+use super::lanes::{Cpu, Rows};
 use crate::pyramid::Level;
 
-pub(super) use super::kernels::{AREA, SIDE};
+pub(super) use super::lanes::SIDE;
+
+/// Pixels of a patch.
+pub(super) const AREA: f32 = (SIDE * SIDE) as f32;
 
 /// A patch of the first frame.
-pub(super) struct Template {
-    cpu: CpuLevel,
-    patch: Centred,
-    /// Inverse of the gradients' matrix, with their noise added to its diagonal: xx, xy, yy.
+#[derive(Clone, Debug)]
+pub(super) struct Template<C: Cpu> {
+    cpu: C,
+    /// Row by row: grey, and its central differences.
+    values: [C::Lanes; SIDE],
+    gradient_x: [C::Lanes; SIDE],
+    gradient_y: [C::Lanes; SIDE],
+    /// Means of values and gradients.
+    means: [f32; 3],
+    /// How much of the values the gradients have in them.
+    shares: [f32; 2],
+    /// Sums of the products of g′: xx, xy, yy.
+    pub(super) tensor: [f32; 3],
+    /// Squared differences from the mean, summed, in squared grey levels.
+    pub(super) energy: f32,
+    /// Inverse of the tensor with the noise of gradients added to its diagonal: xx, xy, yy.
     inverse: [f32; 3],
 }
 
@@ -32,56 +48,134 @@ pub(super) struct Difference {
     pub(super) total: f32,
 }
 
-impl Template {
-    /// The patch of `level` whose top left pixel is (x, y); `None` further outside than the border. `noise` is the
+impl<C: Cpu> Template<C> {
+    /// Of nothing yet.
+    #[inline(always)]
+    pub(super) fn new(cpu: C) -> Self {
+        let block = [cpu.splat(0.0); SIDE];
+        Self {
+            cpu,
+            values: block,
+            gradient_x: block,
+            gradient_y: block,
+            means: [0.0; 3],
+            shares: [0.0; 2],
+            tensor: [0.0; 3],
+            energy: 0.0,
+            inverse: [0.0; 3],
+        }
+    }
+
+    /// Takes the patch of `level` whose top left pixel is (x, y); `None` further outside than the border. `noise` is the
     /// variance of a pixel's noise in squared grey levels: a central difference has half of it, which is added to both
     /// eigenvalues of the gradients' matrix, so that along an edge the start is kept.
     #[inline(always)]
-    pub(super) fn new(cpu: CpuLevel, level: &Level, noise: f32, x: usize, y: usize) -> Option<Self> {
-        let rows = level.from(x as isize - 1, y as isize - 1)?;
-        let patch = kernels::centred(cpu, rows, level.stride())?;
-        let [xx, xy, yy, _] = patch.products;
+    pub(super) fn take(&mut self, level: &Level, noise: f32, x: usize, y: usize) -> Option<()> {
+        let cpu = self.cpu;
+        let samples = level.from(x as isize - 1, y as isize - 1)?;
+        let rows = Rows::<{ SIDE + 2 }, { SIDE + 2 }>::new(samples, level.stride())?;
+        let half = cpu.splat(0.5);
+        // Less a grey of the patch, sums of squares lose no digits.
+        let pivot = rows.at(SIDE / 2, 1)[SIDE / 2];
+        let mut sums = [cpu.splat(0.0); 3];
+        let mut products = [cpu.splat(0.0); 6];
+        let (mut above, mut here) = (cpu.load(rows.at(0, 1)), cpu.load(rows.at(1, 1)));
+        for r in 0..SIDE {
+            let below = cpu.load(rows.at(r + 2, 1));
+            let value = here - cpu.splat(pivot);
+            let dx = half * (cpu.load(rows.at(r + 1, 2)) - cpu.load(rows.at(r + 1, 0)));
+            let dy = half * (below - above);
+            (self.values[r], self.gradient_x[r], self.gradient_y[r]) = (here, dx, dy);
+            sums[0] = sums[0] + value;
+            sums[1] = sums[1] + dx;
+            sums[2] = sums[2] + dy;
+            products[0] = products[0] + dx * dx;
+            products[1] = products[1] + dx * dy;
+            products[2] = products[2] + dy * dy;
+            products[3] = products[3] + value * value;
+            products[4] = products[4] + dx * value;
+            products[5] = products[5] + dy * value;
+            (above, here) = (here, below);
+        }
+        let [sum, sum_x, sum_y] = sums;
+        let [xx, xy, yy, energy, x, y] = products;
+        let [xx, xy, yy, energy] = cpu.totals([xx, xy, yy, energy]);
+        let [x, y, sum, sum_x] = cpu.totals([x, y, sum, sum_x]);
+        let [sum_y, ..] = cpu.totals([sum_y; 4]);
+        let [mean, mean_x, mean_y] = [sum, sum_x, sum_y].map(|sum| sum * (1.0 / AREA));
+        let (xx, xy, yy) = (xx - mean_x * sum_x, xy - mean_x * sum_y, yy - mean_y * sum_y);
+        let (x, y, energy) = (x - mean_x * sum, y - mean_y * sum, (energy - mean * sum).max(0.0));
+        let share = 1.0 / (energy + f32::MIN_POSITIVE);
+        let (a, b) = (x * share, y * share);
+        self.means = [pivot + mean, mean_x, mean_y];
+        self.shares = [a, b];
+        self.energy = energy;
+        let (xx, xy, yy) = ((xx - a * x).max(0.0), xy - a * y, (yy - b * y).max(0.0));
+        self.tensor = [xx, xy, yy];
         let damping = AREA * 0.5 * noise;
         let (a, d) = (xx + damping, yy + damping);
         let share = 1.0 / (a * d - xy * xy);
-        Some(Self { cpu, patch, inverse: [d * share, -xy * share, a * share] })
-    }
-
-    /// Sums over the patch of the products of its zero-mean gradients: xx, xy, yy, in squared grey levels.
-    pub(super) fn tensor(&self) -> [f32; 3] {
-        let [xx, xy, yy, _] = self.patch.products;
-        [xx, xy, yy]
-    }
-
-    /// Sum of squared differences from the mean, in squared grey levels.
-    pub(super) fn energy(&self) -> f32 {
-        self.patch.products[3]
+        self.inverse = [d * share, -xy * share, a * share];
+        Some(())
     }
 
     /// Compares with the patch of `level` whose top left pixel lies at `corner`, sampled linearly. A corner further
     /// outside than a patch is moved there; `None` only for a level without pixels.
     #[inline(always)]
     pub(super) fn compare(&self, level: &Level, corner: [f32; 2]) -> Option<Difference> {
+        let cpu = self.cpu;
         let x = corner[0].clamp(-(SIDE as f32), level.width() as f32);
         let y = corner[1].clamp(-(SIDE as f32), level.height() as f32);
         let (left, top) = (floor(x), floor(y));
-        let rows = level.from(left as isize, top as isize)?;
-        let shift = [x - left as f32, y - top as f32];
-        let sums = kernels::sums(self.cpu, &self.patch, rows, level.stride(), shift)?;
+        let samples = level.from(left as isize, top as isize)?;
+        let rows = Rows::<{ SIDE + 1 }, { SIDE + 1 }>::new(samples, level.stride())?;
+        let (across, down) = (cpu.splat(x - left as f32), cpu.splat(y - top as f32));
+        let blended = |r: usize| {
+            let left = cpu.load(rows.at(r, 0));
+            left + across * (cpu.load(rows.at(r, 1)) - left)
+        };
+        let mut slopes = [cpu.splat(0.0); 3];
+        let (mut differences, mut squares) = ([cpu.splat(0.0); 2], [cpu.splat(0.0); 2]);
+        let mut above = blended(0);
+        for r in 0..SIDE {
+            let below = blended(r + 1);
+            let difference = (above + down * (below - above)) - self.values[r];
+            slopes[0] = slopes[0] + self.gradient_x[r] * difference;
+            slopes[1] = slopes[1] + self.gradient_y[r] * difference;
+            slopes[2] = slopes[2] + self.values[r] * difference;
+            differences[r / (SIDE / 2)] = differences[r / (SIDE / 2)] + difference;
+            squares[r / (SIDE / 2)] = squares[r / (SIDE / 2)] + difference * difference;
+            above = below;
+        }
+        let [x, y, value, _] = cpu.totals([slopes[0], slopes[1], slopes[2], slopes[2]]);
+        let quarters = cpu.halves([differences[0], differences[1], squares[0], squares[1]]);
+        let differences = [quarters[0], quarters[1], quarters[4], quarters[5]];
+        let squares = [quarters[2], quarters[3], quarters[6], quarters[7]];
+        let four = |values: [f32; 4]| (values[0] + values[1]) + (values[2] + values[3]);
+        let sum = four(differences);
+        let mean = sum * (1.0 / AREA);
+        let squares = std::array::from_fn(|k| {
+            (squares[k] - mean * (2.0 * differences[k] - 0.25 * AREA * mean)).max(0.0)
+        });
+        let value = value - self.means[0] * sum;
+        let x = x - self.means[1] * sum - self.shares[0] * value;
+        let y = y - self.means[2] * sum - self.shares[1] * value;
         let [a, b, c] = self.inverse;
-        let [x, y] = sums.slope;
-        Some(Difference {
-            step: [-(a * x + b * y), -(b * x + c * y)],
-            squares: sums.squares,
-            total: sums.total,
-        })
+        Some(Difference { step: [-(a * x + b * y), -(b * x + c * y)], squares, total: four(squares) })
     }
 
     /// The residual at a whole displacement: sum of squared differences about their mean.
     #[inline(always)]
     pub(super) fn residual_at(&self, level: &Level, x: isize, y: isize) -> Option<f32> {
-        let rows = level.from(x, y)?;
-        let [sum, square] = kernels::whole_sums(self.cpu, &self.patch.values, rows, level.stride())?;
+        let cpu = self.cpu;
+        let rows = Rows::<SIDE, SIDE>::new(level.from(x, y)?, level.stride())?;
+        let mut sums = [cpu.splat(0.0); 2];
+        for (r, values) in self.values.iter().enumerate() {
+            let difference = cpu.load(rows.at(r, 0)) - *values;
+            sums[0] = sums[0] + difference;
+            sums[1] = sums[1] + difference * difference;
+        }
+        let [sum, square, ..] = cpu.totals([sums[0], sums[1], sums[0], sums[1]]);
         Some((square - sum * sum * (1.0 / AREA)).max(0.0))
     }
 }

@@ -1,12 +1,15 @@
 //! Kernels that work row by row, on all cores and with the instructions that the machine has.
 
+use super::lanes::{Cpu, Scalar};
+#[cfg(target_arch = "x86_64")]
+use crate::cpu::Avx2;
 use crate::cpu::CpuLevel;
 use rayon::prelude::*;
 
 /// What makes rows of results, each on its own.
 pub(super) trait RowKernel<T>: Sync {
     /// Fills a row. To be `inline(always)`, with all that it calls: what is not inlined is compiled for any CPU.
-    fn fill(&self, row: usize, out: &mut [T]);
+    fn fill<C: Cpu>(&self, cpu: C, row: usize, out: &mut [T]);
 }
 
 /// Fills all rows, each of `across` results.
@@ -14,13 +17,13 @@ pub(super) fn fill<T: Send, K: RowKernel<T>>(cpu: CpuLevel, kernel: &K, across: 
     out.par_chunks_mut(across.max(1)).enumerate().for_each(|(row, out)| match cpu {
         // SAFETY: the level is a proof of AVX2.
         #[cfg(target_arch = "x86_64")]
-        CpuLevel::Avx2(_) => unsafe { fill_avx2(kernel, row, out) },
-        _ => kernel.fill(row, out),
+        CpuLevel::Avx2(cpu) => unsafe { fill_avx2(cpu, kernel, row, out) },
+        _ => kernel.fill(Scalar, row, out),
     });
 }
 
 #[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx2")]
-fn fill_avx2<T, K: RowKernel<T>>(kernel: &K, row: usize, out: &mut [T]) {
-    kernel.fill(row, out);
+fn fill_avx2<T, K: RowKernel<T>>(cpu: Avx2, kernel: &K, row: usize, out: &mut [T]) {
+    kernel.fill(cpu, row, out);
 }

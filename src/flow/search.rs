@@ -3,6 +3,7 @@
 //! It is what makes the flow independent of any prediction. The level is at most 48 pixels long, so that a quarter of
 //! the frame's width is 12 pixels at most and 25 × 25 displacements are compared for each of some 80 patches.
 
+use super::lanes::Cpu;
 use super::level::Pair;
 use super::patch::{AREA, SIDE, Template};
 
@@ -15,9 +16,16 @@ const LENGTH_COST: f32 = 0.1;
 /// The displacement (pixels of the level) at which the patch with its top left pixel at (x, y) fits best; zero where
 /// nothing fits.
 #[inline(always)]
-pub(super) fn exhaustive(pair: &Pair<'_>, x: usize, y: usize) -> [f32; 2] {
-    let Pair { cpu, first, second, noise, .. } = *pair;
-    let Some(template) = Template::new(cpu, first, noise, x, y) else { return [0.0; 2] };
+pub(super) fn exhaustive<C: Cpu>(
+    pair: &Pair<'_>,
+    template: &mut Template<C>,
+    x: usize,
+    y: usize,
+) -> [f32; 2] {
+    let Pair { first, second, noise, .. } = *pair;
+    if template.take(first, noise, x, y).is_none() {
+        return [0.0; 2];
+    }
     let reach = (REACH * second.width() as f32).ceil() as isize;
     // At least half of the patch is to be seen in the second frame, along each axis.
     let half = SIDE as isize / 2;

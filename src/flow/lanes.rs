@@ -1,0 +1,169 @@
+//! Eight samples at a time, for each level of instructions: what nearly all of the flow's time is spent on.
+//!
+//! All levels add in the same order and contract nothing, so that they agree to the last bit. Lanes are made only where a
+//! [`Cpu`] is at hand, and what computes with them is `inline(always)`, up to a function compiled for that CPU.
+
+#[cfg(target_arch = "x86_64")]
+use crate::cpu::Avx2;
+use std::fmt::Debug;
+use std::ops::{Add, Mul, Sub};
+
+/// Lanes, and samples in a row of a patch.
+pub(super) const SIDE: usize = 8;
+
+/// Instructions, and proof that the machine has them.
+pub(super) trait Cpu: Copy {
+    type Lanes: Copy
+        + Debug
+        + Add<Output = Self::Lanes>
+        + Sub<Output = Self::Lanes>
+        + Mul<Output = Self::Lanes>;
+
+    /// The samples of a slice.
+    fn load(self, samples: &[f32; SIDE]) -> Self::Lanes;
+
+    /// The same value in all lanes.
+    fn splat(self, value: f32) -> Self::Lanes;
+
+    /// Sums of the left halves of four, then of the right halves.
+    fn halves(self, four: [Self::Lanes; 4]) -> [f32; SIDE];
+
+    /// Sums of four.
+    fn totals(self, four: [Self::Lanes; 4]) -> [f32; 4];
+}
+
+/// Plain Rust: the reference.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Scalar;
+
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Array([f32; SIDE]);
+
+impl Cpu for Scalar {
+    type Lanes = Array;
+
+    #[inline(always)]
+    fn load(self, samples: &[f32; SIDE]) -> Array {
+        Array(*samples)
+    }
+
+    #[inline(always)]
+    fn splat(self, value: f32) -> Array {
+        Array([value; SIDE])
+    }
+
+    #[inline(always)]
+    fn halves(self, four: [Array; 4]) -> [f32; SIDE] {
+        std::array::from_fn(|k| {
+            let (Array(lanes), from) = (four[k % 4], k / 4 * 4);
+            (lanes[from] + lanes[from + 1]) + (lanes[from + 2] + lanes[from + 3])
+        })
+    }
+
+    #[inline(always)]
+    fn totals(self, four: [Array; 4]) -> [f32; 4] {
+        let halves = self.halves(four);
+        std::array::from_fn(|k| halves[k] + halves[k + 4])
+    }
+}
+
+#[cfg(target_arch = "x86_64")]
+use std::arch::x86_64::*;
+
+/// Made by [`Avx2`] alone, so that one of these is a proof as well.
+#[cfg(target_arch = "x86_64")]
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Register(__m256);
+
+#[cfg(target_arch = "x86_64")]
+impl Cpu for Avx2 {
+    type Lanes = Register;
+
+    #[inline(always)]
+    fn load(self, samples: &[f32; SIDE]) -> Register {
+        // SAFETY: eight samples are borrowed, and `self` is a proof of AVX2.
+        Register(unsafe { _mm256_loadu_ps(samples.as_ptr()) })
+    }
+
+    #[inline(always)]
+    fn splat(self, value: f32) -> Register {
+        // SAFETY: `self` is a proof of AVX2.
+        Register(unsafe { _mm256_set1_ps(value) })
+    }
+
+    #[inline(always)]
+    fn halves(self, [a, b, c, d]: [Register; 4]) -> [f32; SIDE] {
+        let mut out = [0.0; SIDE];
+        // SAFETY: eight samples are borrowed, exclusively, and `self` is a proof of AVX2.
+        unsafe {
+            let halves = _mm256_hadd_ps(_mm256_hadd_ps(a.0, b.0), _mm256_hadd_ps(c.0, d.0));
+            _mm256_storeu_ps(out.as_mut_ptr(), halves);
+        }
+        out
+    }
+
+    #[inline(always)]
+    fn totals(self, [a, b, c, d]: [Register; 4]) -> [f32; 4] {
+        let mut out = [0.0; 4];
+        // SAFETY: four samples are borrowed, exclusively, and `self` is a proof of AVX2.
+        unsafe {
+            let halves = _mm256_hadd_ps(_mm256_hadd_ps(a.0, b.0), _mm256_hadd_ps(c.0, d.0));
+            let sums = _mm_add_ps(_mm256_castps256_ps128(halves), _mm256_extractf128_ps::<1>(halves));
+            _mm_storeu_ps(out.as_mut_ptr(), sums);
+        }
+        out
+    }
+}
+
+/// An operation of two lanes.
+macro_rules! operation {
+    ($name:ident, $function:ident, $intrinsic:ident) => {
+        impl $name for Array {
+            type Output = Self;
+
+            #[inline(always)]
+            fn $function(self, other: Self) -> Self {
+                Self(std::array::from_fn(|lane| self.0[lane].$function(other.0[lane])))
+            }
+        }
+
+        #[cfg(target_arch = "x86_64")]
+        impl $name for Register {
+            type Output = Self;
+
+            #[inline(always)]
+            fn $function(self, other: Self) -> Self {
+                // SAFETY: a register is a proof of AVX2.
+                Self(unsafe { $intrinsic(self.0, other.0) })
+            }
+        }
+    };
+}
+
+operation!(Add, add, _mm256_add_ps);
+operation!(Sub, sub, _mm256_sub_ps);
+operation!(Mul, mul, _mm256_mul_ps);
+
+/// `COUNT` rows of samples of which the first `WIDTH` lie within a slice.
+#[derive(Clone, Copy)]
+pub(super) struct Rows<'a, const COUNT: usize, const WIDTH: usize> {
+    samples: &'a [f32],
+    stride: usize,
+}
+
+impl<'a, const COUNT: usize, const WIDTH: usize> Rows<'a, COUNT, WIDTH> {
+    /// Rows `stride` samples apart, the first from the first sample on; `None` where the slice ends before they do.
+    #[inline(always)]
+    pub(super) fn new(samples: &'a [f32], stride: usize) -> Option<Self> {
+        let reach = (COUNT - 1).checked_mul(stride)?.checked_add(WIDTH)?;
+        (reach <= samples.len()).then_some(Self { samples, stride })
+    }
+
+    /// Eight samples of row `r` from column `c` on.
+    #[inline(always)]
+    pub(super) fn at(self, r: usize, c: usize) -> &'a [f32; SIDE] {
+        assert!(r < COUNT && c + SIDE <= WIDTH, "the optimiser removes this for indices that it knows");
+        // SAFETY: r·stride + c + 8 ≤ (COUNT − 1)·stride + WIDTH ≤ the slice's length, by `new` and the line above.
+        unsafe { &*self.samples.as_ptr().add(r * self.stride + c).cast() }
+    }
+}
