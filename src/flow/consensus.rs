@@ -1,7 +1,7 @@
 //! The motion that most of a picture shares: an affine map, fitted robustly.
 
-use super::level::{CELL, Mean};
-use super::patch::SIDE;
+use super::level::{CELL, Found};
+use super::patch::{AREA, SIDE};
 use nalgebra::{Matrix3, Matrix3x2, RowVector2, Vector3};
 
 /// Rounds of re-weighted least squares, with the weights of Geman and McClure. The scale of residuals is halved in each …
@@ -27,25 +27,25 @@ pub(super) struct Consensus {
 }
 
 impl Consensus {
-    /// Of cells with `columns` in a row, where a pixel's noise has the variance `noise`. `None` where nothing is seen.
+    /// Of patches with `columns` in a row, where a pixel's noise has the variance `noise`. `None` where nothing is seen.
     ///
-    /// Cells count by their texture, less where they fit badly.
-    pub(super) fn of(means: &[Mean], columns: usize, noise: f32) -> Option<Self> {
+    /// They count by their texture, less where they fit badly.
+    pub(super) fn of(patches: &[Found], columns: usize, noise: f32) -> Option<Self> {
         let side = CELL as f32;
-        let weight = |mean: &Mean| {
-            let texture = mean.tensor[0] + mean.tensor[2];
-            texture / (texture + 4.0 * noise + mean.residual)
+        let weight = |patch: &Found| {
+            let texture = patch.tensor[0] + patch.tensor[2];
+            texture / (texture + 4.0 * noise * AREA + patch.total)
         };
         let place = |index: usize| {
-            let at = |index: usize| (index as f32 + 0.5) * side - 0.5;
+            let at = |index: usize| index as f32 * side + 0.5 * (SIDE as f32 - 1.0);
             [1.0, at(index % columns.max(1)), at(index / columns.max(1))]
         };
         let middle = |axis: usize| {
-            let mut all: Vec<f32> = means
+            let mut all: Vec<f32> = patches
                 .iter()
                 .step_by(EVERY)
-                .filter(|mean| weight(mean) > 0.0)
-                .map(|mean| mean.shift[axis])
+                .filter(|patch| weight(patch) > 0.0)
+                .map(|patch| patch.shift[axis])
                 .collect();
             let half = all.len() / 2;
             (!all.is_empty()).then(|| *all.select_nth_unstable_by(half, f32::total_cmp).1)
@@ -56,15 +56,15 @@ impl Consensus {
             let scale = LAST_SCALE.max(FIRST_SCALE * width * 0.5f32.powi(round as i32));
             let mut matrix = Matrix3::<f64>::zeros();
             let mut right = Matrix3x2::<f64>::zeros();
-            for (index, mean) in means.iter().enumerate().step_by(EVERY) {
+            for (index, patch) in patches.iter().enumerate().step_by(EVERY) {
                 let at = place(index);
                 let own = fit.at(at[1], at[2]);
-                let (x, y) = (mean.shift[0] - own[0], mean.shift[1] - own[1]);
+                let (x, y) = (patch.shift[0] - own[0], patch.shift[1] - own[1]);
                 let share = 1.0 / (1.0 + (x * x + y * y) / (scale * scale));
-                let weight = f64::from(weight(mean) * share * share);
+                let weight = f64::from(weight(patch) * share * share);
                 let v = Vector3::from(at).cast::<f64>();
                 matrix += v * v.transpose() * weight;
-                right += v * RowVector2::new(f64::from(mean.shift[0]), f64::from(mean.shift[1])) * weight;
+                right += v * RowVector2::new(f64::from(patch.shift[0]), f64::from(patch.shift[1])) * weight;
             }
             if round < ROUNDS / 2 {
                 // An affine map may fit two motions halfway: first of all, the one that is shared is to be chosen.

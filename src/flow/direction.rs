@@ -2,17 +2,16 @@
 
 use super::consensus::Consensus;
 use super::lanes::Cpu;
-use super::level::{CELL, Found, Mean, Pair, better, cells, mean};
+use super::level::{CELL, Found, Mean, Pair, cells, mean};
 use super::patch::Template;
 use super::prediction::Prediction;
 use super::rows::{RowKernel, fill};
 use super::search::exhaustive;
 use crate::cpu::CpuLevel;
-use crate::pyramid::Level;
 
 /// Comparisons after the candidates': on the coarse levels, where steps are long, and on the finest.
 const COARSE_STEPS: usize = 3;
-const FINE_STEPS: usize = 2;
+const FINE_STEPS: usize = 1;
 
 /// Comparisons after those with the neighbours' displacements.
 const SPREAD_STEPS: usize = 1;
@@ -41,10 +40,7 @@ const EXPECTED: f32 = 0.1;
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Stage<'a> {
     pub(super) cpu: CpuLevel,
-    pub(super) first: &'a Level,
-    pub(super) second: &'a Level,
-    /// Variance of a pixel's noise, squared grey levels.
-    pub(super) noise: f32,
+    pub(super) pair: Pair<'a>,
     /// It is 2^depth times coarser than the analysed luma.
     pub(super) depth: usize,
     /// It is the first of the levels.
@@ -56,7 +52,8 @@ pub(super) struct Stage<'a> {
 impl Stage<'_> {
     /// From the second frame to the first.
     pub(super) fn reversed(self) -> Self {
-        Self { first: self.second, second: self.first, ..self }
+        let pair = Pair { first: self.pair.second, second: self.pair.first, ..self.pair };
+        Self { pair, ..self }
     }
 }
 
@@ -66,16 +63,12 @@ pub(super) struct Direction {
     pub(super) prediction: Prediction,
     patches: Vec<Found>,
     spread: Vec<Found>,
-    /// Those that move otherwise than expected.
-    apart: Vec<Apart>,
     /// Of the level done last.
     pub(super) means: Vec<Mean>,
     pub(super) columns: usize,
     pub(super) rows: usize,
-    /// What the other direction says of each cell, where it says anything.
-    reversed: Vec<Option<[f32; 2]>>,
-    /// Residuals of what led there.
-    costs: Vec<f32>,
+    /// What the other direction says of each cell, where it says anything, and the residual of what led there.
+    reversed: Vec<Option<([f32; 2], f32)>>,
 }
 
 /// What a patch starts from.
@@ -85,7 +78,7 @@ struct Known<'a> {
     prediction: &'a Prediction,
     /// The next coarser level's cells, in its pixels.
     coarse: &'a [Mean],
-    reversed: &'a [Option<[f32; 2]>],
+    reversed: &'a [Option<([f32; 2], f32)>],
     columns: usize,
     rows: usize,
 }
@@ -93,7 +86,7 @@ struct Known<'a> {
 impl Direction {
     /// Does one level, given those that are coarser.
     pub(super) fn run(&mut self, stage: &Stage<'_>) {
-        let (columns, rows) = cells(stage.first);
+        let (columns, rows) = cells(stage.pair.first);
         let (across, down) = (columns.saturating_sub(1).max(1), rows.saturating_sub(1).max(1));
         let known = Known {
             stage: *stage,
@@ -108,50 +101,22 @@ impl Direction {
         fill(stage.cpu, &known, across, &mut self.patches);
         let spreads = if stage.is_coarsest { 2 } else { usize::from(stage.depth > LAST_SPREAD) };
         for _ in 0..spreads {
-            let spread = Spread { stage: *stage, patches: &self.patches };
+            let spread = Spread { pair: stage.pair, patches: &self.patches };
             fill(stage.cpu, &spread, across, &mut self.spread);
+            std::mem::swap(&mut self.patches, &mut self.spread);
+        }
+        let consensus =
+            stage.is_finest.then(|| Consensus::of(&self.patches, across, stage.pair.noise)).flatten();
+        if let Some(consensus) = consensus {
+            let agreement =
+                Agreement { stage: *stage, patches: &self.patches, prediction: &self.prediction, consensus };
+            fill(stage.cpu, &agreement, across, &mut self.spread);
             std::mem::swap(&mut self.patches, &mut self.spread);
         }
         (self.columns, self.rows) = (columns, rows);
         self.means.resize(columns * rows, Mean::default());
-        self.overlap(stage);
-    }
-
-    /// Where the picture does not tell a patch's motion from the one that most of it shares, or from the predicted one,
-    /// takes that: along edges, in flat places, and where a pattern repeats itself.
-    pub(super) fn agree(&mut self, stage: &Stage<'_>) {
-        let Some(consensus) = Consensus::of(&self.means, self.columns, stage.noise) else { return };
-        let across = self.columns.saturating_sub(1).max(1);
-        self.apart.clear();
-        for (index, own) in self.patches.iter().enumerate() {
-            let (x, y) = (index % across * CELL, index / across * CELL);
-            let expected = [self.prediction.of_patch(stage.depth, x, y), consensus.of_patch(x, y)];
-            let is_apart = |other: &[f32; 2]| {
-                let (dx, dy) = (own.shift[0] - other[0], own.shift[1] - other[1]);
-                dx * dx + dy * dy > AGREEMENT * AGREEMENT
-            };
-            if expected.iter().all(is_apart) {
-                self.apart.push(Apart { index, x, y, own: *own, expected });
-            }
-        }
-        self.spread.resize(self.patches.len(), Found::default());
-        let Some(spread) = self.spread.get_mut(..self.apart.len()) else { return };
-        fill(stage.cpu, &Agreement { stage: *stage, apart: &self.apart }, APART, spread);
-        for (apart, found) in self.apart.iter().zip(&self.spread) {
-            if let Some(patch) = self.patches.get_mut(apart.index) {
-                *patch = *found;
-            }
-        }
-        if !self.apart.is_empty() {
-            self.overlap(stage);
-        }
-    }
-
-    /// Makes the cells from the patches.
-    fn overlap(&mut self, stage: &Stage<'_>) {
-        let across = self.columns.saturating_sub(1).max(1);
-        let overlap = Overlap { patches: &self.patches, across, noise: stage.noise };
-        fill(stage.cpu, &overlap, self.columns, &mut self.means);
+        let overlap = Overlap { patches: &self.patches, across, noise: stage.pair.noise };
+        fill(stage.cpu, &overlap, columns, &mut self.means);
     }
 
     /// Takes over what the other direction says: where its cells lead, minus their displacement; of two that lead to
@@ -160,8 +125,6 @@ impl Direction {
         self.reversed.clear();
         self.reversed.resize(self.columns * self.rows, None);
         let side = CELL as f32;
-        self.costs.clear();
-        self.costs.resize(self.reversed.len(), f32::INFINITY);
         for (index, mean) in other.means.iter().enumerate() {
             let (column, row) = (index % other.columns.max(1), index / other.columns.max(1));
             let x = column as f32 + mean.shift[0] / side + 0.5;
@@ -169,12 +132,10 @@ impl Direction {
             if !(x >= 0.0 && y >= 0.0 && x < self.columns as f32 && y < self.rows as f32) {
                 continue;
             }
-            let place = y as usize * self.columns + x as usize;
-            if let (Some(reversed), Some(best)) = (self.reversed.get_mut(place), self.costs.get_mut(place))
-                && mean.residual < *best
+            if let Some(reversed) = self.reversed.get_mut(y as usize * self.columns + x as usize)
+                && reversed.is_none_or(|(_, best)| mean.residual < best)
             {
-                *reversed = Some([-mean.shift[0], -mean.shift[1]]);
-                *best = mean.residual;
+                *reversed = Some((mean.shift.map(|shift| -shift), mean.residual));
             }
         }
     }
@@ -187,14 +148,10 @@ impl Direction {
     }
 
     /// The displacement at a point, pixels of the level both, interpolated linearly.
+    #[inline(always)]
     pub(super) fn at(&self, x: f32, y: f32) -> [f32; 2] {
-        between(
-            &self.means,
-            self.columns,
-            self.rows,
-            (x + 0.5) / CELL as f32 - 0.5,
-            (y + 0.5) / CELL as f32 - 0.5,
-        )
+        let place = |at: f32| (at + 0.5) / CELL as f32 - 0.5;
+        between(&self.means, self.columns, self.rows, place(x), place(y))
     }
 }
 
@@ -202,89 +159,98 @@ impl Direction {
 impl RowKernel<Found> for Known<'_> {
     #[inline(always)]
     fn fill<C: Cpu>(&self, cpu: C, row: usize, out: &mut [Found]) {
-        let Stage { first, second, is_coarsest, is_finest, noise, .. } = self.stage;
-        let pair = Pair { first, second, steps: if is_finest { FINE_STEPS } else { COARSE_STEPS }, noise };
+        let Stage { pair, depth, is_coarsest, is_finest, .. } = self.stage;
         let mut template = Template::new(cpu);
         for (column, out) in out.iter_mut().enumerate() {
+            *out = Found::default();
             let (x, y) = (column * CELL, row * CELL);
+            let Some(patch) = pair.patch(&mut template, x, y) else { continue };
             let found = if is_coarsest {
                 // Compared after the steps: half a pixel of this level beside the truth, a residual tells little.
-                let near = pair.find(&mut template, x, y, &[self.predicted(x, y), [0.0; 2]]);
-                {
-                    let best = exhaustive(&pair, &mut template, x, y);
-                    better(near, pair.find(&mut template, x, y, &[best]), noise)
-                }
+                let near = patch.from([self.prediction.of_patch(depth, x, y), [0.0; 2]], COARSE_STEPS);
+                let far = patch.from([exhaustive(&patch)], COARSE_STEPS);
+                near.zip(far).map(|(near, far)| near.or(far, pair.noise))
             } else if is_finest {
-                pair.find(&mut template, x, y, &self.fine_candidates(column, row))
+                patch.from(self.fine_candidates(column, row), FINE_STEPS)
             } else {
-                pair.find(&mut template, x, y, &self.candidates(column, row, x, y))
+                let predicted = self.prediction.of_patch(depth, x, y);
+                patch.from(self.candidates(column, row, predicted), COARSE_STEPS)
             };
-            *out = found.unwrap_or_default();
+            *out = found.map(|found| patch.found(found)).unwrap_or_default();
         }
     }
 }
 
 /// Patches from what those beside them found.
 struct Spread<'a> {
-    stage: Stage<'a>,
+    pair: Pair<'a>,
     patches: &'a [Found],
 }
 
 impl RowKernel<Found> for Spread<'_> {
     #[inline(always)]
     fn fill<C: Cpu>(&self, cpu: C, row: usize, out: &mut [Found]) {
-        let Stage { first, second, noise, .. } = self.stage;
-        let pair = Pair { first, second, steps: SPREAD_STEPS, noise };
         let mut template = Template::new(cpu);
         let across = out.len();
-        let at = |row: usize, column: usize| self.patches.get(row * across + column).map(|found| found.shift);
+        let at = |row: usize, column: usize| {
+            let found = self.patches.get(row * across + column).filter(|_| column < across);
+            found.map(|found| found.shift)
+        };
         for (column, out) in out.iter_mut().enumerate() {
+            *out = Found::default();
             let Some(own) = at(row, column) else { continue };
-            let left = column.checked_sub(1).and_then(|column| at(row, column)).unwrap_or(own);
-            let right = if column + 1 < across { at(row, column + 1).unwrap_or(own) } else { own };
-            let above = row.checked_sub(1).and_then(|row| at(row, column)).unwrap_or(own);
-            let below = at(row + 1, column).unwrap_or(own);
-            let candidates = [own, left, right, above, below];
-            *out = pair.find(&mut template, column * CELL, row * CELL, &candidates).unwrap_or_default();
+            // Before the first there is nothing either.
+            let beside = [
+                at(row, column.wrapping_sub(1)),
+                at(row, column + 1),
+                row.checked_sub(1).and_then(|row| at(row, column)),
+                at(row + 1, column),
+            ];
+            let [left, right, above, below] = beside.map(|beside| beside.unwrap_or(own));
+            let Some(patch) = self.pair.patch(&mut template, column * CELL, row * CELL) else { continue };
+            let found = patch.from([own, left, right, above, below], SPREAD_STEPS);
+            *out = found.map(|found| patch.found(found)).unwrap_or_default();
         }
     }
 }
 
-/// A patch that moves otherwise than expected.
-#[derive(Clone, Copy, Debug)]
-struct Apart {
-    index: usize,
-    /// Its top left pixel.
-    x: usize,
-    y: usize,
-    own: Found,
-    /// The predicted displacement, and that of most of the picture.
-    expected: [[f32; 2]; 2],
-}
-
-/// Patches compared with what is expected of them, so many to a task.
-const APART: usize = 64;
-
+/// Where the picture does not tell a patch's motion from the one that most of it shares, or from the predicted one, that:
+/// along edges, in flat places, and where a pattern repeats itself.
 struct Agreement<'a> {
     stage: Stage<'a>,
-    apart: &'a [Apart],
+    patches: &'a [Found],
+    prediction: &'a Prediction,
+    consensus: Consensus,
 }
 
 impl RowKernel<Found> for Agreement<'_> {
     #[inline(always)]
     fn fill<C: Cpu>(&self, cpu: C, row: usize, out: &mut [Found]) {
-        let Stage { first, second, noise, .. } = self.stage;
-        let pair = Pair { first, second, steps: AGREEMENT_STEPS, noise };
+        let pair = self.stage.pair;
         let mut template = Template::new(cpu);
-        for (out, apart) in out.iter_mut().zip(self.apart.iter().skip(row * APART)) {
-            let Apart { x, y, own, expected: [predicted, shared], .. } = *apart;
-            let found = {
-                let a = pair.find(&mut template, x, y, &[predicted]);
-                better(a, pair.find(&mut template, x, y, &[shared]), noise)
+        let across = out.len();
+        for (column, (out, own)) in out.iter_mut().zip(self.patches.iter().skip(row * across)).enumerate() {
+            *out = *own;
+            let (x, y) = (column * CELL, row * CELL);
+            let is_apart = |other: [f32; 2]| {
+                let (dx, dy) = (own.shift[0] - other[0], own.shift[1] - other[1]);
+                dx * dx + dy * dy > AGREEMENT * AGREEMENT
             };
+            let shared = self.consensus.of_patch(x, y);
+            if !is_apart(shared) {
+                continue;
+            }
+            let predicted = self.prediction.of_patch(self.stage.depth, x, y);
+            if !is_apart(predicted) {
+                continue;
+            }
+            let Some(patch) = pair.patch(&mut template, x, y) else { continue };
+            let both = patch.from([predicted], AGREEMENT_STEPS).zip(patch.from([shared], AGREEMENT_STEPS));
+            let found = both.map(|(predicted, shared)| patch.found(predicted.or(shared, pair.noise)));
             let most = AS_GOOD * own.total + UNEXPLAINED * own.energy;
-            let taken = found.filter(|found| found.total < most);
-            *out = taken.map_or(own, |found| Found { tensor: found.tensor.map(|t| EXPECTED * t), ..found });
+            if let Some(found) = found.filter(|found| found.total < most) {
+                *out = Found { tensor: found.tensor.map(|value| EXPECTED * value), ..found };
+            }
         }
     }
 }
@@ -306,10 +272,6 @@ impl RowKernel<Mean> for Overlap<'_> {
 }
 
 impl Known<'_> {
-    fn predicted(&self, x: usize, y: usize) -> [f32; 2] {
-        self.prediction.of_patch(self.stage.depth, x, y)
-    }
-
     /// The coarser level's displacement at a patch, and those of the cells diagonally around.
     ///
     /// The middle of a patch is at half its index among the coarser cells: on one, or between two.
@@ -329,11 +291,11 @@ impl Known<'_> {
 
     /// Displacements to be tried. The prediction is preferred where the picture does not tell, as where it repeats itself.
     #[inline(always)]
-    fn candidates(&self, column: usize, row: usize, x: usize, y: usize) -> [[f32; 2]; 8] {
+    fn candidates(&self, column: usize, row: usize, predicted: [f32; 2]) -> [[f32; 2]; 8] {
         let (interpolated, [a, b, c, d]) = self.coarser(column, row);
         let own = self.reversed.get((row / 2) * self.columns + column / 2);
-        let reversed = own.copied().flatten().map_or(interpolated, twice);
-        [self.predicted(x, y), interpolated, a, b, c, d, reversed, [0.0; 2]]
+        let reversed = own.copied().flatten().map_or(interpolated, |(shift, _)| twice(shift));
+        [predicted, interpolated, a, b, c, d, reversed, [0.0; 2]]
     }
 
     /// Those of the finest level: of the cells around only the one that differs most.
@@ -368,7 +330,8 @@ fn between(means: &[Mean], columns: usize, rows: usize, x: f32, y: f32) -> [f32;
     };
     let blend =
         |a: [f32; 2], b: [f32; 2], share: f32| [a[0] + share * (b[0] - a[0]), a[1] + share * (b[1] - a[1])];
-    let above = blend(at(row, column), at(row, column + 1), x.fract());
-    let below = blend(at(row + 1, column), at(row + 1, column + 1), x.fract());
-    blend(above, below, y.fract())
+    let (across, down) = (x - column as f32, y - row as f32);
+    let above = blend(at(row, column), at(row, column + 1), across);
+    let below = blend(at(row + 1, column), at(row + 1, column + 1), across);
+    blend(above, below, down)
 }

@@ -19,6 +19,12 @@ const BETTER: f32 = 1.15;
 /// Candidates that differ by less along both axes, in pixels, lead to the same place by steps.
 const ALIKE: f32 = 0.5;
 
+/// A step shorter than this, in pixels, is compared no more.
+const SHORT: f32 = 0.05;
+
+/// A step shorter than this, in pixels, is taken where no comparison is left for it.
+const LAST: f32 = 0.25;
+
 /// What was found for one patch.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct Found {
@@ -50,83 +56,127 @@ fn is_better(next: f32, earlier: f32, noise: f32) -> bool {
     BETTER * next + AREA * noise < earlier
 }
 
-/// Of two that were found for one patch the later where it is clearly better.
-#[inline(always)]
-pub(super) fn better(earlier: Option<Found>, later: Option<Found>, noise: f32) -> Option<Found> {
-    match (&earlier, &later) {
-        (Some(one), Some(other)) if !is_better(other.total, one.total, noise) => earlier,
-        (_, Some(_)) => later,
-        _ => earlier,
-    }
-}
-
 /// Cells (columns, rows) of a level of `width` × `height` pixels; the last ones may reach out of it.
 pub(super) fn cells(level: &Level) -> (usize, usize) {
     (level.width().div_ceil(CELL), level.height().div_ceil(CELL))
 }
 
-/// Two levels, and how often a patch is compared.
-#[derive(Clone, Copy)]
+/// Two levels, and the variance of a pixel's noise in squared grey levels.
+#[derive(Clone, Copy, Debug)]
 pub(super) struct Pair<'a> {
     pub(super) first: &'a Level,
     pub(super) second: &'a Level,
-    /// Comparisons after the candidates'.
-    pub(super) steps: usize,
-    /// Variance of a pixel's noise, squared grey levels.
     pub(super) noise: f32,
 }
 
-impl Pair<'_> {
-    /// Finds the patch whose top left pixel is (x, y): of `candidates` (displacements in pixels) the best, the first
-    /// being preferred where others are hardly better, and from there by Gauss–Newton steps for as long as the residual
-    /// falls. `template` is scratch.
+/// The patch of the first level whose top left pixel is (x, y), and how the second is compared with it.
+pub(super) struct Search<'a, C: Cpu> {
+    pub(super) template: &'a Template<C>,
+    pub(super) pair: Pair<'a>,
+    pub(super) x: usize,
+    pub(super) y: usize,
+}
+
+impl<'a> Pair<'a> {
+    /// `template` is scratch; `None` further outside than the border.
     #[inline(always)]
-    pub(super) fn find<C: Cpu>(
-        &self,
-        template: &mut Template<C>,
+    pub(super) fn patch<C: Cpu>(
+        self,
+        template: &'a mut Template<C>,
         x: usize,
         y: usize,
-        candidates: &[[f32; 2]],
-    ) -> Option<Found> {
+    ) -> Option<Search<'a, C>> {
         template.take(self.first, self.noise, x, y)?;
-        let at = [x as f32, y as f32];
-        let mut best: Option<([f32; 2], Difference)> = None;
-        for (index, shift) in candidates.iter().enumerate() {
-            let is_tried =
-                |other: &[f32; 2]| (other[0] - shift[0]).abs() < ALIKE && (other[1] - shift[1]).abs() < ALIKE;
-            if candidates.iter().take(index).any(is_tried) {
-                continue;
-            }
-            let next = self.compared(template, at, *shift)?;
-            if best.is_none_or(|(_, best)| is_better(next.1.total, best.total, self.noise)) {
-                best = Some(next);
-            }
-        }
-        let (mut shift, mut best) = best?;
-        for _ in 0..self.steps {
-            let [x, y] = best.step;
-            let (to, next) = self.compared(template, at, [shift[0] + x, shift[1] + y])?;
-            if next.total < best.total {
-                (shift, best) = (to, next);
-            } else {
-                // A step that leads away is halved.
-                best.step = best.step.map(|step| 0.5 * step);
-            }
-        }
-        let Difference { squares, total, .. } = best;
-        Some(Found { shift, squares, total, tensor: template.tensor, energy: template.energy })
+        Some(Search { template, pair: self, x, y })
     }
 }
 
-impl Pair<'_> {
+/// A displacement in pixels, and what it leaves.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Best {
+    shift: [f32; 2],
+    left: Difference,
+}
+
+impl Best {
+    /// Of two the later where it is clearly better; `noise` is the variance of a pixel's noise.
     #[inline(always)]
-    fn compared<C: Cpu>(
-        &self,
-        template: &Template<C>,
-        [x, y]: [f32; 2],
-        shift: [f32; 2],
-    ) -> Option<([f32; 2], Difference)> {
-        Some((shift, template.compare(self.second, [x + shift[0], y + shift[1]])?))
+    pub(super) fn or(self, later: Self, noise: f32) -> Self {
+        if is_better(later.left.total, self.left.total, noise) { later } else { self }
+    }
+
+    #[inline(always)]
+    fn step(&self) -> f32 {
+        let [x, y] = self.left.step;
+        x * x + y * y
+    }
+
+    #[inline(always)]
+    fn next(&self) -> [f32; 2] {
+        [self.shift[0] + self.left.step[0], self.shift[1] + self.left.step[1]]
+    }
+}
+
+impl<C: Cpu> Search<'_, C> {
+    /// What a displacement leaves.
+    #[inline(always)]
+    fn at(&self, shift: [f32; 2]) -> Option<Best> {
+        let corner = [self.x as f32 + shift[0], self.y as f32 + shift[1]];
+        Some(Best { shift, left: self.template.compare(self.pair.second, corner)? })
+    }
+
+    /// The best of some displacements, the first being preferred where others are hardly better.
+    #[inline(always)]
+    fn best<const N: usize>(&self, candidates: [[f32; 2]; N]) -> Option<Best> {
+        let (first, others) = candidates.split_first()?;
+        let mut best = self.at(*first)?;
+        for (index, shift) in others.iter().enumerate() {
+            let is_alike =
+                |other: &[f32; 2]| (other[0] - shift[0]).abs() < ALIKE && (other[1] - shift[1]).abs() < ALIKE;
+            if !candidates.iter().take(index + 1).any(is_alike) {
+                best = best.or(self.at(*shift)?, self.pair.noise);
+            }
+        }
+        Some(best)
+    }
+
+    /// The best of some displacements, and steps from there.
+    #[inline(always)]
+    pub(super) fn from<const N: usize>(&self, candidates: [[f32; 2]; N], steps: usize) -> Option<Best> {
+        self.refined(self.best(candidates)?, steps)
+    }
+
+    /// Goes on by Gauss–Newton steps for as long as the residual falls.
+    #[inline(always)]
+    fn refined(&self, mut best: Best, steps: usize) -> Option<Best> {
+        for _ in 0..steps {
+            if best.step() < SHORT * SHORT {
+                break;
+            }
+            let next = self.at(best.next())?;
+            if next.left.total < best.left.total {
+                best = next;
+            } else {
+                // A step that leads away is halved.
+                best.left.step = best.left.step.map(|step| 0.5 * step);
+            }
+        }
+        if best.step() < LAST * LAST {
+            best.shift = best.next();
+        }
+        Some(best)
+    }
+
+    #[inline(always)]
+    pub(super) fn found(&self, best: Best) -> Found {
+        let Difference { squares, total, .. } = best.left;
+        Found {
+            shift: best.shift,
+            squares,
+            total,
+            tensor: self.template.tensor,
+            energy: self.template.energy,
+        }
     }
 }
 

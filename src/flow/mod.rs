@@ -43,6 +43,7 @@ pub use field::{Cell, FlowField};
 use crate::cpu::CpuLevel;
 use crate::pyramid::{Pyramid, Reducer};
 use direction::{Direction, Stage};
+use level::Pair;
 use nalgebra::Vector2;
 
 /// The finest level that is searched: half of the analysed resolution.
@@ -112,19 +113,14 @@ impl DenseFlow {
         for (depth, (first_level, second_level)) in first.iter().zip(second).enumerate().skip(finest).rev() {
             let stage = Stage {
                 cpu: self.cpu,
-                first: first_level,
-                second: second_level,
-                noise: noise(depth),
+                pair: Pair { first: first_level, second: second_level, noise: noise(depth) },
                 depth,
                 is_coarsest: depth + 1 == first.len(),
                 is_finest: depth == finest,
             };
             self.forward.run(&stage);
             self.backward.run(&stage.reversed());
-            if depth == finest {
-                self.forward.agree(&stage);
-                self.backward.agree(&stage.reversed());
-            } else {
+            if !stage.is_finest {
                 self.forward.listen(&self.backward);
                 self.backward.listen(&self.forward);
             }
@@ -133,8 +129,8 @@ impl DenseFlow {
         let size = (self.size.0 >> finest, self.size.1 >> finest);
         let scale = confidence::Scale { size, side, noise: noise(finest) };
         let [forward, backward] = &mut self.fields;
-        confidence::judge(&self.forward, &self.backward, scale, forward);
-        confidence::judge(&self.backward, &self.forward, scale, backward);
+        confidence::judge(self.cpu, &self.forward, &self.backward, scale, forward);
+        confidence::judge(self.cpu, &self.backward, &self.forward, scale, backward);
     }
 
     /// From the first frame to the second; without cells where one of them was empty.

@@ -48,6 +48,7 @@ impl Prediction {
     }
 
     /// At a point of the frame in analysed pixels.
+    #[inline(always)]
     fn at(&self, x: f32, y: f32) -> [f32; 2] {
         let last = (NODES - 1) as f32;
         // As `clamp`, except that it takes what is not a number to 0.
@@ -59,10 +60,10 @@ impl Prediction {
         let blend = |a: [f32; 2], b: [f32; 2], share: f32| {
             [a[0] + share * (b[0] - a[0]), a[1] + share * (b[1] - a[1])]
         };
-        let across = x.fract();
+        let (across, down) = (x - column as f32, y - row as f32);
         let above = blend(node(row, column), node(row, column + 1), across);
         let below = blend(node(row + 1, column), node(row + 1, column + 1), across);
-        blend(above, below, y.fract())
+        blend(above, below, down)
     }
 }
 

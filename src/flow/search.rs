@@ -4,8 +4,8 @@
 //! the frame's width is 12 pixels at most and 25 × 25 displacements are compared for each of some 80 patches.
 
 use super::lanes::Cpu;
-use super::level::Pair;
-use super::patch::{AREA, SIDE, Template};
+use super::level::Search;
+use super::patch::{AREA, SIDE};
 
 /// Longest displacement that is searched, as a share of the frame's width; along both axes.
 const REACH: f32 = 0.25;
@@ -13,19 +13,11 @@ const REACH: f32 = 0.25;
 /// What a displacement of one pixel costs beside none, in the variance of a pixel's noise: decides between equals only.
 const LENGTH_COST: f32 = 0.1;
 
-/// The displacement (pixels of the level) at which the patch with its top left pixel at (x, y) fits best; zero where
-/// nothing fits.
+/// The displacement (pixels of the level) at which the patch fits best; zero where nothing fits.
 #[inline(always)]
-pub(super) fn exhaustive<C: Cpu>(
-    pair: &Pair<'_>,
-    template: &mut Template<C>,
-    x: usize,
-    y: usize,
-) -> [f32; 2] {
-    let Pair { first, second, noise, .. } = *pair;
-    if template.take(first, noise, x, y).is_none() {
-        return [0.0; 2];
-    }
+pub(super) fn exhaustive<C: Cpu>(search: &Search<'_, C>) -> [f32; 2] {
+    let Search { template, x, y, .. } = *search;
+    let (second, noise) = (search.pair.second, search.pair.noise);
     let reach = (REACH * second.width() as f32).ceil() as isize;
     // At least half of the patch is to be seen in the second frame, along each axis.
     let half = SIDE as isize / 2;
