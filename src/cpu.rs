@@ -12,7 +12,7 @@ impl Avx2 {
     /// The proof, where the CPU has AVX2.
     #[cfg(target_arch = "x86_64")]
     pub fn detect() -> Option<Self> {
-        is_x86_feature_detected!("avx2").then_some(Self(()))
+        (is_x86_feature_detected!("avx2") && is_x86_feature_detected!("fma")).then_some(Self(()))
     }
 
     /// The proof, where the CPU has AVX2: never here.

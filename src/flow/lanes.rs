@@ -25,6 +25,9 @@ pub(super) trait Cpu: Copy {
     /// The same value in all lanes.
     fn splat(self, value: f32) -> Self::Lanes;
 
+    /// a·b + c.
+    fn fused(self, a: Self::Lanes, b: Self::Lanes, c: Self::Lanes) -> Self::Lanes;
+
     /// Sums of the left halves of four, then of the right halves.
     fn halves(self, four: [Self::Lanes; 4]) -> [f32; SIDE];
 
@@ -50,6 +53,11 @@ impl Cpu for Scalar {
     #[inline(always)]
     fn splat(self, value: f32) -> Array {
         Array([value; SIDE])
+    }
+
+    #[inline(always)]
+    fn fused(self, a: Array, b: Array, c: Array) -> Array {
+        a * b + c
     }
 
     #[inline(always)]
@@ -89,6 +97,12 @@ impl Cpu for Avx2 {
     fn splat(self, value: f32) -> Register {
         // SAFETY: `self` is a proof of AVX2.
         Register(unsafe { _mm256_set1_ps(value) })
+    }
+
+    #[inline(always)]
+    fn fused(self, a: Register, b: Register, c: Register) -> Register {
+        // SAFETY: `self` is a proof of AVX2 and FMA.
+        Register(unsafe { _mm256_fmadd_ps(a.0, b.0, c.0) })
     }
 
     #[inline(always)]

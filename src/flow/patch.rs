@@ -89,12 +89,12 @@ impl<C: Cpu> Template<C> {
             sums[0] = sums[0] + value;
             sums[1] = sums[1] + dx;
             sums[2] = sums[2] + dy;
-            products[0] = products[0] + dx * dx;
-            products[1] = products[1] + dx * dy;
-            products[2] = products[2] + dy * dy;
-            products[3] = products[3] + value * value;
-            products[4] = products[4] + dx * value;
-            products[5] = products[5] + dy * value;
+            products[0] = cpu.fused(dx, dx, products[0]);
+            products[1] = cpu.fused(dx, dy, products[1]);
+            products[2] = cpu.fused(dy, dy, products[2]);
+            products[3] = cpu.fused(value, value, products[3]);
+            products[4] = cpu.fused(dx, value, products[4]);
+            products[5] = cpu.fused(dy, value, products[5]);
             (above, here) = (here, below);
         }
         let [sum, sum_x, sum_y] = sums;
@@ -132,19 +132,19 @@ impl<C: Cpu> Template<C> {
         let (across, down) = (cpu.splat(x - left as f32), cpu.splat(y - top as f32));
         let blended = |r: usize| {
             let left = cpu.load(rows.at(r, 0));
-            left + across * (cpu.load(rows.at(r, 1)) - left)
+            cpu.fused(across, cpu.load(rows.at(r, 1)) - left, left)
         };
         let mut slopes = [cpu.splat(0.0); 3];
         let (mut differences, mut squares) = ([cpu.splat(0.0); 2], [cpu.splat(0.0); 2]);
         let mut above = blended(0);
         for r in 0..SIDE {
             let below = blended(r + 1);
-            let difference = (above + down * (below - above)) - self.values[r];
-            slopes[0] = slopes[0] + self.gradient_x[r] * difference;
-            slopes[1] = slopes[1] + self.gradient_y[r] * difference;
-            slopes[2] = slopes[2] + self.values[r] * difference;
+            let difference = cpu.fused(down, below - above, above) - self.values[r];
+            slopes[0] = cpu.fused(self.gradient_x[r], difference, slopes[0]);
+            slopes[1] = cpu.fused(self.gradient_y[r], difference, slopes[1]);
+            slopes[2] = cpu.fused(self.values[r], difference, slopes[2]);
             differences[r / (SIDE / 2)] = differences[r / (SIDE / 2)] + difference;
-            squares[r / (SIDE / 2)] = squares[r / (SIDE / 2)] + difference * difference;
+            squares[r / (SIDE / 2)] = cpu.fused(difference, difference, squares[r / (SIDE / 2)]);
             above = below;
         }
         let [x, y, value, _] = cpu.totals([slopes[0], slopes[1], slopes[2], slopes[2]]);
@@ -173,7 +173,7 @@ impl<C: Cpu> Template<C> {
         for (r, values) in self.values.iter().enumerate() {
             let difference = cpu.load(rows.at(r, 0)) - *values;
             sums[0] = sums[0] + difference;
-            sums[1] = sums[1] + difference * difference;
+            sums[1] = cpu.fused(difference, difference, sums[1]);
         }
         let [sum, square, ..] = cpu.totals([sums[0], sums[1], sums[0], sums[1]]);
         Some((square - sum * sum * (1.0 / AREA)).max(0.0))

@@ -23,7 +23,7 @@ pub(super) fn fill<T: Send, K: RowKernel<T>>(cpu: CpuLevel, kernel: &K, across: 
 }
 
 #[cfg(target_arch = "x86_64")]
-#[target_feature(enable = "avx2")]
+#[target_feature(enable = "avx2,fma")]
 fn fill_avx2<T, K: RowKernel<T>>(cpu: Avx2, kernel: &K, row: usize, out: &mut [T]) {
     kernel.fill(cpu, row, out);
 }
