@@ -2,7 +2,7 @@
 
 use super::consensus::Consensus;
 use super::lanes::Cpu;
-use super::level::{CELL, Found, Mean, Pair, cells, mean};
+use super::level::{CELL, Found, Mean, Pair, cells, find, mean};
 use super::patch::Template;
 use super::prediction::Prediction;
 use super::rows::{RowKernel, fill};
@@ -160,23 +160,17 @@ impl RowKernel<Found> for Known<'_> {
     #[inline(always)]
     fn fill<C: Cpu>(&self, cpu: C, row: usize, out: &mut [Found]) {
         let Stage { pair, depth, is_coarsest, is_finest, .. } = self.stage;
-        let mut template = Template::new(cpu);
-        for (column, out) in out.iter_mut().enumerate() {
-            *out = Found::default();
-            let (x, y) = (column * CELL, row * CELL);
-            let Some(patch) = pair.patch(&mut template, x, y) else { continue };
-            let found = if is_coarsest {
-                // Compared after the steps: half a pixel of this level beside the truth, a residual tells little.
-                let near = patch.from([self.prediction.of_patch(depth, x, y), [0.0; 2]], COARSE_STEPS);
-                let far = patch.from([exhaustive(&patch)], COARSE_STEPS);
-                near.zip(far).map(|(near, far)| near.or(far, pair.noise))
-            } else if is_finest {
-                patch.from(self.fine_candidates(column, row), FINE_STEPS)
-            } else {
-                let predicted = self.prediction.of_patch(depth, x, y);
-                patch.from(self.candidates(column, row, predicted), COARSE_STEPS)
-            };
-            *out = found.map(|found| patch.found(found)).unwrap_or_default();
+        let predicted = |column: usize| self.prediction.of_patch(depth, column * CELL, row * CELL);
+        let found = if is_coarsest {
+            self.search(cpu, row, out)
+        } else if is_finest {
+            find(cpu, pair, row, FINE_STEPS, |column| self.fine_candidates(column, row), out)
+        } else {
+            let candidates = |column| self.candidates(column, row, predicted(column));
+            find(cpu, pair, row, COARSE_STEPS, candidates, out)
+        };
+        if found.is_none() {
+            out.fill(Found::default());
         }
     }
 }
@@ -190,15 +184,13 @@ struct Spread<'a> {
 impl RowKernel<Found> for Spread<'_> {
     #[inline(always)]
     fn fill<C: Cpu>(&self, cpu: C, row: usize, out: &mut [Found]) {
-        let mut template = Template::new(cpu);
         let across = out.len();
         let at = |row: usize, column: usize| {
             let found = self.patches.get(row * across + column).filter(|_| column < across);
             found.map(|found| found.shift)
         };
-        for (column, out) in out.iter_mut().enumerate() {
-            *out = Found::default();
-            let Some(own) = at(row, column) else { continue };
+        let candidates = |column: usize| {
+            let own = at(row, column).unwrap_or_default();
             // Before the first there is nothing either.
             let beside = [
                 at(row, column.wrapping_sub(1)),
@@ -207,9 +199,10 @@ impl RowKernel<Found> for Spread<'_> {
                 at(row + 1, column),
             ];
             let [left, right, above, below] = beside.map(|beside| beside.unwrap_or(own));
-            let Some(patch) = self.pair.patch(&mut template, column * CELL, row * CELL) else { continue };
-            let found = patch.from([own, left, right, above, below], SPREAD_STEPS);
-            *out = found.map(|found| patch.found(found)).unwrap_or_default();
+            [own, left, right, above, below]
+        };
+        if find(cpu, self.pair, row, SPREAD_STEPS, candidates, out).is_none() {
+            out.fill(Found::default());
         }
     }
 }
@@ -244,9 +237,7 @@ impl RowKernel<Found> for Agreement<'_> {
             if !is_apart(predicted) {
                 continue;
             }
-            let Some(patch) = pair.patch(&mut template, x, y) else { continue };
-            let both = patch.from([predicted], AGREEMENT_STEPS).zip(patch.from([shared], AGREEMENT_STEPS));
-            let found = both.map(|(predicted, shared)| patch.found(predicted.or(shared, pair.noise)));
+            let found = pair.best_of_two(&mut template, [x, y], AGREEMENT_STEPS, |_| [predicted, shared]);
             let most = AS_GOOD * own.total + UNEXPLAINED * own.energy;
             if let Some(found) = found.filter(|found| found.total < most) {
                 *out = Found { tensor: found.tensor.map(|value| EXPECTED * value), ..found };
@@ -272,6 +263,22 @@ impl RowKernel<Mean> for Overlap<'_> {
 }
 
 impl Known<'_> {
+    /// Patches of the coarsest level. Near and far are compared after the steps: half a pixel of this level beside the
+    /// truth, a residual tells little.
+    #[inline(always)]
+    fn search<C: Cpu>(&self, cpu: C, row: usize, out: &mut [Found]) -> Option<()> {
+        let mut template = Template::new(cpu);
+        for (column, out) in out.iter_mut().enumerate() {
+            let at = [column * CELL, row * CELL];
+            let predicted = self.prediction.of_patch(self.stage.depth, at[0], at[1]);
+            *out = self
+                .stage
+                .pair
+                .best_of_two(&mut template, at, COARSE_STEPS, |search| [predicted, exhaustive(search)])?;
+        }
+        Some(())
+    }
+
     /// The coarser level's displacement at a patch, and those of the cells diagonally around.
     ///
     /// The middle of a patch is at half its index among the coarser cells: on one, or between two.

@@ -8,6 +8,7 @@
 use super::lanes::Cpu;
 use super::patch::{AREA, Difference, SIDE, Template};
 use crate::pyramid::Level;
+use std::hint::select_unpredictable;
 
 /// Side of a cell in pixels of the level.
 pub(super) const CELL: usize = SIDE / 2;
@@ -19,8 +20,8 @@ const BETTER: f32 = 1.15;
 /// Candidates that differ by less along both axes, in pixels, lead to the same place by steps.
 const ALIKE: f32 = 0.5;
 
-/// A step shorter than this, in pixels, is compared no more.
-const SHORT: f32 = 0.05;
+/// Patches that are searched together.
+const TOGETHER: usize = 4;
 
 /// A step shorter than this, in pixels, is taken where no comparison is left for it.
 const LAST: f32 = 0.25;
@@ -77,22 +78,8 @@ pub(super) struct Search<'a, C: Cpu> {
     pub(super) y: usize,
 }
 
-impl<'a> Pair<'a> {
-    /// `template` is scratch; `None` further outside than the border.
-    #[inline(always)]
-    pub(super) fn patch<C: Cpu>(
-        self,
-        template: &'a mut Template<C>,
-        x: usize,
-        y: usize,
-    ) -> Option<Search<'a, C>> {
-        template.take(self.first, self.noise, x, y)?;
-        Some(Search { template, pair: self, x, y })
-    }
-}
-
 /// A displacement in pixels, and what it leaves.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Best {
     shift: [f32; 2],
     left: Difference,
@@ -102,15 +89,10 @@ impl Best {
     /// Of two the later where it is clearly better; `noise` is the variance of a pixel's noise.
     #[inline(always)]
     pub(super) fn or(self, later: Self, noise: f32) -> Self {
-        if is_better(later.left.total, self.left.total, noise) { later } else { self }
+        select_unpredictable(is_better(later.left.total, self.left.total, noise), later, self)
     }
 
-    #[inline(always)]
-    fn step(&self) -> f32 {
-        let [x, y] = self.left.step;
-        x * x + y * y
-    }
-
+    /// Where its step leads.
     #[inline(always)]
     fn next(&self) -> [f32; 2] {
         [self.shift[0] + self.left.step[0], self.shift[1] + self.left.step[1]]
@@ -120,51 +102,9 @@ impl Best {
 impl<C: Cpu> Search<'_, C> {
     /// What a displacement leaves.
     #[inline(always)]
-    fn at(&self, shift: [f32; 2]) -> Option<Best> {
+    pub(super) fn at(&self, shift: [f32; 2]) -> Option<Best> {
         let corner = [self.x as f32 + shift[0], self.y as f32 + shift[1]];
         Some(Best { shift, left: self.template.compare(self.pair.second, corner)? })
-    }
-
-    /// The best of some displacements, the first being preferred where others are hardly better.
-    #[inline(always)]
-    fn best<const N: usize>(&self, candidates: [[f32; 2]; N]) -> Option<Best> {
-        let (first, others) = candidates.split_first()?;
-        let mut best = self.at(*first)?;
-        for (index, shift) in others.iter().enumerate() {
-            let is_alike =
-                |other: &[f32; 2]| (other[0] - shift[0]).abs() < ALIKE && (other[1] - shift[1]).abs() < ALIKE;
-            if !candidates.iter().take(index + 1).any(is_alike) {
-                best = best.or(self.at(*shift)?, self.pair.noise);
-            }
-        }
-        Some(best)
-    }
-
-    /// The best of some displacements, and steps from there.
-    #[inline(always)]
-    pub(super) fn from<const N: usize>(&self, candidates: [[f32; 2]; N], steps: usize) -> Option<Best> {
-        self.refined(self.best(candidates)?, steps)
-    }
-
-    /// Goes on by Gauss–Newton steps for as long as the residual falls.
-    #[inline(always)]
-    fn refined(&self, mut best: Best, steps: usize) -> Option<Best> {
-        for _ in 0..steps {
-            if best.step() < SHORT * SHORT {
-                break;
-            }
-            let next = self.at(best.next())?;
-            if next.left.total < best.left.total {
-                best = next;
-            } else {
-                // A step that leads away is halved.
-                best.left.step = best.left.step.map(|step| 0.5 * step);
-            }
-        }
-        if best.step() < LAST * LAST {
-            best.shift = best.next();
-        }
-        Some(best)
     }
 
     #[inline(always)]
@@ -178,6 +118,97 @@ impl<C: Cpu> Search<'_, C> {
             energy: self.template.energy,
         }
     }
+}
+
+impl Pair<'_> {
+    /// The patch whose top left pixel is `at` from two displacements, the first being preferred where the second leads to
+    /// something hardly better.
+    #[inline(always)]
+    pub(super) fn best_of_two<C: Cpu>(
+        self,
+        template: &mut Template<C>,
+        [x, y]: [usize; 2],
+        steps: usize,
+        from: impl FnOnce(&Search<'_, C>) -> [[f32; 2]; 2],
+    ) -> Option<Found> {
+        template.take(self.first, self.noise, x, y)?;
+        let search = Search { template, pair: self, x, y };
+        let [first, second] = from(&search);
+        let mut both = [search.at(first)?, search.at(second)?];
+        refine([&search, &search], &mut both, steps)?;
+        let [first, second] = both;
+        Some(search.found(first.or(second, self.noise)))
+    }
+}
+
+/// Goes on from a displacement of each of some searches by Gauss–Newton steps for as long as the residual falls.
+///
+/// In turn, and without a branch on what is found: a comparison waits for the step before it, but not for another search.
+#[inline(always)]
+pub(super) fn refine<C: Cpu, const G: usize>(
+    searches: [&Search<'_, C>; G],
+    best: &mut [Best; G],
+    steps: usize,
+) -> Option<()> {
+    for _ in 0..steps {
+        for (search, best) in searches.iter().zip(best.iter_mut()) {
+            let next = search.at(best.next())?;
+            // A step that leads away is halved.
+            let step = best.left.step.map(|step| 0.5 * step);
+            let halved = Best { left: Difference { step, ..best.left }, ..*best };
+            *best = select_unpredictable(next.left.total < best.left.total, next, halved);
+        }
+    }
+    for best in best {
+        let [x, y] = best.left.step;
+        best.shift = select_unpredictable(x * x + y * y < LAST * LAST, best.next(), best.shift);
+    }
+    Some(())
+}
+
+/// Finds a row of patches: each from the best of its candidates (displacements in pixels), the first being preferred where
+/// others are hardly better.
+#[inline(always)]
+pub(super) fn find<C: Cpu, const N: usize>(
+    cpu: C,
+    pair: Pair<'_>,
+    row: usize,
+    steps: usize,
+    candidates: impl Fn(usize) -> [[f32; 2]; N],
+    out: &mut [Found],
+) -> Option<()> {
+    let last = out.len().checked_sub(1)?;
+    let mut templates: [_; TOGETHER] = std::array::from_fn(|_| Template::new(cpu));
+    for (group, out) in out.chunks_mut(TOGETHER).enumerate() {
+        let column = |k: usize| (group * TOGETHER + k).min(last);
+        for (k, template) in templates.iter_mut().enumerate() {
+            template.take(pair.first, pair.noise, column(k) * CELL, row * CELL)?;
+        }
+        let mut k = 0;
+        let searches = templates.each_ref().map(|template| {
+            k += 1;
+            Search { template, pair, x: column(k - 1) * CELL, y: row * CELL }
+        });
+        let mut best = [Best::default(); TOGETHER];
+        for (k, (search, best)) in searches.iter().zip(&mut best).enumerate() {
+            let candidates = candidates(column(k));
+            for (index, shift) in candidates.iter().enumerate() {
+                let is_alike = |other: &[f32; 2]| {
+                    (other[0] - shift[0]).abs() < ALIKE && (other[1] - shift[1]).abs() < ALIKE
+                };
+                if index == 0 {
+                    *best = search.at(*shift)?;
+                } else if !candidates.iter().take(index).any(is_alike) {
+                    *best = best.or(search.at(*shift)?, pair.noise);
+                }
+            }
+        }
+        refine(searches.each_ref(), &mut best, steps)?;
+        for (out, (search, best)) in out.iter_mut().zip(searches.iter().zip(best)) {
+            *out = search.found(best);
+        }
+    }
+    Some(())
 }
 
 /// The mean over the patches that see the cell in `column` and `row`, where `patches` has `across` of them in a row and

@@ -41,7 +41,7 @@ mod tests;
 pub use field::{Cell, FlowField};
 
 use crate::cpu::CpuLevel;
-use crate::pyramid::{Pyramid, Reducer};
+use crate::pyramid::{Level, Pyramid, Reducer};
 use direction::{Direction, Stage};
 use level::Pair;
 use nalgebra::Vector2;
@@ -106,9 +106,15 @@ impl DenseFlow {
         if !is_usable || self.size.0.min(self.size.1) < 2 * patch::SIDE {
             return;
         }
-        let (first, second) = (first.levels(), second.levels());
         self.forward.prediction.fill(self.size, self.scale, false, &predict);
         self.backward.prediction.fill(self.size, self.scale, true, &predict);
+        // Inside, no task waits for a thread of the pool to be woken.
+        rayon::scope(|_| self.descend(first.levels(), second.levels()));
+    }
+
+    /// From the coarsest level to the finest, and judges what was found there.
+    fn descend(&mut self, first: &[Level], second: &[Level]) {
+        let Self { forward, backward, .. } = self;
         let finest = FINEST.min(first.len() - 1);
         for (depth, (first_level, second_level)) in first.iter().zip(second).enumerate().skip(finest).rev() {
             let stage = Stage {
@@ -118,19 +124,18 @@ impl DenseFlow {
                 is_coarsest: depth + 1 == first.len(),
                 is_finest: depth == finest,
             };
-            self.forward.run(&stage);
-            self.backward.run(&stage.reversed());
+            rayon::join(|| forward.run(&stage), || backward.run(&stage.reversed()));
             if !stage.is_finest {
-                self.forward.listen(&self.backward);
-                self.backward.listen(&self.forward);
+                forward.listen(backward);
+                backward.listen(forward);
             }
         }
         let side = ((level::CELL << finest) as f64) * self.scale;
         let size = (self.size.0 >> finest, self.size.1 >> finest);
         let scale = confidence::Scale { size, side, noise: noise(finest) };
-        let [forward, backward] = &mut self.fields;
-        confidence::judge(self.cpu, &self.forward, &self.backward, scale, forward);
-        confidence::judge(self.cpu, &self.backward, &self.forward, scale, backward);
+        let [there, back] = &mut self.fields;
+        confidence::judge(self.cpu, forward, backward, scale, there);
+        confidence::judge(self.cpu, backward, forward, scale, back);
     }
 
     /// From the first frame to the second; without cells where one of them was empty.
