@@ -52,10 +52,10 @@ pub(super) fn sample_sums<const N: usize, const M: usize>(
     }
     let across = cubic_weights(corner.x - whole.x);
     let down = cubic_weights(corner.y - whole.y);
-    let (x, y) = (whole.x as isize - 1, whole.y as isize - 1);
+    let (x, y) = (whole.x as i32 - 1, whole.y as i32 - 1);
     let mut rows = [[0.0; N]; M];
     for (r, row) in rows.iter_mut().enumerate() {
-        let source: &[f32; M] = level.from(x, y + r as isize)?.first_chunk()?;
+        let source: &[f32; M] = level.from(x, y + r as i32)?.first_chunk()?;
         for (c, value) in row.iter_mut().enumerate() {
             *value = (across[0] * source[c] + across[1] * source[c + 1])
                 + (across[2] * source[c + 2] + across[3] * source[c + 3]);
@@ -152,8 +152,8 @@ impl Line {
         let taps = (first.max(end) - top) as usize + 2;
         let mut sums = [0.0; W];
         for tap in 0..taps {
-            let row = (top + tap as f32).clamp(0.0, level.height() as f32 - 1.0) as isize;
-            let pixels = padded::<W>(level, row, left as isize, self.columns);
+            let row = (top + tap as f32).clamp(0.0, level.height() as f32 - 1.0) as i32;
+            let pixels = padded::<W>(level, row, left as i32, self.columns);
             let distance = first - top - tap as f32;
             for (i, sum) in sums.iter_mut().enumerate() {
                 *sum += hat(distance + self.slope * i as f32) * pixels[i];
@@ -165,7 +165,7 @@ impl Line {
 
 /// `W` pixels of a row of a level from `left` on, of which those past the first `count` do not matter.
 #[inline(always)]
-fn padded<const W: usize>(level: &Level, row: isize, left: isize, count: usize) -> [f32; W] {
+fn padded<const W: usize>(level: &Level, row: i32, left: i32, count: usize) -> [f32; W] {
     let rest = level.from(left, row).unwrap_or(&[]);
     if let Some(pixels) = rest.first_chunk() {
         return *pixels;

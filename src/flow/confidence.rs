@@ -51,19 +51,19 @@ impl RowKernel<Cell> for Judgement<'_> {
         let means = self.own.means.iter().skip(row * self.own.columns);
         for (column, (out, mean)) in out.iter_mut().zip(means).enumerate() {
             let middle = |index: usize| (index as f32 + 0.5) * CELL as f32 - 0.5;
-            let to = [middle(column) + mean.shift[0], middle(row) + mean.shift[1]];
+            let to = [middle(column) + mean.shift()[0], middle(row) + mean.shift()[1]];
             let is_inside = |at: f32, length: usize| at > -0.5 && at < length as f32 - 0.5;
             let is_seen = is_inside(to[0], size.0) && is_inside(to[1], size.1);
             let tensor = Tensor::of(mean);
             let confidence = if is_seen {
                 let back = self.other.at(to[0], to[1]);
-                consistency(mean.shift, back) * explained(mean, noise) * tensor.texture(noise)
+                consistency(mean.shift(), back) * explained(mean, noise) * tensor.texture(noise)
             } else {
                 0.0
             };
-            let information = tensor.information(mean.residual + noise, noise);
+            let information = tensor.information(mean.residual() + noise, noise);
             *out = Cell {
-                flow: mean.shift.map(|shift| shift * pixels),
+                flow: mean.shift().map(|shift| shift * pixels),
                 confidence,
                 information: information.map(|value| value / (pixels * pixels)),
             };
@@ -83,8 +83,8 @@ fn consistency(shift: [f32; 2], back: [f32; 2]) -> f32 {
 /// The share of the patch's contrast that the displacement explains.
 #[inline(always)]
 fn explained(mean: &Mean, noise: f32) -> f32 {
-    let contrast = mean.energy + 2.0 * noise;
-    contrast / (contrast + mean.residual)
+    let contrast = mean.energy() + 2.0 * noise;
+    contrast / (contrast + mean.residual())
 }
 
 /// The mean structure tensor of a cell (xx, xy, yy) and its eigenvalues.
@@ -97,10 +97,10 @@ struct Tensor {
 impl Tensor {
     #[inline(always)]
     fn of(mean: &Mean) -> Self {
-        let [xx, xy, yy] = mean.tensor;
+        let [xx, xy, yy] = mean.tensor();
         let (half, middle) = (0.5 * (xx - yy), 0.5 * (xx + yy));
         let root = (half * half + xy * xy).sqrt();
-        Self { entries: mean.tensor, larger: middle + root, smaller: middle - root }
+        Self { entries: mean.tensor(), larger: middle + root, smaller: middle - root }
     }
 
     /// Whether there is anything to be seen: the larger eigenvalue against the noise of gradients.
@@ -132,7 +132,7 @@ mod tests {
     #[test]
     fn along_an_edge_nothing_is_known() {
         // Gradients along (3, 4)/5 only.
-        let mean = Mean { tensor: [36.0, 48.0, 64.0], residual: 1.0, ..Mean::default() };
+        let mean = Mean([0.0, 0.0, 1.0, 36.0, 48.0, 64.0, 0.0, 1.0]);
         let [xx, xy, yy] = Tensor::of(&mean).information(1.5, 0.5);
         let along = |x: f32, y: f32| xx * x * x + 2.0 * xy * x * y + yy * y * y;
         let signal = 64.0 * (100.0 - 0.25);

@@ -1,7 +1,7 @@
 //! The motion that most of a picture shares: an affine map, fitted robustly.
 
 use super::level::{CELL, Found};
-use super::patch::{AREA, SIDE};
+use super::patch::SIDE;
 use nalgebra::{Matrix3, Matrix3x2, RowVector2, Vector3};
 
 /// Rounds of re-weighted least squares, with the weights of Geman and McClure. The scale of residuals is halved in each …
@@ -33,8 +33,9 @@ impl Consensus {
     pub(super) fn of(patches: &[Found], columns: usize, noise: f32) -> Option<Self> {
         let side = CELL as f32;
         let weight = |patch: &Found| {
-            let texture = patch.tensor[0] + patch.tensor[2];
-            texture / (texture + 4.0 * noise * AREA + patch.total)
+            let [xx, _, yy] = patch.mean.tensor();
+            let texture = xx + yy;
+            texture / (texture + 4.0 * noise + patch.mean.residual())
         };
         let place = |index: usize| {
             let at = |index: usize| index as f32 * side + 0.5 * (SIDE as f32 - 1.0);
@@ -45,7 +46,7 @@ impl Consensus {
                 .iter()
                 .step_by(EVERY)
                 .filter(|patch| weight(patch) > 0.0)
-                .map(|patch| patch.shift[axis])
+                .map(|patch| patch.mean.shift()[axis])
                 .collect();
             let half = all.len() / 2;
             (!all.is_empty()).then(|| *all.select_nth_unstable_by(half, f32::total_cmp).1)
@@ -59,12 +60,14 @@ impl Consensus {
             for (index, patch) in patches.iter().enumerate().step_by(EVERY) {
                 let at = place(index);
                 let own = fit.at(at[1], at[2]);
-                let (x, y) = (patch.shift[0] - own[0], patch.shift[1] - own[1]);
+                let (x, y) = (patch.mean.shift()[0] - own[0], patch.mean.shift()[1] - own[1]);
                 let share = 1.0 / (1.0 + (x * x + y * y) / (scale * scale));
                 let weight = f64::from(weight(patch) * share * share);
                 let v = Vector3::from(at).cast::<f64>();
                 matrix += v * v.transpose() * weight;
-                right += v * RowVector2::new(f64::from(patch.shift[0]), f64::from(patch.shift[1])) * weight;
+                right += v
+                    * RowVector2::new(f64::from(patch.mean.shift()[0]), f64::from(patch.mean.shift()[1]))
+                    * weight;
             }
             if round < ROUNDS / 2 {
                 // An affine map may fit two motions halfway: first of all, the one that is shared is to be chosen.

@@ -2,7 +2,7 @@
 
 use super::consensus::Consensus;
 use super::lanes::Cpu;
-use super::level::{CELL, Found, Mean, Pair, cells, find, mean};
+use super::level::{CELL, Found, Mean, Pair, cells, find, overlap};
 use super::patch::Template;
 use super::prediction::Prediction;
 use super::rows::{RowKernel, fill};
@@ -127,15 +127,15 @@ impl Direction {
         let side = CELL as f32;
         for (index, mean) in other.means.iter().enumerate() {
             let (column, row) = (index % other.columns.max(1), index / other.columns.max(1));
-            let x = column as f32 + mean.shift[0] / side + 0.5;
-            let y = row as f32 + mean.shift[1] / side + 0.5;
+            let x = column as f32 + mean.shift()[0] / side + 0.5;
+            let y = row as f32 + mean.shift()[1] / side + 0.5;
             if !(x >= 0.0 && y >= 0.0 && x < self.columns as f32 && y < self.rows as f32) {
                 continue;
             }
             if let Some(reversed) = self.reversed.get_mut(y as usize * self.columns + x as usize)
-                && reversed.is_none_or(|(_, best)| mean.residual < best)
+                && reversed.is_none_or(|(_, best)| mean.residual() < best)
             {
-                *reversed = Some((mean.shift.map(|shift| -shift), mean.residual));
+                *reversed = Some((mean.shift().map(|shift| -shift), mean.residual()));
             }
         }
     }
@@ -187,7 +187,7 @@ impl RowKernel<Found> for Spread<'_> {
         let across = out.len();
         let at = |row: usize, column: usize| {
             let found = self.patches.get(row * across + column).filter(|_| column < across);
-            found.map(|found| found.shift)
+            found.map(|found| found.mean.shift())
         };
         let candidates = |column: usize| {
             let own = at(row, column).unwrap_or_default();
@@ -226,7 +226,8 @@ impl RowKernel<Found> for Agreement<'_> {
             *out = *own;
             let (x, y) = (column * CELL, row * CELL);
             let is_apart = |other: [f32; 2]| {
-                let (dx, dy) = (own.shift[0] - other[0], own.shift[1] - other[1]);
+                let [x, y] = own.mean.shift();
+                let (dx, dy) = (x - other[0], y - other[1]);
                 dx * dx + dy * dy > AGREEMENT * AGREEMENT
             };
             let shared = self.consensus.of_patch(x, y);
@@ -238,9 +239,9 @@ impl RowKernel<Found> for Agreement<'_> {
                 continue;
             }
             let found = pair.best_of_two(&mut template, [x, y], AGREEMENT_STEPS, |_| [predicted, shared]);
-            let most = AS_GOOD * own.total + UNEXPLAINED * own.energy;
-            if let Some(found) = found.filter(|found| found.total < most) {
-                *out = Found { tensor: found.tensor.map(|value| EXPECTED * value), ..found };
+            let most = AS_GOOD * own.mean.residual() + UNEXPLAINED * own.mean.energy();
+            if let Some(found) = found.filter(|found| found.mean.residual() < most) {
+                *out = found.dimmed(EXPECTED);
             }
         }
     }
@@ -255,10 +256,8 @@ struct Overlap<'a> {
 
 impl RowKernel<Mean> for Overlap<'_> {
     #[inline(always)]
-    fn fill<C: Cpu>(&self, _: C, row: usize, out: &mut [Mean]) {
-        for (column, out) in out.iter_mut().enumerate() {
-            *out = mean(self.patches, self.across, column, row, self.noise);
-        }
+    fn fill<C: Cpu>(&self, cpu: C, row: usize, out: &mut [Mean]) {
+        overlap(cpu, self.patches, self.across, row, self.noise, out);
     }
 }
 
@@ -284,16 +283,18 @@ impl Known<'_> {
     /// The middle of a patch is at half its index among the coarser cells: on one, or between two.
     #[inline(always)]
     fn coarser(&self, column: usize, row: usize) -> ([f32; 2], [[f32; 2]; 4]) {
-        let interpolated =
-            between(self.coarse, self.columns, self.rows, 0.5 * column as f32, 0.5 * row as f32);
-        let last = |count: usize| count.saturating_sub(1);
-        let before = |index: usize| (index.max(1) - 1) / 2;
-        let (left, right) = (before(column), (column / 2 + 1).min(last(self.columns)));
-        let (above, below) = (before(row), (row / 2 + 1).min(last(self.rows)));
         let at = |row: usize, column: usize| {
-            twice(self.coarse.get(row * self.columns + column).map(|mean| mean.shift).unwrap_or_default())
+            let index =
+                row.min(self.rows.wrapping_sub(1)) * self.columns + column.min(self.columns.wrapping_sub(1));
+            twice(self.coarse.get(index).map(Mean::shift).unwrap_or_default())
         };
-        (twice(interpolated), [at(above, left), at(above, right), at(below, left), at(below, right)])
+        let around = |from: usize, to: usize, above: usize, below: usize| {
+            [at(above, from), at(above, to), at(below, from), at(below, to)]
+        };
+        let [a, b, c, d] = around(column / 2, column.div_ceil(2), row / 2, row.div_ceil(2));
+        let interpolated = [0, 1].map(|axis| 0.25 * ((a[axis] + b[axis]) + (c[axis] + d[axis])));
+        let before = |index: usize| index.saturating_sub(1) / 2;
+        (interpolated, around(before(column), column / 2 + 1, before(row), row / 2 + 1))
     }
 
     /// Displacements to be tried. The prediction is preferred where the picture does not tell, as where it repeats itself.
@@ -333,7 +334,7 @@ fn between(means: &[Mean], columns: usize, rows: usize, x: f32, y: f32) -> [f32;
     let (column, row) = (x as usize, y as usize);
     let at = |row: usize, column: usize| {
         let index = row.min(last(rows)) * columns + column.min(last(columns));
-        means.get(index).map(|mean| mean.shift).unwrap_or_default()
+        means.get(index).map(Mean::shift).unwrap_or_default()
     };
     let blend =
         |a: [f32; 2], b: [f32; 2], share: f32| [a[0] + share * (b[0] - a[0]), a[1] + share * (b[1] - a[1])];

@@ -22,6 +22,9 @@ pub(super) trait Cpu: Copy {
     /// The samples of a slice.
     fn load(self, samples: &[f32; SIDE]) -> Self::Lanes;
 
+    /// All lanes.
+    fn store(self, lanes: Self::Lanes) -> [f32; SIDE];
+
     /// The same value in all lanes.
     fn splat(self, value: f32) -> Self::Lanes;
 
@@ -32,7 +35,11 @@ pub(super) trait Cpu: Copy {
     fn halves(self, four: [Self::Lanes; 4]) -> [f32; SIDE];
 
     /// Sums of four.
-    fn totals(self, four: [Self::Lanes; 4]) -> [f32; 4];
+    #[inline(always)]
+    fn totals(self, four: [Self::Lanes; 4]) -> [f32; 4] {
+        let [a, b, c, d, e, f, g, h] = self.halves(four);
+        [a + e, b + f, c + g, d + h]
+    }
 }
 
 /// Plain Rust: the reference.
@@ -51,6 +58,11 @@ impl Cpu for Scalar {
     }
 
     #[inline(always)]
+    fn store(self, Array(lanes): Array) -> [f32; SIDE] {
+        lanes
+    }
+
+    #[inline(always)]
     fn splat(self, value: f32) -> Array {
         Array([value; SIDE])
     }
@@ -66,12 +78,6 @@ impl Cpu for Scalar {
             let (Array(lanes), from) = (four[k % 4], k / 4 * 4);
             (lanes[from] + lanes[from + 1]) + (lanes[from + 2] + lanes[from + 3])
         })
-    }
-
-    #[inline(always)]
-    fn totals(self, four: [Array; 4]) -> [f32; 4] {
-        let halves = self.halves(four);
-        std::array::from_fn(|k| halves[k] + halves[k + 4])
     }
 }
 
@@ -94,6 +100,14 @@ impl Cpu for Avx2 {
     }
 
     #[inline(always)]
+    fn store(self, Register(lanes): Register) -> [f32; SIDE] {
+        let mut out = [0.0; SIDE];
+        // SAFETY: eight samples are borrowed, exclusively, and `self` is a proof of AVX2.
+        unsafe { _mm256_storeu_ps(out.as_mut_ptr(), lanes) };
+        out
+    }
+
+    #[inline(always)]
     fn splat(self, value: f32) -> Register {
         // SAFETY: `self` is a proof of AVX2.
         Register(unsafe { _mm256_set1_ps(value) })
@@ -107,25 +121,8 @@ impl Cpu for Avx2 {
 
     #[inline(always)]
     fn halves(self, [a, b, c, d]: [Register; 4]) -> [f32; SIDE] {
-        let mut out = [0.0; SIDE];
-        // SAFETY: eight samples are borrowed, exclusively, and `self` is a proof of AVX2.
-        unsafe {
-            let halves = _mm256_hadd_ps(_mm256_hadd_ps(a.0, b.0), _mm256_hadd_ps(c.0, d.0));
-            _mm256_storeu_ps(out.as_mut_ptr(), halves);
-        }
-        out
-    }
-
-    #[inline(always)]
-    fn totals(self, [a, b, c, d]: [Register; 4]) -> [f32; 4] {
-        let mut out = [0.0; 4];
-        // SAFETY: four samples are borrowed, exclusively, and `self` is a proof of AVX2.
-        unsafe {
-            let halves = _mm256_hadd_ps(_mm256_hadd_ps(a.0, b.0), _mm256_hadd_ps(c.0, d.0));
-            let sums = _mm_add_ps(_mm256_castps256_ps128(halves), _mm256_extractf128_ps::<1>(halves));
-            _mm_storeu_ps(out.as_mut_ptr(), sums);
-        }
-        out
+        // SAFETY: `self` is a proof of AVX2.
+        self.store(Register(unsafe { _mm256_hadd_ps(_mm256_hadd_ps(a.0, b.0), _mm256_hadd_ps(c.0, d.0)) }))
     }
 }
 

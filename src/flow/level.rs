@@ -26,28 +26,47 @@ const TOGETHER: usize = 4;
 /// A step shorter than this, in pixels, is taken where no comparison is left for it.
 const LAST: f32 = 0.25;
 
+/// What is known of a patch or a cell, all but the shift a mean over its pixels: displacement x and y in pixels of the
+/// level; squared difference; structure tensor xx, xy, yy; squared difference from the mean; and 1, or 0 of nothing.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(super) struct Mean(pub(super) [f32; SIDE]);
+
+impl Mean {
+    #[inline(always)]
+    pub(super) fn shift(&self) -> [f32; 2] {
+        [self.0[0], self.0[1]]
+    }
+
+    #[inline(always)]
+    pub(super) fn residual(&self) -> f32 {
+        self.0[2]
+    }
+
+    #[inline(always)]
+    pub(super) fn tensor(&self) -> [f32; 3] {
+        [self.0[3], self.0[4], self.0[5]]
+    }
+
+    #[inline(always)]
+    pub(super) fn energy(&self) -> f32 {
+        self.0[6]
+    }
+}
+
 /// What was found for one patch.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct Found {
-    /// Displacement in pixels of the level.
-    pub(super) shift: [f32; 2],
-    /// Squared differences of its quarters, and of all of it.
-    pub(super) squares: [f32; 4],
-    pub(super) total: f32,
-    /// Its structure tensor, summed.
-    pub(super) tensor: [f32; 3],
-    /// Its squared differences from the mean, summed.
-    pub(super) energy: f32,
+    pub(super) mean: Mean,
+    /// Mean squared difference of its quarters: top left, bottom left, top right, bottom right.
+    quarters: [f32; 4],
 }
 
-/// A cell's displacement in pixels of its level.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub(super) struct Mean {
-    pub(super) shift: [f32; 2],
-    /// Weighted means over the patches that see the cell, per pixel: squared difference, tensor, energy.
-    pub(super) residual: f32,
-    pub(super) tensor: [f32; 3],
-    pub(super) energy: f32,
+impl Found {
+    /// The same, with a structure tensor `share` times as large.
+    pub(super) fn dimmed(mut self, share: f32) -> Self {
+        self.mean.0[3..6].iter_mut().for_each(|value| *value *= share);
+        self
+    }
 }
 
 /// Whether a residual is so much less than an earlier one that what leaves it takes its place; `noise` is the variance of a
@@ -110,13 +129,11 @@ impl<C: Cpu> Search<'_, C> {
     #[inline(always)]
     pub(super) fn found(&self, best: Best) -> Found {
         let Difference { squares, total, .. } = best.left;
-        Found {
-            shift: best.shift,
-            squares,
-            total,
-            tensor: self.template.tensor,
-            energy: self.template.energy,
-        }
+        let ([x, y], [xx, xy, yy]) = (best.shift, self.template.tensor);
+        let [total, xx, xy, yy, energy] =
+            [total, xx, xy, yy, self.template.energy].map(|sum| sum * (1.0 / AREA));
+        let mean = Mean([x, y, total, xx, xy, yy, energy, 1.0]);
+        Found { mean, quarters: squares.map(|square| square * (4.0 / AREA)) }
     }
 }
 
@@ -211,39 +228,36 @@ pub(super) fn find<C: Cpu, const N: usize>(
     Some(())
 }
 
-/// The mean over the patches that see the cell in `column` and `row`, where `patches` has `across` of them in a row and
-/// `noise` is the variance of a pixel's noise.
+/// A row of cells from the patches that see them, where `patches` has `across` of them in a row and `noise` is the variance of
+/// a pixel's noise.
 #[inline(always)]
-pub(super) fn mean(patches: &[Found], across: usize, column: usize, row: usize, noise: f32) -> Mean {
-    let mut sum = Mean::default();
-    let mut weights = 0.0;
-    let down = patches.len() / across.max(1);
-    for (j, i) in [(0, 0), (0, 1), (1, 0), (1, 1)] {
-        // The patch that has the cell as its quarter (j, i).
-        let (Some(y), Some(x)) = (row.checked_sub(j), column.checked_sub(i)) else { continue };
-        if x >= across || y >= down {
-            continue;
+pub(super) fn overlap<C: Cpu>(
+    cpu: C,
+    patches: &[Found],
+    across: usize,
+    row: usize,
+    noise: f32,
+    out: &mut [Mean],
+) {
+    let line = |row: usize| patches.chunks(across.max(1)).nth(row).unwrap_or_default();
+    // Before the first there is nothing either.
+    let lines = [line(row), line(row.wrapping_sub(1))];
+    for (column, out) in out.iter_mut().enumerate() {
+        let (mut sum, mut residuals) = (cpu.splat(0.0), 0.0);
+        for (j, line) in lines.iter().enumerate() {
+            for i in 0..2 {
+                // The patch that has the cell as its quarter (i, j).
+                let Some(patch) = line.get(column.wrapping_sub(i)) else { continue };
+                let residual = patch.quarters[2 * i + j];
+                // Patches that fit to within the noise of two frames count alike.
+                let weight = 1.0 / ((2.0 * noise + residual) * (2.0 * noise + patch.mean.residual()));
+                sum = cpu.fused(cpu.splat(weight), cpu.load(&patch.mean.0), sum);
+                residuals += weight * residual;
+            }
         }
-        let Some(patch) = patches.get(y * across + x) else { continue };
-        let residual = patch.squares[2 * i + j] * (4.0 / AREA);
-        let all = patch.total * (1.0 / AREA);
-        // Patches that fit to within the noise of two frames count alike.
-        let weight = 1.0 / ((2.0 * noise + residual) * (2.0 * noise + all));
-        sum.shift[0] += weight * patch.shift[0];
-        sum.shift[1] += weight * patch.shift[1];
-        sum.residual += weight * residual;
-        sum.energy += weight * (1.0 / AREA) * patch.energy;
-        for (sum, value) in sum.tensor.iter_mut().zip(patch.tensor) {
-            *sum += weight * (1.0 / AREA) * value;
-        }
-        weights += weight;
+        let [.., weights] = cpu.store(sum);
+        let share = if weights > 0.0 { 1.0 / weights } else { 0.0 };
+        out.0 = cpu.store(sum * cpu.splat(share));
+        out.0[2] = residuals * share;
     }
-    if weights > 0.0 {
-        let share = 1.0 / weights;
-        sum.shift = sum.shift.map(|value| value * share);
-        sum.tensor = sum.tensor.map(|value| value * share);
-        sum.residual *= share;
-        sum.energy *= share;
-    }
-    sum
 }

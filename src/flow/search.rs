@@ -18,17 +18,17 @@ const LENGTH_COST: f32 = 0.1;
 pub(super) fn exhaustive<C: Cpu>(search: &Search<'_, C>) -> [f32; 2] {
     let Search { template, x, y, .. } = *search;
     let (second, noise) = (search.pair.second, search.pair.noise);
-    let reach = (REACH * second.width() as f32).ceil() as isize;
+    let reach = (REACH * second.width() as f32).ceil() as i32;
     // At least half of the patch is to be seen in the second frame, along each axis.
-    let half = SIDE as isize / 2;
+    let half = SIDE as i32 / 2;
     let range = |at: usize, length: usize| {
-        let at = at as isize;
-        (at - reach).max(-half)..=(at + reach).min(length as isize - half)
+        let at = at as i32;
+        (at - reach).max(-half)..=(at + reach).min(length as i32 - half)
     };
     let mut best = ([0.0; 2], f32::INFINITY);
     for to_y in range(y, second.height()) {
         for to_x in range(x, second.width()) {
-            let shift = [(to_x - x as isize) as f32, (to_y - y as isize) as f32];
+            let shift = [(to_x - x as i32) as f32, (to_y - y as i32) as f32];
             let length = (shift[0] * shift[0] + shift[1] * shift[1]).sqrt();
             let Some(residual) = template.residual_at(second, to_x, to_y) else { continue };
             let cost = residual + AREA * LENGTH_COST * noise * length;

@@ -29,7 +29,7 @@ fn band_difference(first: &Level, second: &Level, top: usize) -> f32 {
     let columns = (0..first.width()).step_by(SIDE).map(|left| {
         let count = SIDE.min(first.width() - left);
         let sums = rows.clone().map(|y| {
-            let of = |level| Level::from(level, left as isize, y as isize).unwrap_or(&[]).iter().take(count);
+            let of = |level| Level::from(level, left as i32, y as i32).unwrap_or(&[]).iter().take(count);
             of(first).zip(of(second)).map(|(a, b)| (a - b).abs()).sum::<f32>()
         });
         sums.sum::<f32>() / (count * rows.len()) as f32

@@ -37,17 +37,17 @@ impl Level {
     /// The samples from pixel (x, y) on to the end of the level; pixels of the border have indices from −[`BORDER`]
     /// on. `None` outside of it.
     #[inline(always)]
-    pub(crate) fn from(&self, x: isize, y: isize) -> Option<&[f32]> {
-        let column = x.checked_add_unsigned(BORDER)?;
-        let row = y.checked_add_unsigned(BORDER)?;
-        if column < 0 || row < 0 || column as usize >= self.stride {
+    pub(crate) fn from(&self, x: i32, y: i32) -> Option<&[f32]> {
+        let [column, row] = [x, y].map(|at| at.wrapping_add(BORDER as i32) as usize);
+        // What is negative is now larger than any size.
+        if column >= self.stride {
             return None;
         }
-        self.data.get((row as usize).checked_mul(self.stride)? + column as usize..)
+        self.data.get(row.wrapping_mul(self.stride).wrapping_add(column)..)
     }
 
     #[cfg(test)]
-    pub(crate) fn pixel(&self, x: isize, y: isize) -> f32 {
+    pub(crate) fn pixel(&self, x: i32, y: i32) -> f32 {
         self.from(x, y).unwrap()[0]
     }
 
@@ -81,8 +81,8 @@ impl Level {
         inside.par_chunks_mut(stride * BAND).enumerate().for_each_init(Vec::new, |line, (band, rows)| {
             line.resize(2 * width + 2, 0.0);
             for (y, row) in rows.chunks_exact_mut(stride).enumerate() {
-                let y = 2 * (band * BAND + y) as isize;
-                let source = |offset: isize| fine.from(-1, y + offset);
+                let y = 2 * (band * BAND + y) as i32;
+                let source = |offset: i32| fine.from(-1, y + offset);
                 let (Some(a), Some(b), Some(c), Some(d)) = (source(-1), source(0), source(1), source(2))
                 else {
                     return;
@@ -153,7 +153,7 @@ mod tests {
     #[test]
     fn the_border_repeats_the_edge() {
         let level = Level::of(4, 3, |x, y| 10.0 * y + x);
-        let border = BORDER as isize;
+        let border = BORDER as i32;
         assert_eq!(level.pixel(-border, -border), 0.0);
         assert_eq!(level.pixel(-2, 1), 10.0);
         assert_eq!(level.pixel(3 + border, 2 + border), 23.0);
