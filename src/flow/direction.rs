@@ -10,7 +10,7 @@ use super::search::exhaustive;
 use crate::cpu::CpuLevel;
 
 /// Comparisons after the candidates': on the coarse levels, where steps are long, and on the finest.
-const COARSE_STEPS: usize = 3;
+const COARSE_STEPS: usize = 2;
 const FINE_STEPS: usize = 1;
 
 /// Comparisons after those with the neighbours' displacements.
@@ -21,7 +21,7 @@ const LAST_SPREAD: usize = 2;
 
 /// Comparisons after the first one with what most of the picture does, which may be some pixels beside the truth: the
 /// readout and perspective bend a motion that is taken to be affine.
-const AGREEMENT_STEPS: usize = 4;
+const AGREEMENT_STEPS: usize = 3;
 
 /// Patches that are further from it, in pixels of the level, are compared with it.
 const AGREEMENT: f32 = 2.0;
