@@ -1,5 +1,5 @@
-//! Planes that begin and end at pages that nobody may read or write: a kernel that reaches past a plane, by raw pointer
-//! too, ends the process with a segmentation fault.
+//! Planes, and buffers of the library, that begin and end at pages that nobody may read or write: a kernel that reaches
+//! past them, by raw pointer too, ends the process with a segmentation fault.
 #![cfg(unix)]
 
 use nalgebra::Vector2;
@@ -9,6 +9,8 @@ use rsrectify::plane::{Luma, Plane, PlaneLayout, PlaneMut, SampleFormat};
 use rsrectify::readout::{Readout, ReadoutDirection, ReadoutTime};
 use rsrectify::warp::{BorderMode, CpuLevel, Interpolation, Placement, WarpSettings, Warper};
 use rustix::mm::{MapFlags, MprotectFlags, ProtFlags, mmap_anonymous, mprotect, munmap};
+use std::alloc::{GlobalAlloc, Layout, System};
+use std::sync::atomic::{AtomicUsize, Ordering};
 
 const FORMATS: [SampleFormat; 5] =
     [SampleFormat::U8, SampleFormat::U10, SampleFormat::U10_HIGH, SampleFormat::U12, SampleFormat::U16];
@@ -21,6 +23,59 @@ const DIRECTIONS: [ReadoutDirection; 4] = [
     ReadoutDirection::LeftToRight,
     ReadoutDirection::RightToLeft,
 ];
+
+/// Puts large allocations next to forbidden pages, as are the levels of a pyramid, which the kernels of the flow read: every
+/// other one begins behind such a page, the others end at one.
+struct GuardedHeap;
+
+/// Bytes from which an allocation is large: the smallest level of a pyramid has some 5,000.
+const LARGE: usize = 4096;
+
+/// Large allocations so far.
+static COUNT: AtomicUsize = AtomicUsize::new(0);
+
+#[global_allocator]
+static HEAP: GuardedHeap = GuardedHeap;
+
+// SAFETY: small allocations are the system's. A large one is a mapping of its own, at least as long, of which a page on
+// either side is inaccessible; what begins there is aligned to a page, what ends there moved down to its alignment.
+unsafe impl GlobalAlloc for GuardedHeap {
+    unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
+        let page = rustix::param::page_size();
+        if layout.size() < LARGE || layout.align() > page {
+            // SAFETY: the caller's promise.
+            return unsafe { System.alloc(layout) };
+        }
+        let inside = layout.size().next_multiple_of(page);
+        let at_start = COUNT.fetch_add(1, Ordering::Relaxed) % 2 == 0;
+        let start = if at_start { 0 } else { (inside - layout.size()) & !(layout.align() - 1) };
+        let protection = ProtFlags::READ | ProtFlags::WRITE;
+        // SAFETY: a new mapping wherever there is space, of which the first and the last page become inaccessible.
+        unsafe {
+            let map = mmap_anonymous(std::ptr::null_mut(), inside + 2 * page, protection, MapFlags::PRIVATE);
+            let Ok(map) = map else { return std::ptr::null_mut() };
+            let guards =
+                [map, map.byte_add(page + inside)].map(|guard| mprotect(guard, page, MprotectFlags::empty()));
+            if guards.iter().any(Result::is_err) {
+                return std::ptr::null_mut();
+            }
+            map.byte_add(page + start).cast()
+        }
+    }
+
+    unsafe fn dealloc(&self, at: *mut u8, layout: Layout) {
+        let page = rustix::param::page_size();
+        if layout.size() < LARGE || layout.align() > page {
+            // SAFETY: the caller's promise, and `alloc` took it from the system.
+            return unsafe { System.dealloc(at, layout) };
+        }
+        // SAFETY: the first byte lies in the first accessible page of the mapping that `alloc` made.
+        unsafe {
+            let map = at.byte_sub(at.addr() % page + page);
+            munmap(map.cast(), layout.size().next_multiple_of(page) + 2 * page).ok();
+        }
+    }
+}
 
 /// Which end of the bytes lies next to a forbidden page.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -185,12 +240,16 @@ fn the_analysis_stays_within_its_luma() {
                         }
                         let [first, second] = &pyramids;
                         let mut found = Vec::new();
+                        // Of one frame and another there are displacements to everywhere.
+                        let away = |point: Vector2<f64>| Vector2::new(-2.0 * point.x, 3.0 * point.y);
+                        sampler.correspond(first, second, away, &mut found);
+                        let flow = [sampler.flow().forward().clone(), sampler.flow().backward().clone()];
                         sampler.correspond(first, first, |point: Vector2<f64>| point, &mut found);
                         let difference = sampler.difference(first, second);
-                        (found, difference)
+                        (found, flow, difference)
                     };
                     let expected = measure([&pictures[0], &pictures[1]]);
-                    assert!(expected.1.is_finite() && expected.1 > 0.0);
+                    assert!(expected.2.is_finite() && expected.2 > 0.0);
                     for flush in [Flush::Start, Flush::End] {
                         let guarded = pictures.each_ref().map(|bytes| Guarded::new(bytes, flush));
                         assert!(measure([guarded[0].bytes(), guarded[1].bytes()]) == expected, "{layout:?}");

@@ -96,25 +96,23 @@ impl Consensus {
 
 #[cfg(test)]
 mod tests {
+    use super::super::level::Mean;
     use super::*;
 
-    fn cells(shift: impl Fn(f32, f32) -> [f32; 2]) -> Vec<Mean> {
-        let cell = |index: usize| {
-            let at = |index: usize| (index as f32 + 0.5) * CELL as f32 - 0.5;
-            Mean {
-                shift: shift(at(index % 60), at(index / 60)),
-                tensor: [100.0, 0.0, 100.0],
-                ..Mean::default()
-            }
+    fn patches(shift: impl Fn(f32, f32) -> [f32; 2]) -> Vec<Found> {
+        let patch = |index: usize| {
+            let at = |index: usize| (index * CELL) as f32 + 0.5 * (SIDE as f32 - 1.0);
+            let [x, y] = shift(at(index % 60), at(index / 60));
+            Found { mean: Mean([x, y, 0.0, 100.0, 0.0, 100.0, 0.0, 1.0]), ..Found::default() }
         };
-        (0..60 * 40).map(cell).collect()
+        (0..60 * 40).map(patch).collect()
     }
 
     #[test]
     fn what_forty_per_cent_do_changes_nothing() {
         let shared = |x: f32, y: f32| [5.0 + 0.01 * x - 0.02 * y, -3.0 + 0.015 * y];
-        let means = cells(|x, y| if x < 96.0 { [-20.0, 7.0] } else { shared(x, y) });
-        let found = Consensus::of(&means, 60, 0.5).unwrap();
+        let patches = patches(|x, y| if x < 96.0 { [-20.0, 7.0] } else { shared(x, y) });
+        let found = Consensus::of(&patches, 60, 0.5).unwrap();
         for (x, y) in [(0.0, 0.0), (200.0, 100.0), (120.0, 7.0)] {
             let (is, ought) = (found.at(x, y), shared(x, y));
             assert!((is[0] - ought[0]).hypot(is[1] - ought[1]) < 0.1, "{x} {y}: {is:?} {ought:?}");
@@ -123,7 +121,7 @@ mod tests {
 
     #[test]
     fn where_nothing_is_seen_nothing_is_shared() {
-        assert_eq!(Consensus::of(&vec![Mean::default(); 600], 60, 0.5), None);
+        assert_eq!(Consensus::of(&vec![Found::default(); 600], 60, 0.5), None);
         assert_eq!(Consensus::of(&[], 0, 0.5), None);
     }
 }

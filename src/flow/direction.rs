@@ -11,7 +11,7 @@ use crate::cpu::CpuLevel;
 
 /// Comparisons after the candidates': on the coarse levels, where steps are long, and on the finest.
 const COARSE_STEPS: usize = 2;
-const FINE_STEPS: usize = 1;
+const FINE_STEPS: usize = 2;
 
 /// Comparisons after those with the neighbours' displacements.
 const SPREAD_STEPS: usize = 1;
@@ -21,7 +21,7 @@ const LAST_SPREAD: usize = 2;
 
 /// Comparisons after the first one with what most of the picture does, which may be some pixels beside the truth: the
 /// readout and perspective bend a motion that is taken to be affine.
-const AGREEMENT_STEPS: usize = 3;
+const AGREEMENT_STEPS: usize = 4;
 
 /// Patches that are further from it, in pixels of the level, are compared with it.
 const AGREEMENT: f32 = 2.0;
@@ -186,7 +186,7 @@ impl RowKernel<Found> for Spread<'_> {
     fn fill<C: Cpu>(&self, cpu: C, row: usize, out: &mut [Found]) {
         let across = out.len();
         let at = |row: usize, column: usize| {
-            let found = self.patches.get(row * across + column).filter(|_| column < across);
+            let found = (column < across).then(|| self.patches.get(row * across + column)).flatten();
             found.map(|found| found.mean.shift())
         };
         let candidates = |column: usize| {

@@ -178,3 +178,24 @@ impl<'a, const COUNT: usize, const WIDTH: usize> Rows<'a, COUNT, WIDTH> {
         unsafe { &*self.samples.as_ptr().add(r * self.stride + c).cast() }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A slice without a sample to spare does; a shorter one is refused, and no stride is too large to be multiplied.
+    #[test]
+    fn rows_lie_within_their_slice() {
+        let samples: Vec<f32> = (0..29).map(|i| i as f32).collect();
+        let rows = Rows::<3, 9>::new(&samples, 10).unwrap();
+        assert_eq!((rows.at(0, 0)[0], rows.at(2, 1)[7]), (0.0, 28.0));
+        assert!(Rows::<3, 9>::new(&samples[1..], 10).is_none());
+        assert!(Rows::<3, 9>::new(&samples, usize::MAX / 2).is_none());
+    }
+
+    #[test]
+    #[should_panic]
+    fn a_row_too_many_is_no_row() {
+        Rows::<3, 9>::new(&[0.0; 100], 10).unwrap().at(3, 0);
+    }
+}

