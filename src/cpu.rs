@@ -2,20 +2,20 @@
 
 use std::fmt;
 
-/// Proof that the CPU has AVX2: detection is the only thing that makes one.
+/// Proof that the CPU has AVX2 and FMA, which came together: detection is the only thing that makes one.
 ///
-/// A kernel compiled for AVX2 may be called wherever one of these is at hand.
+/// A kernel compiled for AVX2 and FMA may be called wherever one of these is at hand.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct Avx2(());
 
 impl Avx2 {
-    /// The proof, where the CPU has AVX2.
+    /// The proof, where the CPU has AVX2 and FMA.
     #[cfg(target_arch = "x86_64")]
     pub fn detect() -> Option<Self> {
         (is_x86_feature_detected!("avx2") && is_x86_feature_detected!("fma")).then_some(Self(()))
     }
 
-    /// The proof, where the CPU has AVX2: never here.
+    /// The proof, where the CPU has AVX2 and FMA: never here.
     #[cfg(not(target_arch = "x86_64"))]
     pub fn detect() -> Option<Self> {
         None
@@ -32,7 +32,7 @@ impl Avx2 {
 pub enum CpuLevel {
     /// Plain Rust.
     Scalar,
-    /// x86-64 with AVX2.
+    /// x86-64 with AVX2 and FMA.
     Avx2(Avx2),
 }
 
@@ -69,7 +69,7 @@ mod tests {
     fn levels_are_those_that_the_machine_reports() {
         let levels: Vec<CpuLevel> = CpuLevel::supported().collect();
         #[cfg(target_arch = "x86_64")]
-        let has_avx2 = is_x86_feature_detected!("avx2");
+        let has_avx2 = is_x86_feature_detected!("avx2") && is_x86_feature_detected!("fma");
         #[cfg(not(target_arch = "x86_64"))]
         let has_avx2 = false;
         assert_eq!(levels[0], CpuLevel::Scalar);

@@ -1,6 +1,6 @@
 //! The points that are measured: a uniform grid over the whole frame.
 
-use super::template::FINE;
+use super::patch::FINE;
 use nalgebra::Vector2;
 
 /// Pixels around a patch that its gradients need.
@@ -48,9 +48,9 @@ fn place(index: usize, cells: usize, length: usize) -> Option<usize> {
     ((corner - wanted).abs() <= (0.5 * cell).max(0.5)).then_some(corner as usize)
 }
 
-/// The centre of a patch of `N` × `N` pixels, given its top left pixel.
-pub(super) fn centre<const N: usize>(corner: Vector2<f32>) -> Vector2<f32> {
-    corner.add_scalar(0.5 * (N as f32 - 1.0))
+/// The centre of a patch, given its top left pixel.
+pub(super) fn centre(corner: Vector2<f32>) -> Vector2<f32> {
+    corner.add_scalar(0.5 * (FINE as f32 - 1.0))
 }
 
 #[cfg(test)]

@@ -6,8 +6,20 @@
 use crate::pyramid::Level;
 use nalgebra::{Matrix2, Vector2};
 
-/// `R` rows of `N` samples.
-pub(super) type Rows<const N: usize, const R: usize> = [[f32; N]; R];
+/// Side of a patch in pixels.
+pub(super) const FINE: usize = 16;
+
+/// Samples that a cubic kernel needs for the results of a row.
+const TAPPED: usize = FINE + 3;
+
+/// Samples of a row that a patch and its gradients need.
+const AROUND: usize = FINE + 2;
+
+/// A patch, row by row.
+pub(super) type Block = [[f32; FINE]; FINE];
+
+/// A patch and a pixel on each side.
+pub(super) type Samples = [[f32; AROUND]; AROUND];
 
 /// What one step of a registration needs to know of the patch it sampled.
 pub(super) struct Sums {
@@ -32,20 +44,21 @@ fn cubic_weights(t: f32) -> [f32; 4] {
     [-t * b * c / 6.0, a * b * c / 2.0, -a * t * c / 2.0, a * t * b / 6.0]
 }
 
-/// Samples N × N pixels from `corner` on, less `bias`, and sums their products with `values` and
+/// Samples a patch from `corner` on, less `bias`, and sums their products with `values` and
 /// `gradients`; `None` where the kernel leaves the image.
 ///
-/// The patch is never stored: each of its rows is made, used, and forgotten. `M` is N + 3.
+/// The patch is never stored: each of its rows is made, used, and forgotten.
 #[inline(always)]
-pub(super) fn sample_sums<const N: usize, const M: usize>(
+pub(super) fn sample_sums(
     level: &Level,
     corner: Vector2<f32>,
     bias: f32,
-    values: &Rows<N, N>,
-    gradients: [&Rows<N, N>; 2],
+    values: &Block,
+    gradients: [&Block; 2],
 ) -> Option<Sums> {
     let whole = Vector2::new(corner.x.floor(), corner.y.floor());
-    let last = Vector2::new(level.width() as f32 - (N + 2) as f32, level.height() as f32 - (N + 2) as f32);
+    let last =
+        Vector2::new(level.width() as f32 - (FINE + 2) as f32, level.height() as f32 - (FINE + 2) as f32);
     let inside = whole.x >= 1.0 && whole.y >= 1.0 && whole.x <= last.x && whole.y <= last.y;
     if !inside {
         return None;
@@ -53,19 +66,19 @@ pub(super) fn sample_sums<const N: usize, const M: usize>(
     let across = cubic_weights(corner.x - whole.x);
     let down = cubic_weights(corner.y - whole.y);
     let (x, y) = (whole.x as i32 - 1, whole.y as i32 - 1);
-    let mut rows = [[0.0; N]; M];
+    let mut rows = [[0.0; FINE]; TAPPED];
     for (r, row) in rows.iter_mut().enumerate() {
-        let source: &[f32; M] = level.from(x, y + r as i32)?.first_chunk()?;
+        let source: &[f32; TAPPED] = level.from(x, y + r as i32)?.first_chunk()?;
         for (c, value) in row.iter_mut().enumerate() {
             *value = (across[0] * source[c] + across[1] * source[c + 1])
                 + (across[2] * source[c + 2] + across[3] * source[c + 3]);
         }
     }
     // One sum a column: the additions of a row do not wait for each other.
-    let mut sums = [[0.0; N]; 5];
-    for r in 0..N {
+    let mut sums = [[0.0; FINE]; 5];
+    for r in 0..FINE {
         let (value, [gradient_x, gradient_y]) = (&values[r], gradients.map(|gradient| &gradient[r]));
-        for c in 0..N {
+        for c in 0..FINE {
             let grey = (down[0] * rows[r][c] + down[1] * rows[r + 1][c])
                 + (down[2] * rows[r + 2][c] + down[3] * rows[r + 3][c])
                 - bias;
@@ -93,7 +106,7 @@ const PADDING: usize = 12;
 /// How far apart neighbouring samples of a row may be in x, in pixels, at least and at most.
 const SPREAD: std::ops::RangeInclusive<f32> = 0.5..=2.0;
 
-/// Samples at `first` + `distortion`·(c, r), for `COUNT` columns c and rows r, linearly interpolated;
+/// Samples at `first` + `distortion`·(c, r), for 18 columns c and rows r, linearly interpolated;
 /// `None` where they leave the image or their columns are too far apart.
 ///
 /// Two passes after Catmull and Smith: row r is sampled down the columns along the line on which its
@@ -101,12 +114,8 @@ const SPREAD: std::ops::RangeInclusive<f32> = 0.5..=2.0;
 /// of their distance, so no pixel is looked up on its own: of the order of 3 + 3 taps for each of 18 ×
 /// 24 samples, five operations each, 13 k operations in vectors.
 #[inline(always)]
-pub(super) fn stretched<const COUNT: usize, const M: usize>(
-    level: &Level,
-    first: Vector2<f32>,
-    distortion: &Matrix2<f32>,
-) -> Option<Rows<M, M>> {
-    let span = (COUNT - 1) as f32;
+pub(super) fn stretched(level: &Level, first: Vector2<f32>, distortion: &Matrix2<f32>) -> Option<Samples> {
+    let span = (AROUND - 1) as f32;
     let corners = [(0.0, 0.0), (span, 0.0), (0.0, span), (span, span)];
     let last = Vector2::new(level.width() as f32 - 1.0, level.height() as f32 - 1.0);
     let inside = corners.iter().all(|&(c, r)| {
@@ -118,8 +127,8 @@ pub(super) fn stretched<const COUNT: usize, const M: usize>(
         return None;
     }
     let columns = (span * spread) as usize + 3;
-    let mut samples = [[0.0; M]; M];
-    for (r, row) in samples.iter_mut().enumerate().take(COUNT) {
+    let mut samples = [[0.0; AROUND]; AROUND];
+    for (r, row) in samples.iter_mut().enumerate() {
         let start = first + distortion.column(1) * r as f32;
         let line = Line { start, slope: distortion.m21 / spread, columns };
         let mut middle = [0.0; PADDING + MOST_COLUMNS + PADDING];
@@ -128,7 +137,7 @@ pub(super) fn stretched<const COUNT: usize, const M: usize>(
         } else {
             line.sample_down::<MOST_COLUMNS>(level, &mut middle);
         }
-        row[..COUNT].copy_from_slice(&sample_along(&middle, start.x - start.x.floor(), spread)[..COUNT]);
+        *row = *sample_along(&middle, start.x - start.x.floor(), spread).first_chunk()?;
     }
     Some(samples)
 }
@@ -206,10 +215,10 @@ fn hat(distance: f32) -> f32 {
     if weight > 0.0 { weight } else { 0.0 }
 }
 
-/// Sum of a column's sums, N a power of two: halves are added, so few additions wait for others.
+/// Sum of a column's sums, a power of two of them: halves are added, so few additions wait for others.
 #[inline(always)]
-fn total<const N: usize>(mut sums: [f32; N]) -> f32 {
-    let mut half = N / 2;
+fn total(mut sums: [f32; FINE]) -> f32 {
+    let mut half = FINE / 2;
     while half > 0 {
         for i in 0..half {
             sums[i] += sums[i + half];
@@ -220,10 +229,10 @@ fn total<const N: usize>(mut sums: [f32; N]) -> f32 {
 }
 
 #[inline(always)]
-pub(super) fn dot<const N: usize>(a: &Rows<N, N>, b: &Rows<N, N>) -> f32 {
-    let mut sums = [0.0; N];
+pub(super) fn dot(a: &Block, b: &Block) -> f32 {
+    let mut sums = [0.0; FINE];
     for (a, b) in a.iter().zip(b) {
-        for c in 0..N {
+        for c in 0..FINE {
             sums[c] += a[c] * b[c];
         }
     }
@@ -232,7 +241,7 @@ pub(super) fn dot<const N: usize>(a: &Rows<N, N>, b: &Rows<N, N>) -> f32 {
 
 /// Adds `factor` times `b` to `a`.
 #[inline(always)]
-pub(super) fn combine<const N: usize>(a: &mut Rows<N, N>, b: &Rows<N, N>, factor: f32) {
+pub(super) fn combine(a: &mut Block, b: &Block, factor: f32) {
     for (a, b) in a.as_flattened_mut().iter_mut().zip(b.as_flattened()) {
         *a += factor * b;
     }
@@ -240,14 +249,14 @@ pub(super) fn combine<const N: usize>(a: &mut Rows<N, N>, b: &Rows<N, N>, factor
 
 /// Takes the mean off, and returns it.
 #[inline(always)]
-pub(super) fn remove_mean<const N: usize>(a: &mut Rows<N, N>) -> f32 {
-    let mut sums = [0.0; N];
+pub(super) fn remove_mean(a: &mut Block) -> f32 {
+    let mut sums = [0.0; FINE];
     for row in a.iter() {
-        for c in 0..N {
+        for c in 0..FINE {
             sums[c] += row[c];
         }
     }
-    let mean = total(sums) / (N * N) as f32;
+    let mean = total(sums) / (FINE * FINE) as f32;
     a.as_flattened_mut().iter_mut().for_each(|value| *value -= mean);
     mean
 }

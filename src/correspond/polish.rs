@@ -10,7 +10,8 @@
 //! residual of interpolation, blur and compression is correlated from pixel to pixel.
 
 use super::Correspondence;
-use super::template::{Effort, FINE, FineTemplate};
+use super::patch::FINE;
+use super::template::{Effort, Template};
 use super::to_full;
 use crate::cpu::CpuLevel;
 use crate::pyramid::Level;
@@ -54,13 +55,29 @@ pub(super) struct Start {
 /// Registers a point; `None` where its patch leaves the frame or is not found again near the start.
 pub(super) fn polish(
     cpu: CpuLevel,
-    [first, second]: [&Level; 2],
+    levels: [&Level; 2],
     start: &Start,
     scale: f64,
 ) -> Option<Correspondence> {
+    match cpu {
+        // SAFETY: the level is a proof of AVX2.
+        #[cfg(target_arch = "x86_64")]
+        CpuLevel::Avx2(_) => unsafe { polish_avx2(levels, start, scale) },
+        _ => polish_scalar(levels, start, scale),
+    }
+}
+
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx2")]
+fn polish_avx2(levels: [&Level; 2], start: &Start, scale: f64) -> Option<Correspondence> {
+    polish_scalar(levels, start, scale)
+}
+
+#[inline(always)]
+fn polish_scalar([first, second]: [&Level; 2], start: &Start, scale: f64) -> Option<Correspondence> {
     let from = Vector2::new(start.corner.0 as f32, start.corner.1 as f32);
     let back = start.distortion.try_inverse()?;
-    let template = FineTemplate::distorted(cpu, first, start.corner, &back, DAMPING)?;
+    let template = Template::distorted(first, start.corner, &back, DAMPING)?;
     let found = template.find(second, from + start.shift, EFFORT)?;
     let strays = (found.corner - from - start.shift).norm();
     // Not a number is refused too.

@@ -3,7 +3,6 @@
 use super::field::{Motion, Neighbourhood};
 use super::grid::{Grid, centre};
 use super::polish::{Start, polish};
-use super::template::FINE;
 use super::{Correspondence, to_full};
 use crate::cpu::CpuLevel;
 use crate::flow::{DenseFlow, FlowField};
@@ -51,7 +50,7 @@ impl Sampler {
         Self::with_cpu(CpuLevel::detect(), width, height, grid_columns, grid_rows)
     }
 
-    /// As [`new`](Self::new), with the instructions of `cpu`; all measure the same to the last bit.
+    /// As [`new`](Self::new), with the instructions of `cpu`; all measure the same but for rounding.
     pub fn with_cpu(
         cpu: CpuLevel,
         width: usize,
@@ -171,7 +170,7 @@ fn scatter(found: &[Option<Correspondence>], columns: usize, deviations: &mut Ve
 
 /// The flow at the middle of a patch, in analysed pixels; `None` where it is not trusted.
 fn sampled(field: &FlowField, corner: (usize, usize), scale: f64) -> Option<Motion> {
-    let at = centre::<FINE>(Vector2::new(corner.0 as f32, corner.1 as f32));
+    let at = centre(Vector2::new(corner.0 as f32, corner.1 as f32));
     let full = to_full(at, scale);
     let (flow, confidence) = field.sample(full.x, full.y)?;
     let shift = Vector2::from(flow).map(|value| (value / scale) as f32);

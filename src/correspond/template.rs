@@ -6,38 +6,26 @@
 //! made orthogonal to 1 and to T, so that ∑ g·T = 0 and the step is H⁻¹ ∑ g·I / a. Its fixed point
 //! does not depend on the gradient filter, a or b.
 //!
-//! One sampling of N×N pixels takes 4·N·(2N + 3) multiply-adds, its sums 4·N²: 3.3 k for N = 16.
+//! One sampling of N × N pixels takes 4·N·(2N + 3) multiply-adds, its sums 4·N²: 3.3 k for N = 16.
 
-use super::patch::{Rows, Sums, combine, dot, remove_mean, sample_sums, stretched};
-#[cfg(target_arch = "x86_64")]
-use crate::cpu::Avx2;
-use crate::cpu::CpuLevel;
+use super::patch::{Block, FINE, Samples, Sums, combine, dot, remove_mean, sample_sums, stretched};
 use crate::pyramid::Level;
 use nalgebra::{Matrix2, Vector2};
-
-/// Side of a patch on the finest level, in pixels.
-pub(super) const FINE: usize = 16;
 
 /// Contrast of the second frame over that of the first, at most, and its inverse at least.
 const MAX_GAIN: f32 = 3.0;
 
-/// A template on the finest level.
-pub(super) type FineTemplate = Template<FINE, { FINE + 3 }>;
-
-/// What is looked for: a patch of `N` × `N` pixels, its gradients and their matrix.
-///
-/// `M` is N + 3: the samples that a cubic kernel needs for N results in a row.
-pub(super) struct Template<const N: usize, const M: usize> {
-    cpu: CpuLevel,
+/// What is looked for: a patch of 16 × 16 pixels, its gradients and their matrix.
+pub(super) struct Template {
     /// Mean grey.
     mean: f32,
     /// Grey less its mean.
-    values: Rows<N, N>,
+    values: Block,
     /// Sum of squares of `values`.
     energy: f32,
     /// Gradients, orthogonal to 1 and to `values`.
-    gradient_x: Rows<N, N>,
-    gradient_y: Rows<N, N>,
+    gradient_x: Block,
+    gradient_y: Block,
     /// The matrix of the gradients, summed over the patch, squared grey levels.
     pub(super) matrix: Matrix2<f32>,
     /// Its inverse, with the damping added.
@@ -66,15 +54,15 @@ pub(super) struct Effort {
     pub(super) tolerance: f32,
 }
 
-impl<const N: usize, const M: usize> Template<N, M> {
+impl Template {
     /// From (N + 2) × (N + 2) samples: the patch and a margin of one pixel.
     #[inline(always)]
-    fn from_samples(cpu: CpuLevel, samples: &Rows<M, M>, damping: f32) -> Option<Self> {
-        let mut values = [[0.0; N]; N];
-        let mut gradient_x = [[0.0; N]; N];
-        let mut gradient_y = [[0.0; N]; N];
-        for r in 0..N {
-            for c in 0..N {
+    fn from_samples(samples: &Samples, damping: f32) -> Option<Self> {
+        let mut values = [[0.0; FINE]; FINE];
+        let mut gradient_x = [[0.0; FINE]; FINE];
+        let mut gradient_y = [[0.0; FINE]; FINE];
+        for r in 0..FINE {
+            for c in 0..FINE {
                 values[r][c] = samples[r + 1][c + 1];
                 gradient_x[r][c] = 0.5 * (samples[r + 1][c + 2] - samples[r + 1][c]);
                 gradient_y[r][c] = 0.5 * (samples[r + 2][c + 1] - samples[r][c + 1]);
@@ -93,39 +81,24 @@ impl<const N: usize, const M: usize> Template<N, M> {
         let xx = dot(&gradient_x, &gradient_x);
         let xy = dot(&gradient_x, &gradient_y);
         let yy = dot(&gradient_y, &gradient_y);
-        let count = (N * N) as f32;
+        let count = (FINE * FINE) as f32;
         let texture = (0.5 * (xx + yy) - (0.25 * (xx - yy) * (xx - yy) + xy * xy).sqrt()) / count;
         let damping = Matrix2::identity() * (damping * count);
         let inverse = (Matrix2::new(xx, xy, xy, yy) + damping).try_inverse()?;
         let texture = texture.max(0.0);
         let matrix = Matrix2::new(xx, xy, xy, yy);
-        Some(Self { cpu, mean, values, energy, gradient_x, gradient_y, matrix, inverse, texture })
+        Some(Self { mean, values, energy, gradient_x, gradient_y, matrix, inverse, texture })
     }
 
     /// Follows the template in `level` from a start near it; `None` where it leaves the image, or
     /// where what is there has nothing in common with it.
-    pub(super) fn find(&self, level: &Level, start: Vector2<f32>, effort: Effort) -> Option<Match> {
-        match self.cpu {
-            // SAFETY: the level is a proof of AVX2.
-            #[cfg(target_arch = "x86_64")]
-            CpuLevel::Avx2(_) => unsafe { self.find_avx2(level, start, effort) },
-            _ => self.find_scalar(level, start, effort),
-        }
-    }
-
-    #[cfg(target_arch = "x86_64")]
-    #[target_feature(enable = "avx2")]
-    fn find_avx2(&self, level: &Level, start: Vector2<f32>, effort: Effort) -> Option<Match> {
-        self.find_scalar(level, start, effort)
-    }
-
     #[inline(always)]
-    fn find_scalar(&self, level: &Level, start: Vector2<f32>, effort: Effort) -> Option<Match> {
+    pub(super) fn find(&self, level: &Level, start: Vector2<f32>, effort: Effort) -> Option<Match> {
         let mut corner = start;
         let mut best = None;
         for _ in 0..effort.iterations {
             let gradients = [&self.gradient_x, &self.gradient_y];
-            let sums = sample_sums::<N, M>(level, corner, self.mean, &self.values, gradients)?;
+            let sums = sample_sums(level, corner, self.mean, &self.values, gradients)?;
             let gain = sums.values / self.energy;
             if !(gain > 1.0 / MAX_GAIN && gain < MAX_GAIN) {
                 return None;
@@ -146,51 +119,21 @@ impl<const N: usize, const M: usize> Template<N, M> {
     /// Residual and correlation of a sampled patch of known gain.
     #[inline(always)]
     fn compare(&self, sums: &Sums, gain: f32) -> (f32, f32) {
-        let count = (N * N) as f32;
+        let count = (FINE * FINE) as f32;
         let energy = (sums.squares - sums.sum * sums.sum / count).max(0.0);
         let explained = gain * gain * self.energy;
         let residual = ((energy - explained).max(0.0) / count).sqrt();
         (residual, (explained / energy.max(f32::MIN_POSITIVE)).min(1.0).sqrt())
     }
-}
 
-impl FineTemplate {
     /// The patch as the second frame is to show it: sampled at c + `distortion`·(x − c), with c the
     /// centre of the patch at `corner`. `None` where that leaves the frame, or has no contrast at all.
     ///
     /// Sampled linearly: c is at the same place between pixels on all sides, so the errors of the
     /// interpolation are odd about c and cancel. `damping` (squared grey levels) is added to the eigenvalues: along an
     /// edge, where nothing can be measured, the start is then kept.
-    pub(super) fn distorted(
-        cpu: CpuLevel,
-        level: &Level,
-        corner: (usize, usize),
-        distortion: &Matrix2<f32>,
-        damping: f32,
-    ) -> Option<Self> {
-        match cpu {
-            // SAFETY: the level is a proof of AVX2.
-            #[cfg(target_arch = "x86_64")]
-            CpuLevel::Avx2(avx2) => unsafe { Self::distorted_avx2(avx2, level, corner, distortion, damping) },
-            _ => Self::distorted_at(CpuLevel::Scalar, level, corner, distortion, damping),
-        }
-    }
-
-    #[cfg(target_arch = "x86_64")]
-    #[target_feature(enable = "avx2")]
-    fn distorted_avx2(
-        avx2: Avx2,
-        level: &Level,
-        corner: (usize, usize),
-        distortion: &Matrix2<f32>,
-        damping: f32,
-    ) -> Option<Self> {
-        Self::distorted_at(CpuLevel::Avx2(avx2), level, corner, distortion, damping)
-    }
-
     #[inline(always)]
-    fn distorted_at(
-        cpu: CpuLevel,
+    pub(super) fn distorted(
         level: &Level,
         corner: (usize, usize),
         distortion: &Matrix2<f32>,
@@ -199,7 +142,6 @@ impl FineTemplate {
         let half = 0.5 * (FINE as f32 - 1.0);
         let centre = Vector2::new(corner.0 as f32 + half, corner.1 as f32 + half);
         let first = centre - distortion * Vector2::new(half + 1.0, half + 1.0);
-        let samples = stretched::<{ FINE + 2 }, { FINE + 3 }>(level, first, distortion)?;
-        Self::from_samples(cpu, &samples, damping)
+        Self::from_samples(&stretched(level, first, distortion)?, damping)
     }
 }

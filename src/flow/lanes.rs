@@ -1,7 +1,8 @@
 //! Eight samples at a time, for each level of instructions: what nearly all of the flow's time is spent on.
 //!
-//! All levels add in the same order and contract nothing, so that they agree to the last bit. Lanes are made only where a
-//! [`Cpu`] is at hand, and what computes with them is `inline(always)`, up to a function compiled for that CPU.
+//! All levels add in the same order; AVX2 multiplies and adds without rounding in between, which plain Rust could only do by
+//! a call where a machine has no such instruction. Lanes are made only where a [`Cpu`] is at hand, and what computes with them
+//! is `inline(always)`, up to a function compiled for that CPU.
 
 #[cfg(target_arch = "x86_64")]
 use crate::cpu::Avx2;
@@ -28,7 +29,7 @@ pub(super) trait Cpu: Copy {
     /// The same value in all lanes.
     fn splat(self, value: f32) -> Self::Lanes;
 
-    /// a·b + c.
+    /// a·b + c, rounded once or twice.
     fn fused(self, a: Self::Lanes, b: Self::Lanes, c: Self::Lanes) -> Self::Lanes;
 
     /// Sums of the left halves of four, then of the right halves.
@@ -82,7 +83,10 @@ impl Cpu for Scalar {
 }
 
 #[cfg(target_arch = "x86_64")]
-use std::arch::x86_64::*;
+use std::arch::x86_64::{
+    __m256, _mm256_add_ps, _mm256_fmadd_ps, _mm256_hadd_ps, _mm256_loadu_ps, _mm256_mul_ps, _mm256_set1_ps,
+    _mm256_storeu_ps, _mm256_sub_ps,
+};
 
 /// Made by [`Avx2`] alone, so that one of these is a proof as well.
 #[cfg(target_arch = "x86_64")]
@@ -173,7 +177,8 @@ impl<'a, const COUNT: usize, const WIDTH: usize> Rows<'a, COUNT, WIDTH> {
     /// Eight samples of row `r` from column `c` on.
     #[inline(always)]
     pub(super) fn at(self, r: usize, c: usize) -> &'a [f32; SIDE] {
-        assert!(r < COUNT && c + SIDE <= WIDTH, "the optimiser removes this for indices that it knows");
+        // Nothing is left of this where the indices are known.
+        assert!(r < COUNT && c + SIDE <= WIDTH);
         // SAFETY: r·stride + c + 8 ≤ (COUNT − 1)·stride + WIDTH ≤ the slice's length, by `new` and the line above.
         unsafe { &*self.samples.as_ptr().add(r * self.stride + c).cast() }
     }

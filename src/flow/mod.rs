@@ -77,7 +77,7 @@ impl DenseFlow {
         Self::with_cpu(CpuLevel::detect(), reducer)
     }
 
-    /// As [`new`](Self::new), with the instructions of `cpu`; all find the same to the last bit.
+    /// As [`new`](Self::new), with the instructions of `cpu`; all find the same but for rounding.
     pub fn with_cpu(cpu: CpuLevel, reducer: &Reducer) -> Self {
         Self {
             cpu,

@@ -15,7 +15,7 @@ pub(super) trait RowKernel<T>: Sync {
 /// Fills all rows, each of `across` results.
 pub(super) fn fill<T: Send, K: RowKernel<T>>(cpu: CpuLevel, kernel: &K, across: usize, out: &mut [T]) {
     out.par_chunks_mut(across.max(1)).enumerate().for_each(|(row, out)| match cpu {
-        // SAFETY: the level is a proof of AVX2.
+        // SAFETY: the level is a proof of AVX2 and FMA.
         #[cfg(target_arch = "x86_64")]
         CpuLevel::Avx2(cpu) => unsafe { fill_avx2(cpu, kernel, row, out) },
         _ => kernel.fill(Scalar, row, out),
