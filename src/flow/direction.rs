@@ -9,9 +9,8 @@ use super::rows::{RowKernel, fill};
 use super::search::exhaustive;
 use crate::cpu::CpuLevel;
 
-/// Comparisons after the candidates': on the coarse levels, where steps are long, and on the finest.
-const COARSE_STEPS: usize = 2;
-const FINE_STEPS: usize = 2;
+/// Comparisons after the candidates'.
+const STEPS: usize = 2;
 
 /// Comparisons after those with the neighbours' displacements.
 const SPREAD_STEPS: usize = 1;
@@ -159,15 +158,13 @@ impl Direction {
 impl RowKernel<Found> for Known<'_> {
     #[inline(always)]
     fn fill<C: Cpu>(&self, cpu: C, row: usize, out: &mut [Found]) {
-        let Stage { pair, depth, is_coarsest, is_finest, .. } = self.stage;
-        let predicted = |column: usize| self.prediction.of_patch(depth, column * CELL, row * CELL);
+        let Stage { pair, is_coarsest, is_finest, .. } = self.stage;
         let found = if is_coarsest {
             self.search(cpu, row, out)
         } else if is_finest {
-            find(cpu, pair, row, FINE_STEPS, |column| self.fine_candidates(column, row), out)
+            find(cpu, pair, row, STEPS, |column| self.fine_candidates(column, row), out)
         } else {
-            let candidates = |column| self.candidates(column, row, predicted(column));
-            find(cpu, pair, row, COARSE_STEPS, candidates, out)
+            find(cpu, pair, row, STEPS, |column| self.candidates(column, row), out)
         };
         if found.is_none() {
             out.fill(Found::default());
@@ -273,7 +270,7 @@ impl Known<'_> {
             *out = self
                 .stage
                 .pair
-                .best_of_two(&mut template, at, COARSE_STEPS, |search| [predicted, exhaustive(search)])?;
+                .best_of_two(&mut template, at, STEPS, |search| [predicted, exhaustive(search)])?;
         }
         Some(())
     }
@@ -299,7 +296,8 @@ impl Known<'_> {
 
     /// Displacements to be tried. The prediction is preferred where the picture does not tell, as where it repeats itself.
     #[inline(always)]
-    fn candidates(&self, column: usize, row: usize, predicted: [f32; 2]) -> [[f32; 2]; 8] {
+    fn candidates(&self, column: usize, row: usize) -> [[f32; 2]; 8] {
+        let predicted = self.prediction.of_patch(self.stage.depth, column * CELL, row * CELL);
         let (interpolated, [a, b, c, d]) = self.coarser(column, row);
         let own = self.reversed.get((row / 2) * self.columns + column / 2);
         let reversed = own.copied().flatten().map_or(interpolated, |(shift, _)| twice(shift));

@@ -20,7 +20,7 @@ const BETTER: f32 = 1.15;
 /// Candidates that differ by less along both axes, in pixels, lead to the same place by steps.
 const ALIKE: f32 = 0.5;
 
-/// Patches that are searched together.
+/// Patches that are searched together, for a comparison waits for the step before it; their templates take 4 KB.
 const TOGETHER: usize = 4;
 
 /// What is known of a patch or a cell, all but the shift a mean over its pixels: displacement x and y in pixels of the

@@ -6,7 +6,7 @@
 //! its mean. Nothing is subtracted from the gradients pixel by pixel: with g′ = g − ḡ − a·(v − v̄) the sums Σ g′·d and
 //! Σ g′·g′ follow from those of g, v and d.
 //!
-//! A comparison reads 9 rows of 9 samples and takes 64 × 15 additions and multiplications.
+//! A comparison reads 9 rows of 9 samples and takes 64 × 15 additions and multiplications, in 8 × 10 instructions.
 
 use super::lanes::{Cpu, Rows};
 use crate::pyramid::Level;
