@@ -14,7 +14,7 @@ const CALLS: usize = 12;
 
 /// - Every frame pushed is popped exactly once, except those that a reset drops; a refused one is not counted.
 /// - What is popped is finite, in range, and rectifies a plain picture into the same.
-/// - All CPU levels measure the same correspondences.
+/// - The correspondences that any CPU level measures are finite.
 pub fn check(data: &[u8]) {
     let mut u = Unstructured::new(data);
     // Bytes that end make the rest of a case its defaults; they are no failure.
@@ -55,7 +55,7 @@ fn stream(u: &mut Unstructured<'_>) -> Result<()> {
                     Some(if u.ratio(1, 8)? { real(u, 1e3)? } else { time })
                 };
                 if let Some(last) = last.as_ref().filter(|_| pushed == 1) {
-                    compare_levels(&scene, [last, &picture], settings.grid_columns);
+                    measure_on_all_levels(&scene, [last, &picture], settings.grid_columns);
                 }
                 assert_eq!(rectifier.push(&scene.luma(&picture), stamp, u.ratio(1, 8)?), Ok(()));
                 pushed += 1;
@@ -158,8 +158,10 @@ impl Scene {
     }
 }
 
-fn compare_levels(scene: &Scene, pictures: [&Vec<u8>; 2], grid: usize) {
-    let measured = CpuLevel::supported().map(|level| {
+/// What each level measures is sound; that all measure the same but for rounding is for pictures on which rounding does not
+/// choose between displacements that fit alike.
+fn measure_on_all_levels(scene: &Scene, pictures: [&Vec<u8>; 2], grid: usize) {
+    for level in CpuLevel::supported() {
         let mut sampler = Sampler::with_cpu(level, scene.width, scene.height, grid, grid);
         let pyramids = pictures.map(|picture| {
             let mut pyramid = Pyramid::new();
@@ -169,11 +171,6 @@ fn compare_levels(scene: &Scene, pictures: [&Vec<u8>; 2], grid: usize) {
         let [first, second] = &pyramids;
         let mut found = Vec::new();
         sampler.correspond(first, second, |point| point, &mut found);
-        found
-    });
-    let measured: Vec<_> = measured.collect();
-    for found in &measured {
-        assert_eq!(*found, measured[0]);
         for found in found {
             let numbers = found.from.iter().chain(&found.to).copied();
             let numbers = numbers.chain([found.texture.into(), found.residual.into()]);
