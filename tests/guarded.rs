@@ -47,7 +47,7 @@ unsafe impl GlobalAlloc for GuardedHeap {
             return unsafe { System.alloc(layout) };
         }
         let inside = layout.size().next_multiple_of(page);
-        let at_start = COUNT.fetch_add(1, Ordering::Relaxed) % 2 == 0;
+        let at_start = COUNT.fetch_add(1, Ordering::Relaxed).is_multiple_of(2);
         let start = if at_start { 0 } else { (inside - layout.size()) & !(layout.align() - 1) };
         let protection = ProtFlags::READ | ProtFlags::WRITE;
         // SAFETY: a new mapping wherever there is space, of which the first and the last page become inaccessible.
