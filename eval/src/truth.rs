@@ -245,6 +245,7 @@ mod tests {
             fps: 1.0,
             rotation: Default::default(),
             position: [along(0.3), along(-0.2), Vec::new()],
+            zoom: Vec::new(),
         };
         let surfaces = take.scene.surfaces.iter().map(|wall| wall.clone().carried(0)).collect();
         let movers = vec![Mover { rest: Vector3::zeros(), path }];

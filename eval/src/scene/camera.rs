@@ -38,6 +38,11 @@ impl Pose {
 pub trait CameraPath: Send + Sync {
     /// The pose at time `t`.
     fn pose(&self, t: f64) -> Pose;
+
+    /// The factor on the lens's focal length at time `t`.
+    fn zoom(&self, _t: f64) -> f64 {
+        1.0
+    }
 }
 
 impl<F: Fn(f64) -> Pose + Send + Sync> CameraPath for F {
@@ -202,11 +207,11 @@ impl Shutter {
 
 /// A camera on its path.
 pub struct RollingCamera {
-    /// The lens.
+    /// The lens, at zoom 1.
     pub lens: Lens,
     /// The shutter.
     pub shutter: Shutter,
-    /// Where the camera is, by time.
+    /// Where the camera is and how far it zooms, by time.
     pub path: Box<dyn CameraPath>,
 }
 
@@ -217,15 +222,20 @@ impl RollingCamera {
         start + self.shutter.readout * self.shutter.share(&self.lens, pixel)
     }
 
+    /// The lens as it is zoomed at time `t`.
+    pub fn lens_at(&self, t: f64) -> Lens {
+        Lens { focal: self.lens.focal * self.path.zoom(t), ..self.lens }
+    }
+
     /// The camera's centre and the direction (world axes) in which a pixel looks at time `t`.
     pub fn ray(&self, t: f64, pixel: Vector2<f64>) -> (Vector3<f64>, Vector3<f64>) {
         let pose = self.path.pose(t);
-        (pose.position, pose.rotation * self.lens.ray(pixel))
+        (pose.position, pose.rotation * self.lens_at(t).ray(pixel))
     }
 
     /// Where a point of the world is seen by the whole frame exposed at the instant `t`.
     pub fn project(&self, t: f64, point: Vector3<f64>) -> Option<Vector2<f64>> {
-        self.lens.project(self.path.pose(t).to_own(point))
+        self.lens_at(t).project(self.path.pose(t).to_own(point))
     }
 
     /// Where the rolling frame that starts at `start` sees a point, given by its place in the world
@@ -304,6 +314,33 @@ mod tests {
         assert!((share(FirstEdge::Bottom) - 11.5 / 48.0).abs() < 1e-15);
         assert!((share(FirstEdge::Left) - 16.5 / 64.0).abs() < 1e-15);
         assert!((share(FirstEdge::Right) - 47.5 / 64.0).abs() < 1e-15);
+    }
+
+    /// A camera at rest that zooms by e^(rate·t).
+    struct Zooming(f64);
+
+    impl CameraPath for Zooming {
+        fn pose(&self, _t: f64) -> Pose {
+            Pose::identity()
+        }
+
+        fn zoom(&self, t: f64) -> f64 {
+            (self.0 * t).exp()
+        }
+    }
+
+    #[test]
+    fn each_row_is_seen_with_the_focal_length_of_its_exposure() {
+        let (rate, start) = (0.7, 0.3);
+        let shutter = Shutter { first: FirstEdge::Top, readout: 0.4, open: 0.0 };
+        let camera = RollingCamera { lens: LENS, shutter, path: Box::new(Zooming(rate)) };
+        let point = Vector3::new(0.4, -0.2, 2.0);
+        let seen = camera.observe(start, |_| point).unwrap();
+        let t = start + 0.4 * (seen.y + 0.5) / 48.0;
+        let expected = LENS.centre() + point.xy() / point.z * (50.0 * (rate * t).exp());
+        assert!((seen - expected).norm() < 1e-8, "{seen} {expected}");
+        let (from, direction) = camera.ray(t, seen);
+        assert!((point - from).cross(&direction).norm() < 1e-9);
     }
 
     #[test]

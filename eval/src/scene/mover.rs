@@ -33,7 +33,8 @@ mod tests {
     fn mover() -> Mover {
         let reached = |amplitude| vec![Oscillation { amplitude, frequency: 0.25, phase: 0.0 }];
         let rotation = [vec![], vec![], reached(std::f64::consts::FRAC_PI_2)];
-        let path = Oscillations { fps: 1.0, rotation, position: [reached(0.5), vec![], vec![]] };
+        let path =
+            Oscillations { fps: 1.0, rotation, position: [reached(0.5), vec![], vec![]], zoom: vec![] };
         Mover { rest: Vector3::new(0.0, 0.0, 4.0), path }
     }
 

@@ -1,4 +1,4 @@
-//! Smooth camera paths: each of the six freedoms is a sum of oscillations.
+//! Smooth camera paths: each of the six degrees of freedom, and the zoom, is a sum of oscillations.
 //!
 //! Frequencies are in cycles a frame, because what a method can follow depends on how much of an
 //! oscillation fits between two frames, not on seconds.
@@ -13,7 +13,7 @@ use std::f64::consts::TAU;
 /// amplitude · sin(2π·(frequency·t + phase)).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Oscillation {
-    /// Peak, in radians or metres.
+    /// Peak, in radians, metres or, of a zoom, its natural logarithm.
     pub amplitude: f64,
     /// Cycles a frame.
     pub frequency: f64,
@@ -57,6 +57,12 @@ pub enum Motion {
     Drive,
     /// To and fro sideways by up to 0.15 metres a frame, with a little shake.
     Follow,
+    /// A hand's shake while the focal length grows from 1/√`factor` to √`factor` of the lens's over 24 frames, and
+    /// goes back over the next 24. A sequence's strength does not change the zoom.
+    Zoom {
+        /// The longest focal length as a multiple of the shortest.
+        factor: f64,
+    },
 }
 
 /// A camera path of sums of oscillations.
@@ -68,6 +74,8 @@ pub struct Oscillations {
     pub rotation: [Vec<Oscillation>; 3],
     /// Position in metres: x, y, z.
     pub position: [Vec<Oscillation>; 3],
+    /// Natural logarithm of the factor on the focal length.
+    pub zoom: Vec<Oscillation>,
 }
 
 impl CameraPath for Oscillations {
@@ -79,6 +87,10 @@ impl CameraPath for Oscillations {
             position: Vector3::from(self.position.each_ref().map(sum)),
         }
     }
+
+    fn zoom(&self, t: f64) -> f64 {
+        self.zoom.iter().map(|oscillation| oscillation.at(t * self.fps)).sum::<f64>().exp()
+    }
 }
 
 impl Oscillations {
@@ -86,7 +98,8 @@ impl Oscillations {
     /// some tenths of a metre.
     pub fn new(motion: Motion, amplitude: f64, fps: f64, seed: u64) -> Self {
         let mut random = ChaCha8Rng::seed_from_u64(seed);
-        let mut path = Self { fps, rotation: Default::default(), position: Default::default() };
+        let mut path =
+            Self { fps, rotation: Default::default(), position: Default::default(), zoom: Vec::new() };
         match motion {
             Motion::Still => {}
             Motion::SpiralRotation => path.spiral(&mut random),
@@ -101,6 +114,15 @@ impl Oscillations {
             Motion::Pan => path.pan(&mut random),
             Motion::Drive => path.drive(&mut random),
             Motion::Follow => path.follow(&mut random),
+            Motion::Zoom { factor } => {
+                path.shake(&mut random, [0.015, 0.15], 0.01);
+                // From the trough at frame 0 to the crest at frame 24.
+                path.zoom.push(Oscillation {
+                    amplitude: 0.5 * factor.ln(),
+                    frequency: 1.0 / 48.0,
+                    phase: -0.25,
+                });
+            }
         }
         for axis in path.rotation.iter_mut().chain(&mut path.position) {
             axis.iter_mut().for_each(|oscillation| oscillation.amplitude *= amplitude);
@@ -223,6 +245,17 @@ mod tests {
                 assert!(sum <= peak + 1e-12, "{motion:?}: {sum}");
             }
         }
+    }
+
+    #[test]
+    fn the_zoom_rises_by_its_factor_whatever_the_amplitude() {
+        for amplitude in [0.0, 3.0] {
+            let path = Oscillations::new(Motion::Zoom { factor: 1.4 }, amplitude, 30.0, 9);
+            let zooms: Vec<f64> = (0..=24).map(|k| path.zoom(f64::from(k) / 30.0)).collect();
+            assert!(zooms.is_sorted());
+            assert!((zooms[24] / zooms[0] - 1.4).abs() < 1e-12 && (zooms[12] - 1.0).abs() < 1e-12);
+        }
+        assert_eq!(Oscillations::new(Motion::Pan, 1.0, 30.0, 9).zoom(0.3), 1.0);
     }
 
     #[test]

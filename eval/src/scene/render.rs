@@ -51,6 +51,7 @@ impl Renderer<'_> {
             let t = time(first.xy());
             for instant in &instants {
                 line.look(self.scene, &self.camera.path.pose(t + instant), t + instant);
+                let lens = self.camera.lens_at(t + instant);
                 for (part, out) in out.chunks_mut(stretch).enumerate() {
                     let origin = first + along * (part * stretch) as f64;
                     let middle = origin + along * (0.5 * (out.len() as f64 - 1.0));

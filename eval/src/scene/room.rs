@@ -36,7 +36,7 @@ fn swing(random: &mut ChaCha8Rng) -> Oscillations {
     };
     let rotation = [0.05, 0.08, 0.08].map(|turn| two(turn).to_vec());
     let position = [0.12, 0.06, 0.03].map(|shift| two(shift).to_vec());
-    Oscillations { fps: 30.0, rotation, position }
+    Oscillations { fps: 30.0, rotation, position, zoom: Vec::new() }
 }
 
 /// What puts surfaces into a scene.

@@ -100,7 +100,7 @@ pub(super) fn crowd(builder: &mut Builder) -> Vec<Mover> {
             };
             let rotation = [0.05, 0.1, 0.1].map(&mut own);
             let position = [0.25, 0.08, 0.1].map(&mut own);
-            Mover { rest, path: Oscillations { fps: 30.0, rotation, position } }
+            Mover { rest, path: Oscillations { fps: 30.0, rotation, position, zoom: Vec::new() } }
         })
         .collect()
 }
@@ -125,7 +125,7 @@ pub(super) fn water(builder: &mut Builder) -> Vec<Mover> {
                 vec![Oscillation { amplitude, frequency, phase: builder.random.random() }]
             };
             let position = [0.02, 0.015, 0.0].map(&mut own);
-            let path = Oscillations { fps: 30.0, rotation: Default::default(), position };
+            let path = Oscillations { fps: 30.0, rotation: Default::default(), position, zoom: Vec::new() };
             Mover { rest, path }
         })
         .collect()

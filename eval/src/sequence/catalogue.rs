@@ -75,6 +75,12 @@ pub fn hard() -> Vec<Settings> {
         held("water", SceneKind::Water, SWAY),
         held("blinds", SceneKind::Blinds, SWAY),
         of("caption", SceneKind::Caption, Motion::Pan),
+        Settings {
+            readout_ratio: 0.7,
+            frames: 24,
+            strength: Strength::Displacement(4.0),
+            ..of("zoom", SceneKind::Room, Motion::Zoom { factor: 1.4 })
+        },
         Settings { width: 1920, height: 1080, frames: 8, ..held("thin_1080", SceneKind::Thin, 2.0 * SWAY) },
     ]
 }

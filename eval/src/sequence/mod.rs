@@ -109,7 +109,7 @@ impl Sequence {
         self.take(k).capture(&self.settings, k)
     }
 
-    /// Focal length of the delivered frames in pixels.
+    /// Focal length of the delivered frames in pixels; of a zoom, the one in its middle.
     pub fn focal(&self) -> f64 {
         self.takes[0].camera.lens.focal * self.settings.stabilisation.map_or(1.0, |s| s.zoom)
     }
@@ -306,7 +306,9 @@ mod tests {
 
     #[test]
     fn the_truth_takes_rolling_frames_to_global_ones() {
-        for name in ["rot1_B0", "trans_rot1_B40", "btt_g085", "ltr_g08", "eis", "foreground", "fisheye"] {
+        for name in
+            ["rot1_B0", "trans_rot1_B40", "btt_g085", "ltr_g08", "eis", "foreground", "fisheye", "zoom"]
+        {
             let sequence = Sequence::new(small(name));
             let rolling = sequence.frame(2).picture().grey();
             let global = sequence.global(2).picture().grey();

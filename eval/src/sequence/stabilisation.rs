@@ -24,7 +24,7 @@ impl Stabilisation {
     pub fn warp(&self, camera: &RollingCamera, t: f64, fps: f64) -> Warp {
         let centre = camera.lens.centre();
         let lens = Matrix3::new_translation(&centre)
-            * Matrix3::new_nonuniform_scaling(&Vector2::repeat(camera.lens.focal));
+            * Matrix3::new_nonuniform_scaling(&Vector2::repeat(camera.lens_at(t).focal));
         let enlarge = Matrix3::new_translation(&centre)
             * Matrix3::new_scaling(self.zoom)
             * Matrix3::new_translation(&-centre);
