@@ -23,7 +23,7 @@ use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::collections::btree_map::Entry;
 use std::fs::{self, File};
-use std::io::BufWriter;
+use std::io::{self, BufWriter};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, SystemTime};
 
@@ -139,9 +139,7 @@ impl Cache {
         fs::create_dir_all(&self.folder)?;
         let fresh = tempfile::Builder::new().prefix(FRESH).tempdir_in(&self.folder)?;
         write(fresh.path(), footage)?;
-        if entry.exists() {
-            fs::remove_dir_all(entry)?;
-        }
+        self.remove(entry)?;
         // Another process may have been quicker; what it wrote is the same.
         if fs::rename(fresh.path(), entry).is_ok() {
             let _moved = fresh.keep();
@@ -150,16 +148,17 @@ impl Cache {
     }
 
     /// Deletes what stopped processes left half written, and what was not used for longest until the
-    /// limit is kept, except for `entry`.
+    /// limit is kept, except for `entry`. Other processes may do the same meanwhile.
     fn forget(&self, entry: &Path) -> Result<()> {
         let mut entries = Vec::new();
         for path in folders(&self.folder)? {
-            if is_stale(&path)? {
-                fs::remove_dir_all(&path)?;
+            if existing(is_stale(&path))? == Some(true) {
+                self.remove(&path)?;
                 continue;
             }
+            let Some(size) = existing(size(&path))? else { continue };
             let used = fs::metadata(path.join(TRUTH)).and_then(|truth| truth.modified());
-            entries.push((used.unwrap_or(SystemTime::UNIX_EPOCH), size(&path)?, path));
+            entries.push((used.unwrap_or(SystemTime::UNIX_EPOCH), size, path));
         }
         entries.sort();
         let mut total: u64 = entries.iter().map(|(_, size, _)| size).sum();
@@ -167,11 +166,21 @@ impl Cache {
             // Entries of other processes that are being written have no name of 64 digits yet.
             let complete = path.file_name().is_some_and(|name| name.len() == 64);
             if total > self.limit && complete && path != entry {
-                fs::remove_dir_all(&path)?;
+                self.remove(&path)?;
                 total -= size;
             }
         }
         Ok(())
+    }
+
+    /// Deletes a folder that may be missing, or deleted by another process at the same time.
+    ///
+    /// It is moved into a folder of this process first: of several processes one succeeds in that, and only that
+    /// one deletes files, so that nobody deletes from an entry which another process has just put in its place.
+    fn remove(&self, path: &Path) -> Result<()> {
+        let deleted = tempfile::Builder::new().prefix(FRESH).tempdir_in(&self.folder)?;
+        existing(fs::rename(path, deleted.path().join("entry")))?;
+        Ok(deleted.close()?)
     }
 }
 
@@ -203,15 +212,24 @@ fn folders(folder: &Path) -> Result<Vec<PathBuf>> {
     Ok(paths)
 }
 
+/// What was done with a file or folder; `None` if another process has deleted it meanwhile.
+fn existing<T>(done: io::Result<T>) -> io::Result<Option<T>> {
+    match done {
+        Ok(value) => Ok(Some(value)),
+        Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(None),
+        Err(error) => Err(error),
+    }
+}
+
 /// Whether a folder is an entry that was begun and left; its time is that of its last new file.
-fn is_stale(folder: &Path) -> Result<bool> {
+fn is_stale(folder: &Path) -> io::Result<bool> {
     let begun = folder.file_name().is_some_and(|name| name.as_encoded_bytes().starts_with(FRESH.as_bytes()));
     Ok(begun && fs::metadata(folder)?.modified()?.elapsed().is_ok_and(|age| age > STALE))
 }
 
 /// The bytes of all files of an entry.
-fn size(entry: &Path) -> Result<u64> {
-    files(entry)?.iter().map(|file| Ok(fs::metadata(file)?.len())).sum()
+fn size(entry: &Path) -> io::Result<u64> {
+    fs::read_dir(entry)?.map(|file| Ok(file?.metadata()?.len())).sum()
 }
 
 fn frame_name(index: usize) -> String {
@@ -337,6 +355,30 @@ mod tests {
         cache.forget(&folder.path().join("c".repeat(64))).unwrap();
         let left = |letter: &str| folder.path().join(letter.repeat(64)).exists();
         assert_eq!(["a", "b", "c"].map(left), [false, true, true]);
+    }
+
+    #[test]
+    fn processes_may_clear_the_same_folder_at_once() {
+        let folder = tempfile::tempdir().unwrap();
+        let cache = Cache { folder: folder.path().into(), limit: 0 };
+        let own = folder.path().join("e".repeat(64));
+        let clear = || {
+            for round in 0..40 {
+                // Each thread completes some of the entries, and both delete all of them.
+                for letter in ["a", "b", "c", "d"] {
+                    let fresh = tempfile::Builder::new().prefix(FRESH).tempdir_in(folder.path()).unwrap();
+                    (0..5).for_each(|k| fs::write(fresh.path().join(frame_name(k)), [0; 100]).unwrap());
+                    fs::write(fresh.path().join(TRUTH), [0; 100]).unwrap();
+                    if fs::rename(fresh.path(), folder.path().join(letter.repeat(64))).is_ok() {
+                        let _moved = fresh.keep();
+                    }
+                }
+                cache.forget(&own).unwrap_or_else(|error| panic!("{round}: {error:#}"));
+            }
+        };
+        std::thread::scope(|scope| (0..4).for_each(|_| drop(scope.spawn(clear))));
+        cache.forget(&own).unwrap();
+        assert_eq!(entries(&cache), Vec::<PathBuf>::new());
     }
 
     #[test]
