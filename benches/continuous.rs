@@ -114,11 +114,12 @@ fn bench(criterion: &mut Criterion) {
         ReadoutDirection::TopToBottom,
         ReadoutTime::Seconds(GAMMA * PERIOD),
         PERIOD,
-    );
+    )
+    .expect("a readout");
     for threads in [1, 2] {
         let pool = ThreadPoolBuilder::new().num_threads(threads).build().expect("threads can be started");
         let mut group = criterion.benchmark_group(format!("{threads} threads"));
-        for (name, time) in [("known", readout.time), ("unknown", 0.0)] {
+        for (name, time) in [("known", readout.time()), ("unknown", 0.0)] {
             let time = if time > 0.0 { ReadoutTime::Seconds(time) } else { ReadoutTime::Unknown };
             let (mut estimator, mut frame) = estimator(&pairs, time);
             group.bench_function(format!("continuous, readout {name}"), |bencher| {

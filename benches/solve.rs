@@ -14,7 +14,8 @@ const PERIOD: f64 = 1.0 / 30.0;
 
 /// A grid of 32 × 24 points that move by `twist` and a little on their own; a fifth are wrong.
 fn link(twist: Twist, seed: f64) -> Link {
-    let readout = Readout::new(1920, 1080, ReadoutDirection::TopToBottom, ReadoutTime::WholePeriod, PERIOD);
+    let readout = Readout::new(1920, 1080, ReadoutDirection::TopToBottom, ReadoutTime::WholePeriod, PERIOD)
+        .expect("a readout");
     let centre = image_centre(1920, 1080);
     let correspondences: Vec<_> = (0..768)
         .map(|i| {

@@ -7,7 +7,7 @@ use nalgebra::Translation2;
 use rsrectify::motion::{FrameMotion, MotionPath, ResidualField, ResidualMesh, SampledPath, Twist};
 use rsrectify::plane::{Plane, PlaneLayout, PlaneMut, SampleFormat};
 use rsrectify::readout::{Readout, ReadoutDirection, ReadoutTime};
-use rsrectify::warp::{CpuLevel, Interpolation, Placement, WarpSettings, Warper};
+use rsrectify::warp::{CpuLevel, Interpolation, Placement, PreparedFrame, WarpSettings, Warper};
 use std::hint::black_box;
 
 const CHROMA: Placement = Placement { scale: [2.0, 2.0], offset: [0.0, 0.5] };
@@ -31,10 +31,10 @@ impl Image {
         Self { layout, placement, target: vec![0; source.len()], source }
     }
 
-    fn warp(&mut self, warper: &Warper) {
+    fn warp(&mut self, frame: &PreparedFrame<'_>) {
         let source = Plane::new(&self.source, self.layout).expect("a plane");
         let mut target = PlaneMut::new(&mut self.target, self.layout).expect("a plane");
-        warper.warp(&source, &mut target, self.placement, [0; 4]).expect("planes of one kind");
+        frame.warp(&source, &mut target, self.placement, [0; 4]).expect("planes of one kind");
         black_box(&self.target);
     }
 }
@@ -64,24 +64,26 @@ fn formats() -> Vec<(&'static str, Vec<Image>)> {
 }
 
 fn warp(criterion: &mut Criterion) {
-    let readout = Readout::new(1920, 1080, ReadoutDirection::TopToBottom, ReadoutTime::Seconds(1.0), 1.0);
+    let readout = Readout::new(1920, 1080, ReadoutDirection::TopToBottom, ReadoutTime::Seconds(1.0), 1.0)
+        .expect("a readout");
     let motions = [("gentle", Twist::new(0.01, 12.0, -6.0)), ("strong", Twist::new(0.1, 80.0, 40.0))];
     let mut formats = formats();
     for (motion, twist) in motions {
-        let motion_of_frame = FrameMotion::new(readout, MotionPath::uniform(twist, readout.time));
+        let motion_of_frame = FrameMotion::new(readout, MotionPath::uniform(twist, readout.time()));
         let mut group = criterion.benchmark_group(format!("warp/{motion}"));
         group.sample_size(30);
         for level in CpuLevel::supported() {
             for interpolation in [Interpolation::Linear, Interpolation::Cubic, Interpolation::Lanczos] {
-                let settings = WarpSettings { interpolation, ..WarpSettings::default() };
+                let mut settings = WarpSettings::default();
+                settings.interpolation = interpolation;
                 let mut warper = Warper::with_cpu(level);
-                warper.prepare(&motion_of_frame, &settings);
+                let frame = warper.prepare(&motion_of_frame, &settings);
                 for (name, images) in &mut formats {
                     let samples: usize =
                         images.iter().map(|i| i.layout.width * i.layout.height * i.layout.channels).sum();
                     group.throughput(Throughput::Elements(samples as u64));
                     group.bench_function(format!("{name}/{interpolation:?}/{level}"), |bencher| {
-                        bencher.iter(|| images.iter_mut().for_each(|image| image.warp(&warper)));
+                        bencher.iter(|| images.iter_mut().for_each(|image| image.warp(&frame)));
                     });
                 }
             }
@@ -115,7 +117,7 @@ fn prepare(criterion: &mut Criterion) {
         ("sampled and field", vibrating().with_residual(residual())),
     ];
     for direction in [ReadoutDirection::TopToBottom, ReadoutDirection::LeftToRight] {
-        let readout = Readout::new(1920, 1080, direction, time, 1.0);
+        let readout = Readout::new(1920, 1080, direction, time, 1.0).expect("a readout");
         let mut group = criterion.benchmark_group(format!("prepare/{direction:?}"));
         let mut rows = [(1, Placement::FULL), (2, CHROMA)].map(|(scale, placement)| {
             Image::new(PlaneLayout { height: 1, ..one_channel(scale, SampleFormat::U8) }, placement)
@@ -124,12 +126,12 @@ fn prepare(criterion: &mut Criterion) {
             let motion = FrameMotion::new(readout, path.clone());
             let mut warper = Warper::new();
             group.bench_function(format!("map/{name}"), |bencher| {
-                bencher.iter(|| warper.prepare(black_box(&motion), &WarpSettings::default()));
+                bencher.iter(|| drop(warper.prepare(black_box(&motion), &WarpSettings::default())));
             });
             group.bench_function(format!("map and knots/{name}"), |bencher| {
                 bencher.iter(|| {
-                    warper.prepare(black_box(&motion), &WarpSettings::default());
-                    rows.iter_mut().for_each(|row| row.warp(&warper));
+                    let frame = warper.prepare(black_box(&motion), &WarpSettings::default());
+                    rows.iter_mut().for_each(|row| row.warp(&frame));
                 });
             });
         }

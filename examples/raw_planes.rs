@@ -6,7 +6,7 @@
 //! ```
 
 use rsrectify::plane::{Luma, Plane, PlaneLayout, PlaneMut, SampleFormat};
-use rsrectify::rectifier::Settings;
+use rsrectify::rectifier::{Duplicate, Settings};
 use rsrectify::warp::{Placement, WarpSettings};
 use rsrectify::{Rectifier, Warper};
 use std::collections::VecDeque;
@@ -34,7 +34,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let mut waiting = VecDeque::new();
     for frame in frames {
         let luma = Plane::new(&frame.planes[0], PlaneLayout::packed(width, height, SampleFormat::U8))?;
-        rectifier.push(&Luma::from(luma), Some(frame.time), false)?;
+        rectifier.push(&Luma::from(luma), Some(frame.time), Duplicate::Detect)?;
         waiting.push_back(frame);
         give_out(&mut rectifier, &mut warper, &mut waiting, (width, height))?;
     }
@@ -56,7 +56,7 @@ fn give_out(
             "{:7.3} s: turns {:+.3} rad/s, moves ({:+7.1}, {:+7.1}) px/s, confidence {:.2}",
             frame.time, twist.omega, twist.velocity.x, twist.velocity.y, solution.confidence
         );
-        warper.prepare(&solution.motion, &WarpSettings::default());
+        let prepared = warper.prepare(&solution.motion, &WarpSettings::default());
         // Chroma of 4:2:0 lies on every other luma column and between two luma rows (MPEG-2 siting).
         let half = Placement { scale: [2.0, 2.0], offset: [0.0, 0.5] };
         let chroma = PlaneLayout::packed(width.div_ceil(2), height.div_ceil(2), SampleFormat::U8);
@@ -65,7 +65,7 @@ fn give_out(
         for (plane, (layout, placement, black)) in frame.planes.iter().zip(placed) {
             let mut rectified = vec![0; plane.len()];
             let source = Plane::new(plane, layout)?;
-            warper.warp(&source, &mut PlaneMut::new(&mut rectified, layout)?, placement, [black; 4])?;
+            prepared.warp(&source, &mut PlaneMut::new(&mut rectified, layout)?, placement, [black; 4])?;
             // `rectified` would go to a screen or an encoder here.
         }
     }

@@ -111,6 +111,7 @@ impl PlaneLayout {
 
 /// Why bytes and a layout do not make a plane.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
+#[non_exhaustive]
 pub enum PlaneError {
     /// The buffer ends before the last sample.
     #[error("plane needs {needed} bytes, the buffer holds {len}")]
@@ -147,6 +148,9 @@ pub struct Plane<'a> {
 
 impl<'a> Plane<'a> {
     /// Checks that `data`, which starts at the first sample, holds the whole plane.
+    ///
+    /// # Errors
+    /// If it does not, or the layout cannot be; see [`PlaneError`].
     pub fn new(data: &'a [u8], layout: PlaneLayout) -> Result<Self, PlaneError> {
         let layout = layout.checked(data.len())?;
         Ok(Self { data, layout })
@@ -177,6 +181,9 @@ pub struct PlaneMut<'a> {
 
 impl<'a> PlaneMut<'a> {
     /// Checks that `data`, which starts at the first sample, holds the whole plane.
+    ///
+    /// # Errors
+    /// If it does not, or the layout cannot be; see [`PlaneError`].
     pub fn new(data: &'a mut [u8], layout: PlaneLayout) -> Result<Self, PlaneError> {
         let layout = layout.checked(data.len())?;
         Ok(Self { data, layout })
@@ -208,12 +215,49 @@ fn row_range(layout: &PlaneLayout, y: usize) -> Option<std::ops::Range<usize>> {
 }
 
 /// A view whose weighted channels make the luma that is analysed.
+///
+/// Of a plane whose first channel is the luma, `Luma::from(plane)` makes one.
 #[derive(Clone, Copy, Debug)]
 pub struct Luma<'a> {
+    pub(crate) plane: Plane<'a>,
+    pub(crate) weights: [f32; 4],
+}
+
+impl<'a> Luma<'a> {
+    /// The sum of a plane's channels, each times its weight; weights past the plane's channels are not read.
+    ///
+    /// # Errors
+    /// If one of the weights is not finite.
+    pub fn weighted(plane: Plane<'a>, weights: [f32; 4]) -> Result<Self, LumaError> {
+        match weights.iter().position(|weight| !weight.is_finite()) {
+            Some(channel) => Err(LumaError::Weight { channel, weight: weights[channel] }),
+            None => Ok(Self { plane, weights }),
+        }
+    }
+
     /// The samples.
-    pub plane: Plane<'a>,
-    /// Weight of each channel; those past the plane's channels are not read.
-    pub weights: [f32; 4],
+    pub const fn plane(&self) -> &Plane<'a> {
+        &self.plane
+    }
+
+    /// Weight of each channel.
+    pub const fn weights(&self) -> [f32; 4] {
+        self.weights
+    }
+}
+
+/// Why a plane and weights do not make a luma.
+#[derive(Clone, Copy, Debug, PartialEq, Error)]
+#[non_exhaustive]
+pub enum LumaError {
+    /// A weight that is infinite or not a number.
+    #[error("weight {weight} of channel {channel} is not finite")]
+    Weight {
+        /// The channel, counted from 0.
+        channel: usize,
+        /// Its weight.
+        weight: f32,
+    },
 }
 
 impl<'a> From<Plane<'a>> for Luma<'a> {
@@ -244,6 +288,21 @@ mod tests {
         assert!(matches!(Plane::new(&[0; 64], layout), Err(PlaneError::Stride { .. })));
         let layout = PlaneLayout { channels: 2, ..PlaneLayout::packed(3, 2, SampleFormat::U8) };
         assert!(matches!(Plane::new(&[0; 64], layout), Err(PlaneError::Channels { .. })));
+    }
+
+    #[test]
+    fn weights_of_a_luma_are_finite() {
+        let plane = Plane::new(
+            &[0; 3],
+            PlaneLayout { channels: 3, step: 3, ..PlaneLayout::packed(1, 1, SampleFormat::U8) },
+        );
+        let plane = plane.unwrap();
+        assert_eq!(Luma::weighted(plane, [0.3, 0.6, 0.1, 0.0]).unwrap().weights(), [0.3, 0.6, 0.1, 0.0]);
+        for weight in [f32::NAN, f32::INFINITY] {
+            let error = Luma::weighted(plane, [0.3, weight, 0.1, 0.0]).unwrap_err();
+            assert!(matches!(error, LumaError::Weight { channel: 1, .. }), "{error}");
+        }
+        assert_eq!(Luma::from(plane).weights(), [1.0, 0.0, 0.0, 0.0]);
     }
 
     #[test]

@@ -3,6 +3,8 @@
 //! A point is exposed at t = t_k + T·s, with t_k the frame's timestamp, T the readout time and
 //! s the *elapsed share* of the readout at that point.
 
+use thiserror::Error;
+
 /// Which edge of the frame, as it arrives, is read first.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub enum ReadoutDirection {
@@ -30,9 +32,11 @@ impl ReadoutDirection {
 }
 
 /// What is known of a camera's readout time.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[non_exhaustive]
 pub enum ReadoutTime {
     /// To be found from the picture; where that is not possible, as the whole period.
+    #[default]
     Unknown,
     /// The readout takes the whole frame period: the paper's assumption, inter-frame delay 0.
     WholePeriod,
@@ -43,39 +47,78 @@ pub enum ReadoutTime {
 }
 
 impl ReadoutTime {
-    /// Whether it says something that can be: a time or delay is finite and not negative.
-    pub fn is_valid(&self) -> bool {
-        match self {
-            Self::Unknown | Self::WholePeriod => true,
-            Self::DelayRows(value) | Self::Seconds(value) => value.is_finite() && *value >= 0.0,
-        }
+    /// Whether the readout time need not be found from the picture; what cannot be is not known.
+    pub(crate) fn is_known(&self) -> bool {
+        *self != Self::Unknown && self.check().is_ok()
     }
 
-    /// Whether the readout time need not be found out; what cannot be is not known.
-    pub fn is_known(&self) -> bool {
-        *self != Self::Unknown && self.is_valid()
+    /// Refuses a time or a delay that is negative, infinite or not a number.
+    ///
+    /// # Errors
+    /// [`ReadoutError::Time`] and [`ReadoutError::Delay`].
+    pub fn check(&self) -> Result<(), ReadoutError> {
+        let is_valid = |value: f64| value.is_finite() && value >= 0.0;
+        match *self {
+            Self::Seconds(time) if !is_valid(time) => Err(ReadoutError::Time(time)),
+            Self::DelayRows(delay) if !is_valid(delay) => Err(ReadoutError::Delay(delay)),
+            _ => Ok(()),
+        }
     }
+}
+
+/// Why there can be no such readout.
+#[derive(Clone, Copy, Debug, PartialEq, Error)]
+#[non_exhaustive]
+pub enum ReadoutError {
+    /// A readout time that is negative, infinite or not a number.
+    #[error("readout time of {0} s: must be finite and not negative")]
+    Time(f64),
+    /// An inter-frame delay that is negative, infinite or not a number.
+    #[error("inter-frame delay of {0} rows: must be finite and not negative")]
+    Delay(f64),
+    /// A frame period that is not positive, infinite or not a number.
+    #[error("frame period of {0} s: must be finite and positive")]
+    Period(f64),
 }
 
 /// The shutter of one stream: frame size, direction and readout time.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Readout {
-    /// Frame width in pixels.
-    pub width: usize,
-    /// Frame height in pixels.
-    pub height: usize,
-    /// Which edge is read first.
-    pub direction: ReadoutDirection,
-    /// Readout time T in seconds.
-    pub time: f64,
+    pub(crate) width: usize,
+    pub(crate) height: usize,
+    pub(crate) direction: ReadoutDirection,
+    /// Finite and not negative.
+    pub(crate) time: f64,
 }
 
 impl Readout {
-    /// Resolves what is known of the readout time for a stream with `period` seconds a frame.
+    /// The shutter of frames of `width` × `height` pixels, `period` seconds apart.
     ///
-    /// With N rows and a delay of B, T = period · N / (N + B). A time or delay that is not finite
-    /// or negative counts as unknown, that is, as the whole period.
+    /// With N rows and a delay of B, T = period · N / (N + B). Unknown, T is the whole period.
+    ///
+    /// # Errors
+    /// If the time, the delay or the period cannot be; see [`ReadoutError`].
     pub fn new(
+        width: usize,
+        height: usize,
+        direction: ReadoutDirection,
+        time: ReadoutTime,
+        period: f64,
+    ) -> Result<Self, ReadoutError> {
+        time.check()?;
+        if !(period.is_finite() && period > 0.0) {
+            return Err(ReadoutError::Period(period));
+        }
+        Ok(Self::resolved(width, height, direction, time, period))
+    }
+
+    /// A global shutter: frames of `width` × `height` pixels, each exposed at one instant.
+    pub const fn global_shutter(width: usize, height: usize) -> Self {
+        Self { width, height, direction: ReadoutDirection::TopToBottom, time: 0.0 }
+    }
+
+    /// The same of a time that was checked and a period that is finite and positive.
+    pub(crate) fn resolved(
         width: usize,
         height: usize,
         direction: ReadoutDirection,
@@ -84,11 +127,31 @@ impl Readout {
     ) -> Self {
         let rows = if direction.is_by_rows() { height } else { width }.max(1) as f64;
         let time = match time {
-            ReadoutTime::Seconds(seconds) if time.is_known() => seconds,
-            ReadoutTime::DelayRows(delay) if time.is_known() => period * rows / (rows + delay),
-            _ => period,
+            ReadoutTime::Seconds(seconds) => seconds,
+            ReadoutTime::DelayRows(delay) => period * rows / (rows + delay),
+            ReadoutTime::Unknown | ReadoutTime::WholePeriod => period,
         };
         Self { width, height, direction, time }
+    }
+
+    /// Frame width in pixels.
+    pub const fn width(&self) -> usize {
+        self.width
+    }
+
+    /// Frame height in pixels.
+    pub const fn height(&self) -> usize {
+        self.height
+    }
+
+    /// Which edge is read first.
+    pub const fn direction(&self) -> ReadoutDirection {
+        self.direction
+    }
+
+    /// Readout time T in seconds, finite and not negative; 0 for a global shutter.
+    pub const fn time(&self) -> f64 {
+        self.time
     }
 
     /// Elapsed share s of the readout at a point given in pixels (pixel centres at integers).
@@ -113,8 +176,9 @@ mod tests {
 
     #[test]
     fn share_runs_from_the_edge_that_is_read_first() {
-        let share =
-            |direction, x, y| Readout::new(8, 4, direction, ReadoutTime::WholePeriod, 1.0).share(x, y);
+        let share = |direction, x, y| {
+            Readout::new(8, 4, direction, ReadoutTime::WholePeriod, 1.0).unwrap().share(x, y)
+        };
         assert_eq!(share(ReadoutDirection::TopToBottom, 3.0, 0.0), 0.125);
         assert_eq!(share(ReadoutDirection::BottomToTop, 3.0, 0.0), 0.875);
         assert_eq!(share(ReadoutDirection::LeftToRight, 0.0, 2.0), 0.0625);
@@ -123,20 +187,22 @@ mod tests {
 
     #[test]
     fn delay_counts_in_rows_of_the_read_edge() {
-        let time = |direction| Readout::new(640, 480, direction, ReadoutTime::DelayRows(40.0), 0.04).time;
+        let time =
+            |direction| Readout::new(640, 480, direction, ReadoutTime::DelayRows(40.0), 0.04).unwrap().time;
         assert!((time(ReadoutDirection::TopToBottom) - 0.04 * 480.0 / 520.0).abs() < 1e-15);
         assert!((time(ReadoutDirection::LeftToRight) - 0.04 * 640.0 / 680.0).abs() < 1e-15);
     }
 
     #[test]
-    fn nonsense_counts_as_unknown() {
-        for time in [
-            ReadoutTime::Seconds(f64::NAN),
-            ReadoutTime::Seconds(-1.0),
-            ReadoutTime::DelayRows(-1.0),
-            ReadoutTime::DelayRows(f64::INFINITY),
-        ] {
-            assert_eq!(Readout::new(4, 4, ReadoutDirection::TopToBottom, time, 0.04).time, 0.04);
+    fn what_cannot_be_is_refused() {
+        let new = |time, period| Readout::new(4, 4, ReadoutDirection::TopToBottom, time, period);
+        for value in [f64::NAN, -1.0, -1e-300, f64::INFINITY, f64::NEG_INFINITY] {
+            assert!(matches!(new(ReadoutTime::Seconds(value), 0.04), Err(ReadoutError::Time(_))));
+            assert!(matches!(new(ReadoutTime::DelayRows(value), 0.04), Err(ReadoutError::Delay(_))));
+            assert!(matches!(new(ReadoutTime::Unknown, value), Err(ReadoutError::Period(_))));
         }
+        assert_eq!(new(ReadoutTime::WholePeriod, 0.0), Err(ReadoutError::Period(0.0)));
+        assert_eq!(new(ReadoutTime::Seconds(0.0), 0.04).map(|readout| readout.time()), Ok(0.0));
+        assert_eq!(new(ReadoutTime::Unknown, 0.04).map(|readout| readout.time()), Ok(0.04));
     }
 }

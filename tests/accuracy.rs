@@ -68,11 +68,12 @@ fn a_readout_set_far_wrong_is_survived() {
     let seconds = [1e-9, period * 1.5, 0.5, 1e9].map(ReadoutTime::Seconds);
     for readout_time in delays.into_iter().chain(seconds) {
         for lookahead in [0, 4] {
-            let settings = rectifier::Settings { lookahead, readout_time, ..Default::default() };
+            let mut settings = rectifier::Settings::default();
+            (settings.lookahead, settings.readout_time) = (lookahead, readout_time);
             for solution in solve(&sequence, &frames, settings) {
                 let corner = Vector2::new(-160.0, -120.0);
                 let moved = (solution.motion.path().carry(corner, 0.0, 0.5) - corner).norm();
-                let most = 50.0 + 20.0 * solution.motion.readout().time / period;
+                let most = 50.0 + 20.0 * solution.motion.readout().time() / period;
                 assert!(moved < most, "{readout_time:?}: {moved} px");
                 assert!(solution.residual.is_finite() && solution.confidence.is_finite(), "{readout_time:?}");
             }

@@ -171,7 +171,7 @@ fn layout(random: &mut Random, format: SampleFormat, channels: usize, spare: usi
 
 fn motion(random: &mut Random, layout: &PlaneLayout) -> FrameMotion {
     let time = ReadoutTime::Seconds(1.0);
-    let readout = Readout::new(layout.width, layout.height, random.pick(&DIRECTIONS), time, 1.0);
+    let readout = Readout::new(layout.width, layout.height, random.pick(&DIRECTIONS), time, 1.0).unwrap();
     // From fractions of a pixel to more than the frame.
     let reach = random.pick(&[0.6, 5.0, 80.0]);
     let twist = Twist::new(0.4 * random.signed(), reach * random.signed(), reach * random.signed());
@@ -190,15 +190,16 @@ fn the_warp_stays_within_its_planes() {
                 let to = PlaneLayout { step, stride, ..from };
                 let motion = motion(&mut random, &from);
                 let zoom = if random.below(4) == 0 { 1.0 + random.signed().abs() } else { 1.0 };
-                let settings = WarpSettings { interpolation, border, zoom, ..WarpSettings::default() };
+                let mut settings = WarpSettings::default();
+                (settings.interpolation, settings.border, settings.zoom) = (interpolation, border, zoom);
                 let picture = random.bytes(from.required_bytes().unwrap());
                 for level in CpuLevel::supported() {
                     let mut warper = Warper::with_cpu(level);
-                    warper.prepare(&motion, &settings);
+                    let frame = warper.prepare(&motion, &settings);
                     let rectified = |source: &[u8], target: &mut [u8]| {
                         let source = Plane::new(source, from).unwrap();
                         let mut target = PlaneMut::new(target, to).unwrap();
-                        warper.warp(&source, &mut target, Placement::FULL, [9; 4]).unwrap();
+                        frame.warp(&source, &mut target, Placement::FULL, [9; 4]).unwrap();
                     };
                     let len = to.required_bytes().unwrap();
                     // With other samples before and behind, which must not matter.
@@ -236,7 +237,7 @@ fn the_analysis_stays_within_its_luma() {
                         let mut pyramids = [Pyramid::new(), Pyramid::new()];
                         for (bytes, pyramid) in bytes.into_iter().zip(&mut pyramids) {
                             let plane = Plane::new(bytes, layout).unwrap();
-                            sampler.build(&Luma { plane, weights }, pyramid);
+                            sampler.build(&Luma::weighted(plane, weights).unwrap(), pyramid);
                         }
                         let [first, second] = &pyramids;
                         let mut found = Vec::new();

@@ -12,7 +12,7 @@ use nalgebra::Vector2;
 use rsrectify::correspond::{Pyramid, Sampler};
 use rsrectify::plane::{Luma, Plane, PlaneLayout, SampleFormat};
 use rsrectify::readout::{ReadoutDirection, ReadoutTime};
-use rsrectify::rectifier::{Estimator, FrameSolution, Rectifier, Settings};
+use rsrectify::rectifier::{Duplicate, Estimator, FrameSolution, Rectifier, Settings};
 use std::path::{Path, PathBuf};
 
 const WIDTH: usize = 800;
@@ -112,7 +112,7 @@ fn index_at(times: &[f64], time: f64) -> usize {
 fn solve(clip: &Clip, settings: Settings) -> Vec<FrameSolution> {
     let mut rectifier = Rectifier::new(settings, WIDTH, HEIGHT, Some(clip.period())).unwrap();
     for (frame, &time) in clip.frames.iter().zip(&clip.times) {
-        rectifier.push(&luma(frame), Some(time), false).unwrap();
+        rectifier.push(&luma(frame), Some(time), Duplicate::Detect).unwrap();
     }
     rectifier.drain();
     std::iter::from_fn(|| rectifier.pop()).collect()
@@ -123,13 +123,13 @@ fn velocity_at(solution: &FrameSolution, share: f64) -> Vector2<f64> {
     let near = 1.0 / 64.0;
     let (from, to) = ((share - near).max(0.0), (share + near).min(1.0));
     let moved = solution.motion.path().carry(Vector2::zeros(), from, to);
-    moved / ((to - from) * solution.motion.readout().time.max(1e-9))
+    moved / ((to - from) * solution.motion.readout().time().max(1e-9))
 }
 
 /// Velocity at the image centre at any time; between two readouts it goes over from one to the next.
 fn velocity(clip: &Clip, solutions: &[FrameSolution], time: f64) -> Vector2<f64> {
     let k = index_at(&clip.times, time);
-    let (since, readout) = (time - clip.times[k], solutions[k].motion.readout().time);
+    let (since, readout) = (time - clip.times[k], solutions[k].motion.readout().time());
     match solutions.get(k + 1) {
         Some(next) if since > readout => {
             let share = (since - readout) / (clip.times[k + 1] - clip.times[k] - readout);
@@ -230,7 +230,8 @@ fn fast_rotation_agrees_with_the_gyroscope() {
     assert!(floor < 0.15 * turned, "the axes or clocks do not fit: {floor} of {turned} px");
 
     // The paper's, told the readout that the phone states: the whole period.
-    let paper = Settings { estimator: Estimator::Sequential, ..Settings::default() };
+    let mut paper = Settings::default();
+    paper.estimator = Estimator::Sequential;
     let paper = clip.difference(&solve(&clip, paper));
     println!("sequential, readout given: {paper:.2} px");
     assert!(paper < 0.45 * fast, "{paper} of {fast} px");
@@ -240,23 +241,21 @@ fn fast_rotation_agrees_with_the_gyroscope() {
     for solution in solutions.iter().step_by(10).chain(solutions.last()) {
         println!(
             "readout {:.1} ms ± {:.1} {:?}, confidence {:.2}",
-            1e3 * solution.motion.readout().time,
+            1e3 * solution.motion.readout().time(),
             1e3 * solution.readout_deviation * period,
-            solution.motion.readout().direction,
+            solution.motion.readout().direction(),
             solution.confidence
         );
     }
     let found = *solutions[102].motion.readout();
     let default = clip.difference(&solutions);
-    println!("default, nothing given: {default:.2} px; readout ratio {:.2}", found.time / period);
-    let known = Settings {
-        readout_time: ReadoutTime::Seconds(found.time),
-        direction: Some(found.direction),
-        ..Settings::default()
-    };
+    println!("default, nothing given: {default:.2} px; readout ratio {:.2}", found.time() / period);
+    let mut known = Settings::default();
+    known.readout_time = ReadoutTime::Seconds(found.time());
+    known.direction = Some(found.direction());
     println!("the same from the first frame on: {:.2} px", clip.difference(&solve(&clip, known)));
-    assert_eq!(found.direction, ReadoutDirection::TopToBottom);
-    assert!((0.72..=1.0).contains(&(found.time / period)), "{found:?}");
+    assert_eq!(found.direction(), ReadoutDirection::TopToBottom);
+    assert!((0.72..=1.0).contains(&(found.time() / period)), "{found:?}");
     assert!(default < 0.5 * paper, "{default} of {paper} px");
 }
 
@@ -270,9 +269,9 @@ fn what_is_fixed_to_the_frame_does_not_disturb() {
         let (found, difference) = (*solutions[102].motion.readout(), clip.difference(&solutions));
         println!(
             "fixed from line {first}: {difference:.2} px; readout ratio {:.2}",
-            found.time / clip.period()
+            found.time() / clip.period()
         );
-        assert_eq!(found.direction, ReadoutDirection::TopToBottom);
+        assert_eq!(found.direction(), ReadoutDirection::TopToBottom);
         // Half of what the paper's method leaves of the whole picture.
         assert!(difference < 0.585, "{difference} px");
     }

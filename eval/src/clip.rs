@@ -177,7 +177,7 @@ impl fmt::Display for Verdict {
         let share = |part: &Stats, of: &Stats| {
             part.share_of(of).map_or("–".into(), |share| format!("{:.0} %", 100.0 * share))
         };
-        let (ratio, direction) = (signed_ratio(&self.readout, 1.0 / self.fps), self.readout.direction);
+        let (ratio, direction) = (signed_ratio(&self.readout, 1.0 / self.fps), self.readout.direction());
         writeln!(f, "clip            {width}×{height}, {frames} frames, {:.3} frames/s", self.fps)?;
         writeln!(f, "readout ratio   {ratio:+.3} ({direction:?})")?;
         writeln!(f, "confidence      {:.2} (median)", self.confidence)?;

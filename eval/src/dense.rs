@@ -176,8 +176,8 @@ pub fn measure(footage: &Footage) -> Result<Measured> {
 pub fn export(footage: &Footage, folder: &Path) -> Result<()> {
     fs::create_dir_all(folder)?;
     let readout = footage.readout();
-    let ratio = readout.time * footage.settings().delivered_fps();
-    fs::write(folder.join("readout.txt"), format!("{ratio} {:?}\n", readout.direction))?;
+    let ratio = readout.time() * footage.settings().delivered_fps();
+    fs::write(folder.join("readout.txt"), format!("{ratio} {:?}\n", readout.direction()))?;
     for run in footage.runs() {
         for index in &run {
             let frame = &footage.frames[*index];

@@ -125,6 +125,7 @@ impl Footage {
         let time = ReadoutTime::Seconds(settings.readout_time());
         let direction = direction(settings.first);
         Readout::new(settings.width, settings.height, direction, time, 1.0 / settings.delivered_fps())
+            .expect("a readout ratio of at least 0 and a frame rate")
     }
 
     /// The stretches of frames over which motion can be followed: frames of one take, in order and

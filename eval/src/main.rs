@@ -375,10 +375,10 @@ fn measured_row(footage: &Footage, lookahead: usize) -> Result<String> {
         let truth = footage.readout();
         row += &format!(
             " {:.3} ± {deviation:.3} {:?} ({:.3} {:?}) |",
-            readout.time / period,
-            readout.direction,
-            truth.time / period,
-            truth.direction
+            readout.time() / period,
+            readout.direction(),
+            truth.time() / period,
+            truth.direction()
         );
     }
     row += &format!(" {:.2} ({:.2}) |", ripples[0], ripples[1]);

@@ -65,9 +65,10 @@ pub fn row(footage: &Footage) -> Result<String> {
         let distance = error(&readout(&found, size, fps), &truth, 1.0 / fps);
         format!("{} | {distance:.3}", cells(&found, size, fps))
     });
-    Ok(format!("| {} | {} | {:?} {ratio:+.3} | {found} |", settings.name, settings.seed, truth.direction))
+    Ok(format!("| {} | {} | {:?} {ratio:+.3} | {found} |", settings.name, settings.seed, truth.direction()))
 }
 
 fn readout(found: &ReadoutEstimate, [width, height]: [usize; 2], fps: f64) -> Readout {
     Readout::new(width, height, found.direction, ReadoutTime::Seconds(found.time), 1.0 / fps)
+        .expect("estimates are finite and not negative")
 }

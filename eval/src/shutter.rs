@@ -25,7 +25,8 @@ impl Shutter {
     /// # Errors
     /// If the ratio is not within ±1 or the delay is negative.
     pub fn settings(&self, period: f64, lookahead: usize) -> Result<Settings> {
-        let mut settings = Settings { lookahead, ..Settings::default() };
+        let mut settings = Settings::default();
+        settings.lookahead = lookahead;
         let reversed = self.readout_ratio.is_some_and(|ratio| ratio < 0.0);
         match (self.sideways, reversed) {
             (false, true) => settings.direction = Some(ReadoutDirection::BottomToTop),

@@ -2,7 +2,7 @@
 
 use anyhow::{Context, Result, bail};
 use rsrectify::plane::{Luma, Plane, PlaneLayout, PlaneMut, SampleFormat};
-use rsrectify::rectifier::{FrameSolution, Settings};
+use rsrectify::rectifier::{Duplicate, FrameSolution, Settings};
 use rsrectify::warp::{Placement, WarpSettings};
 use rsrectify::{Rectifier, Warper};
 use std::collections::VecDeque;
@@ -63,7 +63,8 @@ impl Job {
         let luma = PlaneLayout::packed(width, height, SampleFormat::U8);
         let chroma = PlaneLayout::packed(width.div_ceil(2), height.div_ceil(2), SampleFormat::U8);
         let layouts = [luma, chroma, chroma];
-        let settings = Settings { lookahead, ..Settings::default() };
+        let mut settings = Settings::default();
+        settings.lookahead = lookahead;
         Ok(Self {
             layouts,
             period,
@@ -78,7 +79,7 @@ impl Job {
     fn frame(&mut self, planes: Planes) -> Result<Cost> {
         let started = Instant::now();
         let luma = Luma::from(Plane::new(&planes[0], self.layouts[0])?);
-        self.rectifier.push(&luma, Some(self.pushed as f64 * self.period), false)?;
+        self.rectifier.push(&luma, Some(self.pushed as f64 * self.period), Duplicate::Detect)?;
         self.pushed += 1;
         let analysed = Instant::now();
         self.waiting.push_back(planes);
@@ -92,11 +93,11 @@ impl Job {
         let planes = self.waiting.pop_front().context("a motion without its frame")?;
         // MPEG-2 siting: chroma lies on every second luma column and between two luma rows.
         let chroma = Placement { scale: [2.0, 2.0], offset: [0.0, 0.5] };
-        self.warper.prepare(&solution.motion, &WarpSettings::default());
+        let frame = self.warper.prepare(&solution.motion, &WarpSettings::default());
         for (index, placement) in [Placement::FULL, chroma, chroma].into_iter().enumerate() {
             let source = Plane::new(&planes[index], self.layouts[index])?;
             let mut target = PlaneMut::new(&mut self.output[index], self.layouts[index])?;
-            self.warper.warp(&source, &mut target, placement, [0; 4])?;
+            frame.warp(&source, &mut target, placement, [0; 4])?;
         }
         Ok(())
     }

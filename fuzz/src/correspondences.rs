@@ -1,6 +1,6 @@
 //! The solvers on correspondences that no sampler would measure.
 
-use super::input::{DIRECTIONS, real, settings, small};
+use super::input::{DIRECTIONS, readout, real, settings, small};
 use arbitrary::{Result, Unstructured};
 use nalgebra::{Matrix2, Vector2};
 use rsrectify::correspond::Correspondence;
@@ -47,7 +47,7 @@ fn window(u: &mut Unstructured<'_>) -> Result<()> {
         let period = if u.ratio(1, 8)? { small(u, 10.0)?.abs().max(1e-6) } else { 0.04 };
         let interval = if u.ratio(1, 4)? { real(u, 0.3)? } else { 0.04 };
         time += interval;
-        let readout = Readout::new(WIDTH, HEIGHT, direction, settings.readout_time, period);
+        let readout = readout([WIDTH, HEIGHT], direction, settings.readout_time, period);
 
         let found = (!u.ratio(1, 8)?).then_some(Found { grid: &pair, flow: Some(fields.each_ref()) });
         continuous.push(found, time, period);
@@ -114,11 +114,11 @@ fn verify(motion: &Motion) {
     assert!(homographies.iter().flatten().all(|element| element.is_finite()), "{homographies:?}");
     assert!((0.0..=1.0).contains(confidence), "{confidence}");
     assert!(sigma.is_finite() && *sigma >= 0.0, "{sigma}");
-    assert!(readout.time.is_finite() && readout.time >= 0.0, "{readout:?}");
+    assert!(readout.time().is_finite() && readout.time() >= 0.0, "{readout:?}");
     assert!(readout_deviation.is_finite() && *readout_deviation >= 0.0, "{readout_deviation}");
     assert!(inliers <= correspondences, "{inliers} of {correspondences}");
     // What is trusted is a path.
-    let path = SampledPath::new(homographies, readout.time);
+    let path = SampledPath::new(homographies, readout.time());
     assert!(path.is_ok() || *confidence == 0.0, "{:?} at confidence {confidence}", path.err());
 }
 

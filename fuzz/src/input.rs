@@ -3,7 +3,7 @@
 use arbitrary::{Result, Unstructured};
 use rsrectify::motion::generators::Model;
 use rsrectify::plane::SampleFormat;
-use rsrectify::readout::{ReadoutDirection, ReadoutTime};
+use rsrectify::readout::{Readout, ReadoutDirection, ReadoutTime};
 use rsrectify::rectifier::{Estimator, Settings};
 
 /// The directions of the readout.
@@ -64,16 +64,16 @@ pub fn size(u: &mut Unstructured<'_>, most: usize) -> Result<usize> {
 
 /// What a caller may ask of a rectifier, what cannot be included; its window and grid are small.
 pub fn settings(u: &mut Unstructured<'_>) -> Result<Settings> {
-    Ok(Settings {
-        grid_columns: if u.ratio(1, 8)? { u.int_in_range(0..=4)? } else { u.int_in_range(6..=14)? },
-        grid_rows: if u.ratio(1, 8)? { u.int_in_range(0..=4)? } else { u.int_in_range(6..=12)? },
-        lookahead: u.int_in_range(0..=6)?,
-        estimator: *u.choose(&[Estimator::Continuous, Estimator::Sequential])?,
-        model: *u.choose(&MODELS)?,
-        focal_length: if u.arbitrary()? { Some(real(u, 2.0)?) } else { None },
-        direction: if u.arbitrary()? { Some(*u.choose(&DIRECTIONS)?) } else { None },
-        readout_time: readout_time(u)?,
-    })
+    let mut settings = Settings::default();
+    settings.grid_columns = if u.ratio(1, 8)? { u.int_in_range(0..=4)? } else { u.int_in_range(6..=14)? };
+    settings.grid_rows = if u.ratio(1, 8)? { u.int_in_range(0..=4)? } else { u.int_in_range(6..=12)? };
+    settings.lookahead = u.int_in_range(0..=6)?;
+    settings.estimator = *u.choose(&[Estimator::Continuous, Estimator::Sequential])?;
+    settings.model = *u.choose(&MODELS)?;
+    settings.focal_length = if u.arbitrary()? { Some(real(u, 2.0)?) } else { None };
+    settings.direction = if u.arbitrary()? { Some(*u.choose(&DIRECTIONS)?) } else { None };
+    settings.readout_time = readout_time(u)?;
+    Ok(settings)
 }
 
 /// What is stated of a readout time.
@@ -84,6 +84,20 @@ pub fn readout_time(u: &mut Unstructured<'_>) -> Result<ReadoutTime> {
         2 => ReadoutTime::DelayRows(real(u, 100.0)?),
         _ => ReadoutTime::Seconds(real(u, 0.05)?),
     })
+}
+
+/// The shutter of frames `period` seconds apart; a readout time that cannot be counts as the whole period.
+pub fn readout(
+    [width, height]: [usize; 2],
+    direction: ReadoutDirection,
+    time: ReadoutTime,
+    period: f64,
+) -> Readout {
+    let time = if time.check().is_ok() { time } else { ReadoutTime::WholePeriod };
+    match Readout::new(width, height, direction, time, period) {
+        Ok(readout) => readout,
+        Err(error) => panic!("{error}"),
+    }
 }
 
 /// Repeatable pseudo-random numbers (xorshift).

@@ -1,6 +1,6 @@
 //! Planes of any layout, and their rectification by any motion at every CPU level.
 
-use super::input::{DIRECTIONS, FORMATS, Random, readout_time, real, size, small};
+use super::input::{DIRECTIONS, FORMATS, Random, readout, readout_time, real, size, small};
 use arbitrary::{Result, Unstructured};
 use nalgebra::Matrix3;
 use rsrectify::motion::{FrameMotion, MotionPath, ResidualField, ResidualMesh, SampledPath, Twist};
@@ -47,7 +47,10 @@ fn layouts(u: &mut Unstructured<'_>) -> Result<()> {
     if let Ok(mut plane) = plane {
         let source = vec![1; plane.data_mut().len()];
         let source = Plane::new(&source, layout);
-        let copied = source.map(|source| Warper::new().warp(&source, &mut plane, Placement::FULL, [0; 4]));
+        let still = FrameMotion::new(Readout::global_shutter(layout.width, layout.height), MotionPath::STILL);
+        let mut warper = Warper::new();
+        let frame = warper.prepare(&still, &WarpSettings::default());
+        let copied = source.map(|source| frame.warp(&source, &mut plane, Placement::FULL, [0; 4]));
         assert_eq!(copied, Ok(Ok(())), "{layout:?}");
     }
     Ok(())
@@ -76,13 +79,12 @@ fn rectified(u: &mut Unstructured<'_>) -> Result<()> {
         PlaneLayout { step, stride, ..from }
     };
     let motion = motion(u, &from)?;
-    let settings = WarpSettings {
-        interpolation: *u.choose(&INTERPOLATIONS)?,
-        border: *u.choose(&BORDERS)?,
-        reference_row: real(u, 1.0)?,
-        strength: real(u, 1.0)?,
-        zoom: real(u, 4.0)?,
-    };
+    let mut settings = WarpSettings::default();
+    settings.interpolation = *u.choose(&INTERPOLATIONS)?;
+    settings.border = *u.choose(&BORDERS)?;
+    settings.reference_row = real(u, 1.0)?;
+    settings.strength = real(u, 1.0)?;
+    settings.zoom = real(u, 4.0)?;
     let placement = match u.int_in_range(0..=3u8)? {
         0 | 1 => Placement::FULL,
         2 => Placement { scale: [2.0, 2.0], offset: [0.0, 0.5] },
@@ -104,10 +106,10 @@ fn rectified(u: &mut Unstructured<'_>) -> Result<()> {
     let mut reference: Option<Vec<u8>> = None;
     for level in CpuLevel::supported() {
         let mut warper = Warper::with_cpu(level);
-        warper.prepare(&motion, &settings);
+        let frame = warper.prepare(&motion, &settings);
         let mut bytes = vec![UNTOUCHED; offset + to.required_bytes().unwrap_or(0) + 5];
         let Ok(mut target) = PlaneMut::new(&mut bytes[offset..], to) else { panic!("{to:?} is a layout") };
-        if warper.warp(&source, &mut target, placement, fill).is_err() {
+        if frame.warp(&source, &mut target, placement, fill).is_err() {
             return Ok(());
         }
         verify(&bytes, &to, offset, plain);
@@ -166,16 +168,12 @@ fn verify(bytes: &[u8], layout: &PlaneLayout, offset: usize, plain: Option<u16>)
 
 /// A motion of any kind and degree.
 fn motion(u: &mut Unstructured<'_>, layout: &PlaneLayout) -> Result<FrameMotion> {
-    let readout = Readout::new(
-        if u.ratio(1, 8)? { size(u, 200)?.min(1 << 14) } else { layout.width },
-        if u.ratio(1, 8)? { size(u, 200)?.min(1 << 14) } else { layout.height },
-        *u.choose(&DIRECTIONS)?,
-        readout_time(u)?,
-        1.0,
-    );
+    let width = if u.ratio(1, 8)? { size(u, 200)?.min(1 << 14) } else { layout.width };
+    let height = if u.ratio(1, 8)? { size(u, 200)?.min(1 << 14) } else { layout.height };
+    let readout = readout([width, height], *u.choose(&DIRECTIONS)?, readout_time(u)?, 1.0);
     let mut path = if u.arbitrary()? {
         let twist = Twist::new(real(u, 0.6)?, real(u, 60.0)?, real(u, 60.0)?);
-        MotionPath::uniform(twist, readout.time)
+        MotionPath::uniform(twist, readout.time())
     } else {
         let element = if u.ratio(1, 8)? { real } else { small };
         let mut motions = Vec::new();
@@ -188,7 +186,7 @@ fn motion(u: &mut Unstructured<'_>, layout: &PlaneLayout) -> Result<FrameMotion>
             }
             motions.push(motion);
         }
-        SampledPath::new(&motions, readout.time).map_or(MotionPath::STILL, MotionPath::from)
+        SampledPath::new(&motions, readout.time()).map_or(MotionPath::STILL, MotionPath::from)
     };
     if u.ratio(1, 3)? {
         let (columns, rows) = (u.int_in_range(1..=4usize)?, u.int_in_range(1..=4usize)?);

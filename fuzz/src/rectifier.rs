@@ -6,7 +6,7 @@ use nalgebra::Vector2;
 use rsrectify::correspond::{Pyramid, Sampler};
 use rsrectify::motion::image_centre;
 use rsrectify::plane::{Luma, Plane, PlaneLayout, PlaneMut, SampleFormat};
-use rsrectify::rectifier::{FrameSolution, Rectifier};
+use rsrectify::rectifier::{Duplicate, FrameSolution, Rectifier};
 use rsrectify::warp::{CpuLevel, Placement, WarpSettings, Warper};
 
 /// Calls in a stream, at most.
@@ -44,7 +44,7 @@ fn stream(u: &mut Unstructured<'_>) -> Result<()> {
                 let wrong = PlaneLayout::packed(width + 1, height, SampleFormat::U8);
                 let bytes = vec![7; (width + 1) * height];
                 let luma = Plane::new(&bytes, wrong).map(Luma::from);
-                assert!(luma.is_ok_and(|luma| rectifier.push(&luma, Some(time), false).is_err()));
+                assert!(luma.is_ok_and(|luma| rectifier.push(&luma, Some(time), Duplicate::Detect).is_err()));
             }
             kind => {
                 let picture = scene.picture(u, kind)?;
@@ -57,7 +57,8 @@ fn stream(u: &mut Unstructured<'_>) -> Result<()> {
                 if let Some(last) = last.as_ref().filter(|_| pushed == 1) {
                     measure_on_all_levels(&scene, [last, &picture], settings.grid_columns);
                 }
-                assert_eq!(rectifier.push(&scene.luma(&picture), stamp, u.ratio(1, 8)?), Ok(()));
+                let duplicate = if u.ratio(1, 8)? { Duplicate::Known } else { Duplicate::Detect };
+                assert_eq!(rectifier.push(&scene.luma(&picture), stamp, duplicate), Ok(()));
                 pushed += 1;
                 last = Some(picture);
             }
@@ -99,7 +100,8 @@ impl Scene {
         weights[0] = 1.0;
         if u.ratio(1, 3)? {
             for weight in &mut weights {
-                *weight = real(u, 1.0)? as f32;
+                // Others are refused.
+                *weight = Some(real(u, 1.0)? as f32).filter(|weight| weight.is_finite()).unwrap_or(0.0);
             }
         }
         let mut random = Random::new(u.arbitrary()?);
@@ -152,7 +154,10 @@ impl Scene {
 
     fn luma<'a>(&self, bytes: &'a [u8]) -> Luma<'a> {
         match Plane::new(bytes, self.layout) {
-            Ok(plane) => Luma { plane, weights: self.weights },
+            Ok(plane) => match Luma::weighted(plane, self.weights) {
+                Ok(luma) => luma,
+                Err(error) => panic!("{error}"),
+            },
             Err(error) => panic!("{error}"),
         }
     }
@@ -189,8 +194,8 @@ fn verify(solution: &FrameSolution, [width, height]: [usize; 2]) {
     let FrameSolution { motion, confidence, correspondences, inliers, residual, readout_deviation, .. } =
         solution;
     let readout = motion.readout();
-    assert_eq!([readout.width, readout.height], [width, height]);
-    assert!(readout.time.is_finite() && readout.time >= 0.0, "{readout:?}");
+    assert_eq!([readout.width(), readout.height()], [width, height]);
+    assert!(readout.time().is_finite() && readout.time() >= 0.0, "{readout:?}");
     assert!((0.0..=1.0).contains(confidence), "{confidence}");
     assert!((0.0..=1.0).contains(&motion.weight()), "{}", motion.weight());
     assert!(inliers <= correspondences, "{inliers} of {correspondences}");
@@ -208,9 +213,9 @@ fn verify(solution: &FrameSolution, [width, height]: [usize; 2]) {
     let layout = PlaneLayout::packed(width, height, SampleFormat::U8);
     let (source, target) = (Plane::new(&plain, layout), PlaneMut::new(&mut rectified, layout));
     let mut warper = Warper::new();
-    warper.prepare(motion, &WarpSettings::default());
+    let frame = warper.prepare(motion, &WarpSettings::default());
     if let (Ok(source), Ok(mut target)) = (source, target) {
-        assert_eq!(warper.warp(&source, &mut target, Placement::FULL, [0; 4]), Ok(()));
+        assert_eq!(frame.warp(&source, &mut target, Placement::FULL, [0; 4]), Ok(()));
     }
     assert_eq!(rectified, plain);
 }

@@ -4,7 +4,7 @@ use super::input::{real, settings, size};
 use arbitrary::{Result, Unstructured};
 use rsrectify::plane::{Luma, Plane, PlaneLayout, SampleFormat};
 use rsrectify::readout::{Readout, ReadoutTime};
-use rsrectify::rectifier::{Rectifier, Settings};
+use rsrectify::rectifier::{Duplicate, Rectifier, Settings};
 
 /// Pixels of a frame, at most, in whose stream frames are pushed.
 const MOST_PIXELS: usize = 1 << 12;
@@ -38,7 +38,7 @@ fn settled(u: &mut Unstructured<'_>) -> Result<()> {
     for k in 0..frames {
         let pixels: Vec<u8> = (0..width * height).map(|i| ((i + 3 * k) * 37 % 251) as u8).collect();
         let Ok(plane) = Plane::new(&pixels, layout) else { panic!("{layout:?} is packed") };
-        assert_eq!(rectifier.push(&Luma::from(plane), Some(0.04 * k as f64), false), Ok(()));
+        assert_eq!(rectifier.push(&Luma::from(plane), Some(0.04 * k as f64), Duplicate::Detect), Ok(()));
     }
     let early = std::iter::from_fn(|| rectifier.pop()).count();
     assert_eq!(early, frames.saturating_sub(settings.lookahead));
@@ -51,10 +51,11 @@ fn settled(u: &mut Unstructured<'_>) -> Result<()> {
 fn is_valid(settings: &Settings, size: [usize; 2]) -> bool {
     let known = match settings.readout_time {
         ReadoutTime::Seconds(value) | ReadoutTime::DelayRows(value) => (0.0..f64::INFINITY).contains(&value),
-        ReadoutTime::Unknown | ReadoutTime::WholePeriod => true,
+        _ => true,
     };
     let readout = Readout::new(64, 48, Default::default(), settings.readout_time, 0.04);
-    assert!((0.0..f64::INFINITY).contains(&readout.time), "{readout:?}");
+    assert_eq!(readout.is_ok(), known, "{readout:?}");
+    assert!(readout.is_ok_and(|readout| (0.0..f64::INFINITY).contains(&readout.time())) == known);
     let focal = settings.focal_length.is_none_or(|focal| focal > 0.0 && focal < f64::INFINITY);
     let grid = settings.grid_columns <= 1024 && settings.grid_rows <= 1024;
     known && focal && grid && size.iter().all(|side| *side <= 1 << 20)

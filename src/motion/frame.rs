@@ -56,7 +56,8 @@ mod tests {
 
     #[test]
     fn weights_are_shares() {
-        let readout = Readout::new(8, 4, ReadoutDirection::TopToBottom, ReadoutTime::WholePeriod, 1.0);
+        let readout =
+            Readout::new(8, 4, ReadoutDirection::TopToBottom, ReadoutTime::WholePeriod, 1.0).unwrap();
         let motion = FrameMotion::new(readout, MotionPath::uniform(Twist::new(0.0, 1.0, 0.0), 1.0));
         assert_eq!(motion.weight(), 1.0);
         for (weight, share) in

@@ -23,6 +23,7 @@ pub const TURNS: usize = 3;
 
 /// The image motions that are looked for.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+#[non_exhaustive]
 pub enum Model {
     /// All generators, each as far as the picture bears it out.
     #[default]

@@ -23,6 +23,7 @@ pub struct SampledPath {
 
 /// Why samples do not make a path.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
+#[non_exhaustive]
 pub enum PathError {
     /// Fewer than five samples.
     #[error("a path takes at least five samples, not {0}")]

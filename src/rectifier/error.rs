@@ -1,7 +1,7 @@
 //! What a rectifier refuses.
 
 use super::Settings;
-use crate::readout::ReadoutTime;
+use crate::readout::ReadoutError;
 use thiserror::Error;
 
 /// Pixels along a side of a frame, at most.
@@ -13,12 +13,9 @@ const MAX_GRID: usize = 1 << 10;
 #[derive(Clone, Copy, Debug, PartialEq, Error)]
 #[non_exhaustive]
 pub enum SettingsError {
-    /// A readout time that is negative, infinite or not a number.
-    #[error("readout time of {0} s: must be finite and not negative")]
-    ReadoutTime(f64),
-    /// An inter-frame delay that is negative, infinite or not a number.
-    #[error("inter-frame delay of {0} rows: must be finite and not negative")]
-    Delay(f64),
+    /// A readout time or inter-frame delay that cannot be.
+    #[error(transparent)]
+    Readout(#[from] ReadoutError),
     /// A focal length that is not positive, infinite or not a number.
     #[error("focal length of {0} frame widths: must be finite and positive")]
     FocalLength(f64),
@@ -57,15 +54,7 @@ pub enum PushError {
 impl Settings {
     /// Whether there can be a rectifier with these settings for frames of `width` × `height` pixels.
     pub(super) fn check(&self, width: usize, height: usize) -> Result<(), SettingsError> {
-        match self.readout_time {
-            ReadoutTime::Seconds(time) if !self.readout_time.is_valid() => {
-                return Err(SettingsError::ReadoutTime(time));
-            }
-            ReadoutTime::DelayRows(delay) if !self.readout_time.is_valid() => {
-                return Err(SettingsError::Delay(delay));
-            }
-            _ => (),
-        }
+        self.readout_time.check()?;
         if let Some(focal) = self.focal_length.filter(|focal| !(focal.is_finite() && *focal > 0.0)) {
             return Err(SettingsError::FocalLength(focal));
         }
@@ -83,6 +72,7 @@ impl Settings {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::readout::ReadoutTime;
 
     #[test]
     fn what_cannot_be_is_refused_by_name() {

@@ -1,4 +1,4 @@
-//! The lookahead queue that joins the rooms: push luma, pop motions in order, drain, reset.
+//! The lookahead queue that joins the modules: push luma, pop motions in order, drain, reset.
 
 mod clock;
 mod duplicates;
@@ -30,6 +30,7 @@ const FULL_COVERAGE: f64 = 0.1;
 
 /// How motion is estimated.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+#[non_exhaustive]
 pub enum Estimator {
     /// Splines over exposure time, with the readout found from the picture where it is not given.
     #[default]
@@ -38,8 +39,24 @@ pub enum Estimator {
     Sequential,
 }
 
+/// What is known of whether a frame repeats the one before it, as where a frame rate was raised.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+pub enum Duplicate {
+    /// Nothing; most duplicates are found from the picture.
+    #[default]
+    Detect,
+    /// It does.
+    Known,
+}
+
 /// How a stream is analysed.
+///
+/// ```
+/// let mut settings = rsrectify::rectifier::Settings::default();
+/// settings.lookahead = 8;
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[non_exhaustive]
 pub struct Settings {
     /// Columns of the sampling grid.
     pub grid_columns: usize,
@@ -78,6 +95,7 @@ impl Default for Settings {
 
 /// The motion of one frame and how far it is to be trusted.
 #[derive(Clone, Debug, PartialEq)]
+#[non_exhaustive]
 pub struct FrameSolution {
     /// What the frame is rectified by: the motion through its readout, the shutter it was solved with, and how much
     /// of the correction is applied: less where a continuous path is uncertain.
@@ -100,6 +118,7 @@ pub struct FrameSolution {
 
 /// Time spent so far.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[non_exhaustive]
 pub struct Timings {
     /// Reduction of the luma and correspondences.
     pub correspond: Duration,
@@ -145,6 +164,9 @@ impl Rectifier {
     ///
     /// `period` is the nominal one; `None`, or one that no camera has (under a millisecond, over ten seconds, not a
     /// number), takes it from the times of the frames. Frames of any size will do, also those too small to be analysed.
+    ///
+    /// # Errors
+    /// If the settings cannot be or the frames are larger than any sensor; see [`SettingsError`].
     pub fn new(
         settings: Settings,
         width: usize,
@@ -185,12 +207,16 @@ impl Rectifier {
 
     /// Adds the next frame: its luma and its timestamp in seconds.
     ///
-    /// Times may fall (reverse playback) or be missing; `duplicate` marks a frame known to repeat
-    /// the one before it (most duplicates are also found by themselves).
+    /// Times may fall (reverse playback) or be missing; one that is not finite counts as missing.
     ///
-    /// A luma that is not of the rectifier's size is refused: nothing has been pushed then, and nothing will be popped
-    /// for it.
-    pub fn push(&mut self, luma: &Luma<'_>, time: Option<f64>, duplicate: bool) -> Result<(), PushError> {
+    /// # Errors
+    /// If the luma is not of the rectifier's size: nothing has been pushed then, and nothing will be popped for it.
+    pub fn push(
+        &mut self,
+        luma: &Luma<'_>,
+        time: Option<f64>,
+        duplicate: Duplicate,
+    ) -> Result<(), PushError> {
         let started = Instant::now();
         let (found, expected) = (luma.plane.layout(), self.size);
         if (found.width, found.height) != expected {
@@ -205,7 +231,8 @@ impl Rectifier {
         }
         self.sampler.build(luma, &mut self.now);
         let repeats = self.reference.is_some()
-            && (duplicate || self.duplicates.is_repeated(self.sampler.difference(&self.before, &self.now)));
+            && (duplicate == Duplicate::Known
+                || self.duplicates.is_repeated(self.sampler.difference(&self.before, &self.now)));
         let readout = self.readout();
         self.waiting.push_back(Waiting { readout, correspondences: 0, repeats });
         if repeats {
@@ -265,7 +292,7 @@ impl Rectifier {
     fn readout(&self) -> Readout {
         let (width, height) = self.size;
         let direction = self.settings.direction.unwrap_or_default();
-        Readout::new(width, height, direction, self.settings.readout_time, self.clock.period())
+        Readout::resolved(width, height, direction, self.settings.readout_time, self.clock.period())
     }
 
     /// Links the frame in `now` to the reference, where there is one, and makes it the reference.

@@ -58,7 +58,12 @@ fn rectifier(estimator: Estimator, lookahead: usize) -> Rectifier {
     Rectifier::new(settings, WIDTH, HEIGHT, Some(PERIOD)).unwrap()
 }
 
-fn push(rectifier: &mut Rectifier, pixels: &[u8], time: f64, duplicate: bool) {
+/// What a frame is pushed as where it is known whether it is a duplicate.
+fn kind(is_known: bool) -> Duplicate {
+    if is_known { Duplicate::Known } else { Duplicate::Detect }
+}
+
+fn push(rectifier: &mut Rectifier, pixels: &[u8], time: f64, duplicate: Duplicate) {
     let layout = PlaneLayout::packed(WIDTH, HEIGHT, SampleFormat::U8);
     rectifier.push(&Luma::from(Plane::new(pixels, layout).unwrap()), Some(time), duplicate).unwrap();
 }
@@ -83,7 +88,12 @@ fn every_frame_comes_out_once_after_the_lookahead() {
             let mut rectifier = rectifier(estimator, lookahead);
             let mut count = 0;
             for k in 0..10 {
-                push(&mut rectifier, &frame(k as f64 * PERIOD, VELOCITY), k as f64 * PERIOD, false);
+                push(
+                    &mut rectifier,
+                    &frame(k as f64 * PERIOD, VELOCITY),
+                    k as f64 * PERIOD,
+                    Duplicate::Detect,
+                );
                 let ready = pops(&mut rectifier);
                 assert_eq!(ready.len(), usize::from(k >= lookahead), "lookahead {lookahead}, frame {k}");
                 count += ready.len();
@@ -99,7 +109,7 @@ fn every_frame_comes_out_once_after_the_lookahead() {
 fn without_lookahead_the_first_frame_stays_as_it_is() {
     for estimator in ESTIMATORS {
         let mut rectifier = rectifier(estimator, 0);
-        push(&mut rectifier, &frame(0.0, VELOCITY), 0.0, false);
+        push(&mut rectifier, &frame(0.0, VELOCITY), 0.0, Duplicate::Detect);
         let first = rectifier.pop().unwrap();
         assert_eq!((first.origin, first.confidence), (Origin::Untouched, 0.0));
         assert!(first.motion.path().is_still());
@@ -111,7 +121,7 @@ fn reverse_playback_finds_the_same_motion() {
     for estimator in ESTIMATORS {
         let mut rectifier = rectifier(estimator, 3);
         for k in (0..8).rev() {
-            push(&mut rectifier, &frame(k as f64 * PERIOD, VELOCITY), k as f64 * PERIOD, false);
+            push(&mut rectifier, &frame(k as f64 * PERIOD, VELOCITY), k as f64 * PERIOD, Duplicate::Detect);
         }
         rectifier.drain();
         pops(&mut rectifier).iter().for_each(|solution| assert_velocity(solution, VELOCITY));
@@ -123,7 +133,7 @@ fn a_dropped_frame_changes_nothing() {
     for estimator in ESTIMATORS {
         let mut rectifier = rectifier(estimator, 3);
         for k in [0, 1, 3, 4, 5, 8, 9] {
-            push(&mut rectifier, &frame(k as f64 * PERIOD, VELOCITY), k as f64 * PERIOD, false);
+            push(&mut rectifier, &frame(k as f64 * PERIOD, VELOCITY), k as f64 * PERIOD, Duplicate::Detect);
         }
         rectifier.drain();
         pops(&mut rectifier).iter().for_each(|solution| assert_velocity(solution, VELOCITY));
@@ -138,7 +148,12 @@ fn a_duplicate_repeats_its_frame_s_motion() {
             for k in 0..12 {
                 // Every second frame repeats the one before, as 25 frames a second do in a project of 50.
                 let shown = (k / 2 * 2) as f64 * PERIOD / 2.0;
-                push(&mut rectifier, &frame(shown, VELOCITY), k as f64 * PERIOD / 2.0, marked && k % 2 == 1);
+                push(
+                    &mut rectifier,
+                    &frame(shown, VELOCITY),
+                    k as f64 * PERIOD / 2.0,
+                    kind(marked && k % 2 == 1),
+                );
             }
             rectifier.drain();
             let solutions = pops(&mut rectifier);
@@ -182,7 +197,7 @@ fn a_camera_that_stops_is_still_after_a_few_frames() {
         let mut rectifier = rectifier(estimator, 2);
         for k in 0..16 {
             let shown = frame((k as f64).min(6.0) * PERIOD, VELOCITY);
-            push(&mut rectifier, &shown, k as f64 * PERIOD, false);
+            push(&mut rectifier, &shown, k as f64 * PERIOD, Duplicate::Detect);
         }
         rectifier.drain();
         let last = pops(&mut rectifier).pop().unwrap();
@@ -198,10 +213,10 @@ fn black_frames_and_cuts_have_no_motion_of_the_other_side() {
         for k in 0..12 {
             let time = k as f64 * PERIOD;
             let shown = if k < 6 { frame(time, VELOCITY) } else { frame(time + 900.0, other) };
-            push(&mut rectifier, &shown, time, false);
+            push(&mut rectifier, &shown, time, Duplicate::Detect);
         }
         for k in 12..15 {
-            push(&mut rectifier, &vec![16; WIDTH * HEIGHT], k as f64 * PERIOD, false);
+            push(&mut rectifier, &vec![16; WIDTH * HEIGHT], k as f64 * PERIOD, Duplicate::Detect);
         }
         rectifier.drain();
         let solutions = pops(&mut rectifier);
@@ -216,17 +231,17 @@ fn a_drain_starts_anew_and_a_reset_forgets() {
     for estimator in ESTIMATORS {
         let mut rectifier = rectifier(estimator, 5);
         for k in 0..3 {
-            push(&mut rectifier, &frame(k as f64 * PERIOD, VELOCITY), k as f64 * PERIOD, false);
+            push(&mut rectifier, &frame(k as f64 * PERIOD, VELOCITY), k as f64 * PERIOD, Duplicate::Detect);
         }
         rectifier.drain();
-        push(&mut rectifier, &frame(0.0, -VELOCITY), 3.0 * PERIOD, false);
-        push(&mut rectifier, &frame(PERIOD, -VELOCITY), 4.0 * PERIOD, false);
+        push(&mut rectifier, &frame(0.0, -VELOCITY), 3.0 * PERIOD, Duplicate::Detect);
+        push(&mut rectifier, &frame(PERIOD, -VELOCITY), 4.0 * PERIOD, Duplicate::Detect);
         rectifier.drain();
         let solutions = pops(&mut rectifier);
         assert_eq!(solutions.len(), 5);
         solutions[..3].iter().for_each(|solution| assert_velocity(solution, VELOCITY));
         solutions[3..].iter().for_each(|solution| assert_velocity(solution, -VELOCITY));
-        push(&mut rectifier, &frame(0.0, VELOCITY), 0.0, false);
+        push(&mut rectifier, &frame(0.0, VELOCITY), 0.0, Duplicate::Detect);
         rectifier.reset();
         rectifier.drain();
         assert_eq!(pops(&mut rectifier).len(), 0);
@@ -240,7 +255,9 @@ fn frames_that_cannot_be_analysed_are_counted_all_the_same() {
         let pixels: Vec<u8> = (0..width * height).map(|i| (i * 37 % 251) as u8).collect();
         let layout = PlaneLayout::packed(width, height, SampleFormat::U8);
         for _ in 0..7 {
-            rectifier.push(&Luma::from(Plane::new(&pixels, layout).unwrap()), None, false).unwrap();
+            rectifier
+                .push(&Luma::from(Plane::new(&pixels, layout).unwrap()), None, Duplicate::Detect)
+                .unwrap();
         }
         rectifier.drain();
         assert_eq!(pops(&mut rectifier).len(), 7);
@@ -261,7 +278,7 @@ fn any_size_and_any_grid() {
             let shown = |i: usize| texture((i % width + 2 * step) as f64, (i / width + step) as f64) as u8;
             let pixels: Vec<u8> = (0..width * height).map(shown).collect();
             let luma = Luma::from(Plane::new(&pixels, layout).unwrap());
-            rectifier.push(&luma, Some(0.03 * step as f64), false).unwrap();
+            rectifier.push(&luma, Some(0.03 * step as f64), Duplicate::Detect).unwrap();
         }
         rectifier.drain();
         let solutions = pops(&mut rectifier);
@@ -280,11 +297,14 @@ fn a_frame_of_another_size_is_refused_and_not_counted() {
         for k in 0..6 {
             let time = k as f64 * PERIOD;
             let pixels = frame(time, VELOCITY);
-            let refused =
-                rectifier.push(&Luma::from(Plane::new(&pixels, small).unwrap()), Some(time + 9.0), false);
+            let refused = rectifier.push(
+                &Luma::from(Plane::new(&pixels, small).unwrap()),
+                Some(time + 9.0),
+                Duplicate::Detect,
+            );
             let (found, expected) = ([WIDTH, HEIGHT - 1], [WIDTH, HEIGHT]);
             assert_eq!(refused, Err(PushError::Size { found, expected }));
-            push(&mut rectifier, &pixels, time, false);
+            push(&mut rectifier, &pixels, time, Duplicate::Detect);
         }
         rectifier.drain();
         let solutions = pops(&mut rectifier);
@@ -316,7 +336,7 @@ fn inliers_are_some_of_the_correspondences_of_the_same_pair() {
                 _ if k % 3 == 2 => pixels[WIDTH * HEIGHT / 4..].fill(128),
                 _ => (),
             }
-            push(&mut rectifier, &pixels, time, k == 8);
+            push(&mut rectifier, &pixels, time, kind(k == 8));
         }
         rectifier.drain();
         let solutions = pops(&mut rectifier);
@@ -347,7 +367,7 @@ proptest! {
             let time = k as f64 * PERIOD;
             let mut pixels = frame(time + cuts, Vector2::new(vx, vy));
             pixels[seen * WIDTH..].fill(90);
-            push(&mut rectifier, &pixels, time, duplicate && jump == 1);
+            push(&mut rectifier, &pixels, time, kind(duplicate && jump == 1));
         }
         rectifier.drain();
         let solutions = pops(&mut rectifier);
@@ -362,9 +382,9 @@ proptest! {
 fn a_readout_that_is_given_has_no_deviation() {
     for estimator in ESTIMATORS {
         let mut rectifier = rectifier(estimator, 2);
-        push(&mut rectifier, &vec![16; WIDTH * HEIGHT], 0.0, false);
+        push(&mut rectifier, &vec![16; WIDTH * HEIGHT], 0.0, Duplicate::Detect);
         for k in 1..6 {
-            push(&mut rectifier, &frame(k as f64 * PERIOD, VELOCITY), k as f64 * PERIOD, false);
+            push(&mut rectifier, &frame(k as f64 * PERIOD, VELOCITY), k as f64 * PERIOD, Duplicate::Detect);
         }
         rectifier.drain();
         assert!(pops(&mut rectifier).iter().all(|solution| solution.readout_deviation == 0.0));
@@ -382,7 +402,7 @@ fn a_focal_length_next_to_zero_is_no_end_of_the_motion() {
         };
         let mut rectifier = Rectifier::new(settings, WIDTH, HEIGHT, Some(PERIOD)).unwrap();
         for k in 0..8 {
-            push(&mut rectifier, &frame(k as f64 * PERIOD, VELOCITY), k as f64 * PERIOD, false);
+            push(&mut rectifier, &frame(k as f64 * PERIOD, VELOCITY), k as f64 * PERIOD, Duplicate::Detect);
         }
         rectifier.drain();
         pops(&mut rectifier).iter().for_each(|solution| assert_velocity(solution, VELOCITY));

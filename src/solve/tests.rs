@@ -19,7 +19,8 @@ struct World {
 impl World {
     fn new(twists: Vec<Twist>, delay: f64) -> Self {
         let readout =
-            Readout::new(640, 480, ReadoutDirection::TopToBottom, ReadoutTime::DelayRows(delay), PERIOD);
+            Readout::new(640, 480, ReadoutDirection::TopToBottom, ReadoutTime::DelayRows(delay), PERIOD)
+                .unwrap();
         Self { twists, readout }
     }
 

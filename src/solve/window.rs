@@ -20,6 +20,7 @@ use std::collections::VecDeque;
 
 /// Where a frame's motion comes from.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[non_exhaustive]
 pub enum Origin {
     /// One pair of frames in uniform rotation (25.6).
     Initial,

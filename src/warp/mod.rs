@@ -2,7 +2,7 @@
 //!
 //! The frame shows the point x (centred pixels, exposed at share s) at x; the rectified frame shows it
 //! at z · (x + α·(carry(x, s, ref) − x)): 25.11 with a strength α and a zoom z. [`Warper::prepare`]
-//! inverts this map once a frame, [`Warper::warp`] samples any of the frame's planes by it, in
+//! inverts this map once a frame, [`PreparedFrame::warp`] samples any of the frame's planes by it, in
 //! two passes: first down the columns, then along the rows (see `kernels`).
 //!
 //! Positions are right to 0.01 px: the map is solved at nodes, interpolated between them, and
@@ -30,6 +30,7 @@ use thiserror::Error;
 
 /// How samples between pixels are made.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+#[non_exhaustive]
 pub enum Interpolation {
     /// The nearest sample.
     Nearest,
@@ -44,6 +45,7 @@ pub enum Interpolation {
 
 /// What is shown where the frame saw nothing.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+#[non_exhaustive]
 pub enum BorderMode {
     /// The nearest edge sample.
     #[default]
@@ -55,7 +57,13 @@ pub enum BorderMode {
 }
 
 /// How a frame is rectified.
+///
+/// ```
+/// let mut settings = rsrectify::warp::WarpSettings::default();
+/// settings.strength = 0.5;
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[non_exhaustive]
 pub struct WarpSettings {
     /// How samples between pixels are made.
     pub interpolation: Interpolation,
@@ -109,6 +117,7 @@ impl Placement {
 
 /// Why a plane cannot be rectified.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
+#[non_exhaustive]
 pub enum WarpError {
     /// Source and destination differ in size, channels or sample format.
     #[error("source and destination planes differ in size, channels or sample format")]
@@ -121,7 +130,7 @@ pub enum WarpError {
 /// Rectifies the planes of one frame after another; keeps its buffers.
 ///
 /// Rows are spread over the thread pool of rayon in which [`prepare`](Self::prepare) and
-/// [`warp`](Self::warp) are called.
+/// [`PreparedFrame::warp`] are called.
 #[derive(Debug)]
 pub struct Warper {
     level: CpuLevel,
@@ -168,11 +177,17 @@ impl Warper {
         }
     }
 
-    /// Computes the inverse map of one frame; [`warp`](Self::warp) then serves all its planes.
+    /// Computes the inverse map of one frame, by which all its planes are rectified.
     ///
     /// The strength that is applied is that of the settings times the motion's weight.
     /// Settings out of range count as the nearest in range; a zoom of more than 8 as 8.
-    pub fn prepare(&mut self, motion: &FrameMotion, settings: &WarpSettings) {
+    pub fn prepare(&mut self, motion: &FrameMotion, settings: &WarpSettings) -> PreparedFrame<'_> {
+        self.solve(motion, settings);
+        PreparedFrame { warper: self }
+    }
+
+    /// Computes the inverse map of one frame.
+    fn solve(&mut self, motion: &FrameMotion, settings: &WarpSettings) {
         self.settings = *settings;
         let unmoved = motion.is_still() || settings.strength <= 0.0;
         self.identity = unmoved && settings.zoom <= 1.0;
@@ -183,12 +198,8 @@ impl Warper {
         }
     }
 
-    /// Fills `dst` with the rectified `src`; before the first [`prepare`](Self::prepare), with its copy.
-    ///
-    /// `fill` holds one sample value a channel (before the format's shift) for
-    /// [`BorderMode::Constant`]. The steps of the two planes may differ; samples between the pixels'
-    /// own are not written.
-    pub fn warp(
+    /// Fills `dst` with the rectified `src`; see [`PreparedFrame::warp`].
+    fn warp(
         &self,
         src: &Plane<'_>,
         dst: &mut PlaneMut<'_>,
@@ -234,6 +245,33 @@ impl Warper {
         Arc::make_mut(&mut map).fill(&self.map, &placement, width);
         planes.used.push((placement, width, map.clone()));
         map
+    }
+}
+
+/// A frame whose planes can be rectified: all of them, in any order and from any thread.
+#[derive(Debug)]
+#[must_use = "only `warp` rectifies"]
+pub struct PreparedFrame<'a> {
+    warper: &'a Warper,
+}
+
+impl PreparedFrame<'_> {
+    /// Fills `dst` with the rectified `src`, one of the frame's planes.
+    ///
+    /// `fill` holds one sample value a channel (before the format's shift) for
+    /// [`BorderMode::Constant`]. The steps of the two planes may differ; samples between the pixels'
+    /// own are not written.
+    ///
+    /// # Errors
+    /// If the planes differ in size, channels or sample format, or the placement is not one; see [`WarpError`].
+    pub fn warp(
+        &self,
+        src: &Plane<'_>,
+        dst: &mut PlaneMut<'_>,
+        placement: Placement,
+        fill: [u16; 4],
+    ) -> Result<(), WarpError> {
+        self.warper.warp(src, dst, placement, fill)
     }
 }
 

@@ -50,7 +50,7 @@ struct Map {
 
 impl Map {
     fn fit(pairs: &[TimedPair], readout: &Readout) -> Option<Self> {
-        let scale = readout.width as f64 / 2.0;
+        let scale = readout.width() as f64 / 2.0;
         let equation = |pair: &TimedPair| {
             let at = pair.from / scale;
             Equation::new([(0, 1.0), (1, at.x), (2, at.y)], pair.displacement())
@@ -63,7 +63,8 @@ impl Map {
     /// The velocity in px/s of the point at `pixel`: how far it goes to the next frame, over the time
     /// between the two rows that see it. Exact for a uniform translation.
     fn velocity(&self, pixel: Vector2<f64>, readout: &Readout, interval: f64) -> Vector2<f64> {
-        let displacement = self.linear * (pixel - image_centre(readout.width, readout.height)) + self.shift;
+        let displacement =
+            self.linear * (pixel - image_centre(readout.width(), readout.height())) + self.shift;
         let to = pixel + displacement;
         let elapsed = interval + readout.offset(to.x, to.y) - readout.offset(pixel.x, pixel.y);
         displacement / (interval * (elapsed / interval).max(LEAST_ELAPSED))

@@ -22,7 +22,7 @@ impl Method for Curve {
         let readout = input.readout;
         let path = std::sync::Arc::new(Path::through_global_motions(input));
         let correction = |stamp: &f64| {
-            let (path, reference) = (path.clone(), stamp + 0.5 * readout.time);
+            let (path, reference) = (path.clone(), stamp + 0.5 * readout.time());
             Box::new(move |pixel: Vector2<f64>| {
                 let seen = reference - until_reference(&readout, pixel);
                 pixel + path.at(reference) - path.at(seen)
@@ -47,7 +47,7 @@ impl Path {
     /// The path that moves by the global motion from one frame's middle to the next one's. A global
     /// motion that cannot be measured counts as none.
     fn through_global_motions(input: &Input) -> Self {
-        let times: Vec<f64> = input.stamps.iter().map(|stamp| stamp + 0.5 * input.readout.time).collect();
+        let times: Vec<f64> = input.stamps.iter().map(|stamp| stamp + 0.5 * input.readout.time()).collect();
         let slopes: Vec<_> =
             (0..input.pairs.len()).map(|k| velocity(&timed(input, k)).unwrap_or_default()).collect();
         let mut places = vec![Vector2::zeros()];

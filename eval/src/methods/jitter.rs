@@ -56,9 +56,9 @@ impl Method for Jitter {
         };
         let motion = Arc::new(motion);
         let readout = input.readout;
-        let centre = image_centre(readout.width, readout.height);
+        let centre = image_centre(readout.width(), readout.height());
         let correction = |stamp: &f64| {
-            let (motion, reference) = (motion.clone(), stamp + 0.5 * readout.time);
+            let (motion, reference) = (motion.clone(), stamp + 0.5 * readout.time());
             Box::new(move |pixel: Vector2<f64>| {
                 let seen = reference - until_reference(&readout, pixel);
                 motion.carry(pixel - centre, seen, reference) + centre
@@ -87,7 +87,7 @@ struct Basis {
 impl Basis {
     fn new(model: Jitter, input: &Input) -> Self {
         let step = input.period / KNOTS as f64;
-        let (begin, end) = (input.stamps[0], input.stamps[input.stamps.len() - 1] + input.readout.time);
+        let (begin, end) = (input.stamps[0], input.stamps[input.stamps.len() - 1] + input.readout.time());
         let first = begin - step;
         let count = ((end - first) / step).ceil() as usize + 2;
         let mut basis = Self {
@@ -95,7 +95,7 @@ impl Basis {
             step,
             knots: Vec::with_capacity(count),
             affine: Vec::new(),
-            scale: input.readout.width as f64 / 2.0,
+            scale: input.readout.width() as f64 / 2.0,
         };
         let mut starts = input.stamps.iter().filter(|_| model == Jitter::Affine).peekable();
         for knot in 0..count {

@@ -131,7 +131,7 @@ fn correction<M: Motion>(window: Window, input: &Input, k: usize) -> Option<Rect
             [sight(stamps[0], found.from), sight(stamps[1], found.to)]
         }));
     }
-    let curve = Curve::<M>::still(window.times(stamps, input.readout.time));
+    let curve = Curve::<M>::still(window.times(stamps, input.readout.time()));
     let curve = Fit { camera, weights: vec![1.0; sights.len()], sights, curve }.robust()?;
     Some(Rectified { camera, curve, stamp: input.stamps[k] })
 }
@@ -146,7 +146,7 @@ struct Camera {
 
 impl Camera {
     fn new(focal: f64, readout: Readout) -> Self {
-        Self { focal, centre: image_centre(readout.width, readout.height), readout }
+        Self { focal, centre: image_centre(readout.width(), readout.height()), readout }
     }
 
     fn exposure(&self, stamp: f64, x: Vector2<f64>) -> f64 {
@@ -308,7 +308,7 @@ struct Rectified<M> {
 
 impl<M: Motion> Correction for Rectified<M> {
     fn correct(&self, pixel: Vector2<f64>) -> Vector2<f64> {
-        let middle = self.stamp + self.camera.readout.time / 2.0;
+        let middle = self.stamp + self.camera.readout.time() / 2.0;
         match self.curve.between(self.camera.exposure(self.stamp, pixel), middle) {
             Some(motion) => self.camera.apply(&motion, pixel),
             None => pixel,

@@ -126,8 +126,8 @@ impl Mixture {
 
     /// The homography of each line in pixels, by the line's place in the readout.
     fn lines(&self) -> Vec<Matrix3<f64>> {
-        let Readout { width, height, direction, .. } = self.readout;
-        let count = if direction.is_by_rows() { height } else { width };
+        let readout = &self.readout;
+        let count = if readout.direction().is_by_rows() { readout.height() } else { readout.width() };
         let back = self.normal.try_inverse().unwrap_or_else(Matrix3::identity);
         let line = |i: usize| {
             let share = (i as f64 + 0.5) / count as f64;
@@ -252,7 +252,7 @@ impl Correction for Unrolled {
         };
         let from = self.readout.share(pixel.x, pixel.y);
         let step = (0.5 - from) / STEPS as f64;
-        let time = step * self.readout.time;
+        let time = step * self.readout.time();
         (0..STEPS).fold(pixel, |point, i| {
             let share = from + step * i as f64;
             let half = point + velocity(share, point) * (time / 2.0);

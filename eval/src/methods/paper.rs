@@ -54,8 +54,8 @@ impl Method for Paper {
 /// Carries every pixel to the middle of the readout (25.11).
 fn correction(input: &Input, fit: &Fit) -> Box<dyn Correction> {
     let readout = input.readout;
-    let centre = image_centre(readout.width, readout.height);
-    let path = MotionPath::uniform(fit.twist, readout.time);
+    let centre = image_centre(readout.width(), readout.height());
+    let path = MotionPath::uniform(fit.twist, readout.time());
     Box::new(move |pixel: Vector2<f64>| {
         path.carry(pixel - centre, readout.share(pixel.x, pixel.y), 0.5) + centre
     })

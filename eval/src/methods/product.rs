@@ -9,7 +9,7 @@ use nalgebra::Vector2;
 use rsrectify::motion::image_centre;
 use rsrectify::plane::{Luma, Plane, PlaneLayout, SampleFormat};
 use rsrectify::readout::ReadoutTime;
-use rsrectify::rectifier::{Estimator, FrameSolution, Rectifier, Settings};
+use rsrectify::rectifier::{Duplicate, Estimator, FrameSolution, Rectifier, Settings};
 use std::ops::Range;
 
 /// What the product is told of the readout time.
@@ -36,7 +36,12 @@ pub fn settings(
         Delay::True => ReadoutTime::Seconds(sequence.readout_time()),
     };
     let direction = (delay != Delay::Unknown).then(|| direction(sequence.first));
-    Settings { estimator, lookahead, direction, readout_time, ..Settings::default() }
+    let mut settings = Settings::default();
+    settings.estimator = estimator;
+    settings.lookahead = lookahead;
+    settings.direction = direction;
+    settings.readout_time = readout_time;
+    settings
 }
 
 /// Pushes the frames of a sequence and collects the motion of each.
@@ -66,7 +71,7 @@ pub fn motions<'a>(
     for (frame, stamp) in frames {
         let luma = frame.luma();
         let layout = PlaneLayout::packed(frame.width, frame.height, SampleFormat::U8);
-        rectifier.push(&Luma::from(Plane::new(&luma, layout)?), Some(stamp), false)?;
+        rectifier.push(&Luma::from(Plane::new(&luma, layout)?), Some(stamp), Duplicate::Detect)?;
         solutions.extend(std::iter::from_fn(|| rectifier.pop()));
         pushed += 1;
     }
@@ -86,7 +91,7 @@ pub fn corrections(solutions: Vec<FrameSolution>) -> Corrections {
 /// Where a solution takes a pixel: to the middle of the readout, as far as it is applied.
 pub fn corrected(solution: &FrameSolution, pixel: Vector2<f64>) -> Vector2<f64> {
     let (readout, path) = (solution.motion.readout(), solution.motion.path());
-    let centre = image_centre(readout.width, readout.height);
+    let centre = image_centre(readout.width(), readout.height());
     let share = readout.share(pixel.x, pixel.y);
     let carried = path.carry(pixel - centre, share, 0.5) + centre;
     pixel + (carried - pixel) * solution.motion.weight()
@@ -98,22 +103,17 @@ mod tests {
     use crate::sequence::Sequence;
     use rsrectify::motion::{FrameMotion, MotionPath, Twist};
     use rsrectify::readout::{Readout, ReadoutDirection};
-    use rsrectify::rectifier::Origin;
 
     #[test]
     fn a_known_path_carries_to_the_middle_of_the_readout() {
         let time = ReadoutTime::Seconds(0.02);
-        let readout = Readout::new(64, 48, ReadoutDirection::BottomToTop, time, 0.04);
+        let readout = Readout::new(64, 48, ReadoutDirection::BottomToTop, time, 0.04).unwrap();
         let path = MotionPath::uniform(Twist::new(0.0, 100.0, 0.0), 0.02);
-        let solution = FrameSolution {
-            motion: FrameMotion::new(readout, path),
-            confidence: 1.0,
-            origin: Origin::Initial,
-            correspondences: 0,
-            inliers: 0,
-            residual: 0.0,
-            readout_deviation: 0.0,
-        };
+        let mut rectifier = Rectifier::new(Settings::default(), 64, 48, None).unwrap();
+        let layout = PlaneLayout::packed(64, 48, SampleFormat::U8);
+        rectifier.push(&Plane::new(&[0; 64 * 48], layout).unwrap().into(), None, Duplicate::Detect).unwrap();
+        let mut solution = rectifier.pop_early().unwrap();
+        solution.motion = FrameMotion::new(readout, path);
         // Row 0 is read last, at share 1 − 0.5/48: half a readout (1 px) back, less half a row.
         let seen = Vector2::new(10.0, 0.0);
         let truth = Vector2::new(10.0 - 2.0 * (0.5 - 0.5 / 48.0), 0.0);
@@ -129,8 +129,8 @@ mod tests {
             let settings = super::settings(footage.settings(), Delay::True, Estimator::Continuous, lookahead);
             let solutions = solve(&footage, settings).unwrap();
             assert_eq!(solutions.len(), 5);
-            assert!((solutions[2].motion.readout().time - 0.85 / 30.0).abs() < 1e-12);
-            assert_eq!(solutions[2].motion.readout().direction, ReadoutDirection::BottomToTop);
+            assert!((solutions[2].motion.readout().time() - 0.85 / 30.0).abs() < 1e-12);
+            assert_eq!(solutions[2].motion.readout().direction(), ReadoutDirection::BottomToTop);
         }
     }
 }

@@ -50,8 +50,8 @@ impl Entry {
 
     fn product(estimator: Estimator, lookahead: usize, told: Delay, label: &'static str) -> Self {
         let name = match estimator {
-            Estimator::Continuous => "rsrectify",
             Estimator::Sequential => "rsrectify-sequential",
+            _ => "rsrectify",
         };
         let id = identity(&format!("{name}-{lookahead}"), told);
         Self { id, label, source: "this library", told, system: System::Product { estimator, lookahead } }
@@ -101,7 +101,8 @@ fn readout(footage: &Footage, told: Delay) -> Readout {
         Delay::True => truth,
         Delay::Zero | Delay::Unknown => {
             let (time, period) = (ReadoutTime::WholePeriod, 1.0 / footage.settings().fps);
-            Readout::new(truth.width, truth.height, truth.direction, time, period)
+            Readout::new(truth.width(), truth.height(), truth.direction(), time, period)
+                .expect("a period above 0")
         }
     }
 }
@@ -195,7 +196,7 @@ mod tests {
         let settings =
             sequence::Settings { width: 160, height: 120, frames: 2, ..sequence::named("btt_g085").unwrap() };
         let footage = Footage::render(Sequence::new(settings)).unwrap();
-        assert!((readout(&footage, Delay::Zero).time - 1.0 / 30.0).abs() < 1e-12);
-        assert!((readout(&footage, Delay::True).time - 0.85 / 30.0).abs() < 1e-12);
+        assert!((readout(&footage, Delay::Zero).time() - 1.0 / 30.0).abs() < 1e-12);
+        assert!((readout(&footage, Delay::True).time() - 0.85 / 30.0).abs() < 1e-12);
     }
 }

@@ -33,7 +33,7 @@ impl TimedPair {
 /// The timed correspondences from frame `k` of the run to the next.
 pub fn timed(input: &Input, k: usize) -> Vec<TimedPair> {
     let readout = &input.readout;
-    let centre = image_centre(readout.width, readout.height);
+    let centre = image_centre(readout.width(), readout.height());
     let exposure = |frame: usize, x: Vector2<f64>| input.stamps[frame] + readout.offset(x.x, x.y);
     let pairs = input.pairs[k].iter().map(|pair| TimedPair {
         from: pair.from - centre,
@@ -63,7 +63,7 @@ pub fn untouched() -> Box<dyn Correction> {
 
 /// Time in seconds from the exposure of a pixel to the reference instant, the middle of the readout.
 pub fn until_reference(readout: &Readout, pixel: Vector2<f64>) -> f64 {
-    0.5 * readout.time - readout.offset(pixel.x, pixel.y)
+    0.5 * readout.time() - readout.offset(pixel.x, pixel.y)
 }
 
 /// Runs with a closed form, for the tests of the image-plane baselines.
@@ -107,7 +107,7 @@ pub(super) mod closed_form {
         ) -> Self {
             let [width, height] = SIZE;
             let time = ReadoutTime::Seconds(ratio * PERIOD);
-            let readout = Readout::new(width, height, direction, time, PERIOD);
+            let readout = Readout::new(width, height, direction, time, PERIOD).unwrap();
             let jitter = |k: usize| if k % 3 == 1 { 0.002 } else { 0.0 };
             let stamps: Vec<f64> = (0..frames).map(|k| k as f64 * PERIOD + jitter(k)).collect();
             let mut run = Self { readout, stamps, pairs: Vec::new() };
@@ -140,7 +140,7 @@ pub(super) mod closed_form {
         }
 
         fn centred(&self, pixel: Vector2<f64>) -> Vector2<f64> {
-            pixel - image_centre(self.readout.width, self.readout.height)
+            pixel - image_centre(self.readout.width(), self.readout.height())
         }
 
         fn exposure(&self, k: usize, pixel: Vector2<f64>) -> f64 {
@@ -149,7 +149,7 @@ pub(super) mod closed_form {
 
         /// Where frame `k` sees a point: the row of arrival decides when, and when decides the row.
         fn seen(&self, k: usize, point: Vector2<f64>, flow: Flow) -> Vector2<f64> {
-            let centre = image_centre(self.readout.width, self.readout.height);
+            let centre = image_centre(self.readout.width(), self.readout.height());
             let mut pixel = point + centre;
             for _ in 0..60 {
                 pixel = flow(point, self.exposure(k, pixel)) + centre;
@@ -173,7 +173,7 @@ pub(super) mod closed_form {
             assert_eq!(corrections.len(), self.stamps.len());
             let (mut left, mut moved, mut count) = (0.0, 0.0, 0.0);
             for (k, correction) in corrections.iter().enumerate() {
-                let reference = self.stamps[k] + 0.5 * self.readout.time;
+                let reference = self.stamps[k] + 0.5 * self.readout.time();
                 for i in 0..192 {
                     let pixel = Vector2::new((i % 16 * 20) as f64, (i / 16 * 20) as f64);
                     let point = inverse(self.centred(pixel), self.exposure(k, pixel));

@@ -70,7 +70,7 @@ impl Wall {
     pub fn left(&self, method: &dyn Method, pairs: &[Vec<Correspondence>]) -> (Vec<f64>, f64) {
         let time = ReadoutTime::Seconds(self.readout);
         let input = Input {
-            readout: Readout::new(320, 240, direction(self.first), time, PERIOD),
+            readout: Readout::new(320, 240, direction(self.first), time, PERIOD).unwrap(),
             focal: FOCAL,
             period: PERIOD,
             stamps: (0..=pairs.len()).map(|k| k as f64 * PERIOD).collect(),

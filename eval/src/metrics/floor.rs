@@ -39,18 +39,18 @@ fn best_twist(samples: &[Sample], readout: &Readout) -> Twist {
 
 /// From where a twist takes a sample to where it belongs, in pixels.
 fn missing(sample: &Sample, readout: &Readout, twist: Twist) -> Vector2<f64> {
-    let path = MotionPath::uniform(twist, readout.time);
+    let path = MotionPath::uniform(twist, readout.time());
     let share = readout.share(sample.seen.x, sample.seen.y);
     centred(sample.truth, readout) - path.carry(centred(sample.seen, readout), share, 0.5)
 }
 
 fn centred(pixel: Vector2<f64>, readout: &Readout) -> Vector2<f64> {
-    pixel - image_centre(readout.width, readout.height)
+    pixel - image_centre(readout.width(), readout.height())
 }
 
 /// Seconds from the exposure of a pixel to the middle of the readout.
 fn until_middle(pixel: Vector2<f64>, readout: &Readout) -> f64 {
-    (0.5 - readout.share(pixel.x, pixel.y)) * readout.time
+    (0.5 - readout.share(pixel.x, pixel.y)) * readout.time()
 }
 
 #[cfg(test)]
@@ -71,7 +71,7 @@ mod tests {
     #[test]
     fn a_rotation_is_found_and_nothing_is_better_than_the_best() {
         let time = ReadoutTime::Seconds(0.02);
-        let readout = Readout::new(64, 48, ReadoutDirection::BottomToTop, time, 0.04);
+        let readout = Readout::new(64, 48, ReadoutDirection::BottomToTop, time, 0.04).unwrap();
         let truth = Twist::new(15.0, 300.0, -200.0);
         let exact = best_twist(&samples(&readout, truth, |_| Vector2::zeros()), &readout);
         assert!((exact.to_vector() - truth.to_vector()).norm() < 1e-6, "{exact:?}");
@@ -92,7 +92,8 @@ mod tests {
 
     #[test]
     fn without_samples_nothing_turns() {
-        let readout = Readout::new(64, 48, ReadoutDirection::TopToBottom, ReadoutTime::WholePeriod, 0.04);
+        let readout =
+            Readout::new(64, 48, ReadoutDirection::TopToBottom, ReadoutTime::WholePeriod, 0.04).unwrap();
         assert_eq!(best_twist(&[], &readout), Twist::ZERO);
     }
 }

@@ -6,8 +6,8 @@ use rsrectify::readout::Readout;
 /// The signed readout ratio γ = T / frame period (seconds): negative where the readout runs from the
 /// bottom or from the right.
 pub fn signed_ratio(readout: &Readout, period: f64) -> f64 {
-    let ratio = readout.time / period;
-    if readout.direction.is_reversed() { -ratio } else { ratio }
+    let ratio = readout.time() / period;
+    if readout.direction().is_reversed() { -ratio } else { ratio }
 }
 
 /// The distance of two readouts in frame periods: |γ − γ′| with signed γ where both read rows, or
@@ -22,7 +22,7 @@ pub fn error(estimate: &Readout, truth: &Readout, period: f64) -> f64 {
 /// The growth of exposure time over the frame's width and over its height, in frame periods.
 fn gradient(readout: &Readout, period: f64) -> Vector2<f64> {
     let ratio = signed_ratio(readout, period);
-    if readout.direction.is_by_rows() { Vector2::new(0.0, ratio) } else { Vector2::new(ratio, 0.0) }
+    if readout.direction().is_by_rows() { Vector2::new(0.0, ratio) } else { Vector2::new(ratio, 0.0) }
 }
 
 #[cfg(test)]
@@ -33,7 +33,7 @@ mod tests {
     const PERIOD: f64 = 0.04;
 
     fn readout(direction: ReadoutDirection, ratio: f64) -> Readout {
-        Readout::new(640, 480, direction, ReadoutTime::Seconds(ratio * PERIOD), PERIOD)
+        Readout::new(640, 480, direction, ReadoutTime::Seconds(ratio * PERIOD), PERIOD).unwrap()
     }
 
     #[test]

@@ -21,7 +21,7 @@ const TEXTURED: f64 = 9.0;
 /// The 95th percentile over the frames of the ripple that is applied, and that of the ripple of the true displacement, RMS
 /// in pixels.
 pub fn of_sequence(footage: &Footage, corrections: &[Box<dyn Correction>]) -> [f64; 2] {
-    let by_rows = footage.readout().direction.is_by_rows();
+    let by_rows = footage.readout().direction().is_by_rows();
     let frames = footage.frames.iter().zip(&footage.truth).zip(corrections);
     let (applied, own): (Vec<f64>, Vec<f64>) = frames
         .map(|((frame, truth), correction)| {

@@ -53,7 +53,7 @@ mod tests {
     use std::f64::consts::TAU;
 
     fn readout(direction: ReadoutDirection) -> Readout {
-        Readout::new(640, 480, direction, ReadoutTime::WholePeriod, 0.04)
+        Readout::new(640, 480, direction, ReadoutTime::WholePeriod, 0.04).unwrap()
     }
 
     /// A cosine of three whole periods from the first edge to the last. A homography follows next

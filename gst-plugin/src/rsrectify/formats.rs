@@ -198,7 +198,7 @@ impl FrameLayout {
 
     /// The luma of a mapped frame; green where red, green and blue lie in planes of their own.
     pub fn luma<'a>(&self, frame: &'a VideoFrameRef<&gst::BufferRef>) -> Option<Luma<'a>> {
-        Some(Luma { plane: self.luma.plane(frame)?, weights: self.luma_weights })
+        Luma::weighted(self.luma.plane(frame)?, self.luma_weights).ok()
     }
 
     /// Whether a mapped frame holds all samples.

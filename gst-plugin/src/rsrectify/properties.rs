@@ -87,16 +87,16 @@ impl Settings {
         } else {
             ReadoutTime::Unknown
         };
-        rectifier::Settings {
-            grid_columns: self.grid_columns as usize,
-            grid_rows: self.grid_rows as usize,
-            lookahead: self.lookahead as usize,
-            estimator: self.estimator.into(),
-            model: self.model.into(),
-            focal_length: (self.focal_length > 0.0).then_some(self.focal_length),
-            direction: self.readout_direction.into(),
-            readout_time,
-        }
+        let mut settings = rectifier::Settings::default();
+        settings.grid_columns = self.grid_columns as usize;
+        settings.grid_rows = self.grid_rows as usize;
+        settings.lookahead = self.lookahead as usize;
+        settings.estimator = self.estimator.into();
+        settings.model = self.model.into();
+        settings.focal_length = (self.focal_length > 0.0).then_some(self.focal_length);
+        settings.direction = self.readout_direction.into();
+        settings.readout_time = readout_time;
+        settings
     }
 
     /// How a frame is rectified.
@@ -105,13 +105,13 @@ impl Settings {
             BorderMode::Crop => 1.0 / (1.0 - self.crop / 100.0),
             _ => 1.0,
         };
-        warp::WarpSettings {
-            interpolation: self.interpolation.into(),
-            border: self.border_mode.into(),
-            reference_row: self.reference_row,
-            strength: self.strength,
-            zoom,
-        }
+        let mut settings = warp::WarpSettings::default();
+        settings.interpolation = self.interpolation.into();
+        settings.border = self.border_mode.into();
+        settings.reference_row = self.reference_row;
+        settings.strength = self.strength;
+        settings.zoom = zoom;
+        settings
     }
 
     /// Whether a frame with this motion comes out as it went in.
@@ -379,8 +379,7 @@ mod tests {
     fn crop_enlarges_in_its_own_mode_only() {
         let mut settings = Settings { crop: 20.0, ..Settings::default() };
         assert_eq!(settings.warp().zoom, 1.0);
-        let readout = Readout::new(8, 4, Default::default(), ReadoutTime::WholePeriod, 0.04);
-        let still = FrameMotion::new(readout, MotionPath::STILL);
+        let still = FrameMotion::new(Readout::global_shutter(8, 4), MotionPath::STILL);
         assert!(settings.leaves_untouched(&still));
         settings.border_mode = BorderMode::Crop;
         assert_eq!(settings.warp().zoom, 1.25);

@@ -172,9 +172,9 @@ fn add_solution(structure: &mut gst::StructureRef, solution: &FrameSolution) {
     structure.set("inliers", u32::try_from(solution.inliers).unwrap_or(u32::MAX));
     structure.set("residual", solution.residual);
     structure.set("confidence", solution.confidence);
-    structure.set("readout-time", (readout.time * 1e9).round() as u64);
+    structure.set("readout-time", (readout.time() * 1e9).round() as u64);
     structure.set("readout-deviation", solution.readout_deviation);
-    structure.set("readout-direction", ReadoutDirection::from(readout.direction));
+    structure.set("readout-direction", ReadoutDirection::from(readout.direction()));
 }
 
 /// Name of the custom meta that holds a frame's motion.
@@ -220,7 +220,7 @@ fn add_motion(structure: &mut gst::StructureRef, solution: &FrameSolution, appli
     structure.set("vy", twist.velocity.y);
     if let Some(centre) = twist.centre() {
         let readout = solution.motion.readout();
-        let centre = centre + image_centre(readout.width, readout.height);
+        let centre = centre + image_centre(readout.width(), readout.height());
         structure.set("centre-x", centre.x);
         structure.set("centre-y", centre.y);
     }
@@ -235,6 +235,7 @@ fn origin_name(origin: Origin) -> &'static str {
         Origin::Continuous => "continuous",
         Origin::Repeated => "repeated",
         Origin::Untouched => "untouched",
+        _ => "unknown",
     }
 }
 
@@ -242,22 +243,23 @@ fn origin_name(origin: Origin) -> &'static str {
 mod tests {
     use super::*;
     use rsrectify::motion::{FrameMotion, MotionPath, Twist};
+    use rsrectify::plane::{Plane, PlaneLayout, SampleFormat};
     use rsrectify::readout;
+    use rsrectify::rectifier::{Duplicate, Rectifier};
 
     fn solution(twist: Twist) -> FrameSolution {
         let direction = readout::ReadoutDirection::TopToBottom;
-        FrameSolution {
-            motion: FrameMotion::new(
-                readout::Readout::new(101, 51, direction, readout::ReadoutTime::Seconds(0.02), 0.04),
-                MotionPath::uniform(twist, 0.02),
-            ),
-            confidence: 0.75,
-            origin: Origin::Forward,
-            correspondences: 700,
-            inliers: 650,
-            residual: 0.25,
-            readout_deviation: 0.0,
-        }
+        let time = readout::ReadoutTime::Seconds(0.02);
+        let readout = readout::Readout::new(101, 51, direction, time, 0.04).unwrap();
+        let mut rectifier = Rectifier::new(Default::default(), 101, 51, None).unwrap();
+        let layout = PlaneLayout::packed(101, 51, SampleFormat::U8);
+        rectifier.push(&Plane::new(&[0; 101 * 51], layout).unwrap().into(), None, Duplicate::Detect).unwrap();
+        let mut solution = rectifier.pop_early().unwrap();
+        solution.motion = FrameMotion::new(readout, MotionPath::uniform(twist, 0.02));
+        solution.confidence = 0.75;
+        solution.origin = Origin::Forward;
+        (solution.correspondences, solution.inliers, solution.residual) = (700, 650, 0.25);
+        solution
     }
 
     #[test]

@@ -9,8 +9,8 @@ use super::queue::Queue;
 use gst::prelude::*;
 use gst_video::{VideoFrameRef, VideoInfo, VideoMeta};
 use rsrectify::motion::{FrameMotion, MotionPath};
-use rsrectify::readout::{Readout, ReadoutTime};
-use rsrectify::rectifier::{self, FrameSolution, Rectifier, Timings};
+use rsrectify::readout::Readout;
+use rsrectify::rectifier::{self, Duplicate, FrameSolution, Rectifier, Timings};
 use rsrectify::warp::Warper;
 
 /// Buffers of a pool that are in use elsewhere while the element holds its frames: one that is filled, one
@@ -126,13 +126,11 @@ impl State {
     }
 
     /// Grid and lookahead stay as they were when the caps came: latency and buffers depend on them.
-    fn fixed(&self, analysis: rectifier::Settings) -> rectifier::Settings {
-        rectifier::Settings {
-            grid_columns: self.analysis.grid_columns,
-            grid_rows: self.analysis.grid_rows,
-            lookahead: self.analysis.lookahead,
-            ..analysis
-        }
+    fn fixed(&self, mut analysis: rectifier::Settings) -> rectifier::Settings {
+        analysis.grid_columns = self.analysis.grid_columns;
+        analysis.grid_rows = self.analysis.grid_rows;
+        analysis.lookahead = self.analysis.lookahead;
+        analysis
     }
 
     /// Takes over the settings; the queue has been drained where they change the analysis.
@@ -169,7 +167,8 @@ impl State {
                 Effort::Full(_) => {
                     let time = buffer.pts().map(gst::ClockTime::seconds_f64);
                     // Frame-rate converters flag the frames that they repeat.
-                    let duplicate = buffer.flags().contains(gst::BufferFlags::GAP);
+                    let is_flagged = buffer.flags().contains(gst::BufferFlags::GAP);
+                    let duplicate = if is_flagged { Duplicate::Known } else { Duplicate::Detect };
                     self.workers
                         .run(|| rectifier.push(&luma, time, duplicate))
                         .map_err(|_| "the buffer is not of the negotiated size")?;
@@ -235,12 +234,11 @@ impl State {
 
     /// Time that the analysis has taken since this was last asked.
     pub fn take_timings(&mut self) -> Timings {
-        let now = self.rectifier.as_ref().map(Rectifier::timings).unwrap_or_default();
-        let before = std::mem::replace(&mut self.timed, now);
-        Timings {
-            correspond: now.correspond.saturating_sub(before.correspond),
-            solve: now.solve.saturating_sub(before.solve),
-        }
+        let mut spent = self.rectifier.as_ref().map(Rectifier::timings).unwrap_or_default();
+        let before = std::mem::replace(&mut self.timed, spent);
+        spent.correspond = spent.correspond.saturating_sub(before.correspond);
+        spent.solve = spent.solve.saturating_sub(before.solve);
+        spent
     }
 
     /// Drops the frames held and gives back the events between them; the camera stays the same.
@@ -267,8 +265,7 @@ impl State {
     pub fn still(&self) -> FrameMotion {
         let info = self.layout.info();
         let (width, height) = (info.width() as usize, info.height() as usize);
-        let readout = Readout::new(width, height, Default::default(), ReadoutTime::WholePeriod, 1.0);
-        FrameMotion::new(readout, MotionPath::STILL)
+        FrameMotion::new(Readout::global_shutter(width, height), MotionPath::STILL)
     }
 
     /// Whether downstream would take the padding of a frame for picture.
@@ -306,12 +303,12 @@ impl State {
         let fill = self.layout.fill(settings.border_color);
         let mut warp = settings.warp();
         warp.strength *= share;
-        self.workers.run(|| self.warper.prepare(motion, &warp));
+        let frame = self.workers.run(|| self.warper.prepare(motion, &warp));
         for view in self.layout.views() {
             let source = view.plane(&input).ok_or("the buffer does not hold a whole frame")?;
             let mut target = view.plane_mut(&mut output).ok_or("the output buffer is too small")?;
             self.workers
-                .run(|| self.warper.warp(&source, &mut target, view.placement, view.fill(&fill)))
+                .run(|| frame.warp(&source, &mut target, view.placement, view.fill(&fill)))
                 .map_err(|_| "input and output frames differ")?;
         }
         Ok(())

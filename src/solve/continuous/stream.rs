@@ -258,7 +258,7 @@ impl Continuous {
         let time_known = self.camera.readout_time;
         for hypothesis in &mut self.hypotheses {
             if self.camera.is_known() {
-                let readout = Readout::new(width, height, hypothesis.direction, time_known, period);
+                let readout = Readout::resolved(width, height, hypothesis.direction, time_known, period);
                 let sign = if hypothesis.direction.is_reversed() { -1.0 } else { 1.0 };
                 let ratio = (readout.time / period).min(LONGEST_READOUT);
                 hypothesis.solver.know_readout(Running::new(sign * ratio, KNOWN));

@@ -24,7 +24,7 @@ const COLUMNS: usize = 80;
 const SIDE: f64 = 8.0;
 
 fn readout() -> Readout {
-    Readout::new(640, 480, ReadoutDirection::TopToBottom, ReadoutTime::Seconds(READOUT), PERIOD)
+    Readout::new(640, 480, ReadoutDirection::TopToBottom, ReadoutTime::Seconds(READOUT), PERIOD).unwrap()
 }
 
 /// The flow to a neighbour of points that move from `at`, exposed at t, by `moved`(at, t, t′) until t′; each cell as

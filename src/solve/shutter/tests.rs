@@ -49,7 +49,8 @@ impl Camera {
     /// The correspondences between the frames that start at two instants.
     fn pairs(&self, first: f64, second: f64, random: &mut Random) -> Vec<Correspondence> {
         let [width, height] = SIZE;
-        let readout = Readout::new(width, height, self.direction, ReadoutTime::Seconds(self.time), PERIOD);
+        let readout =
+            Readout::new(width, height, self.direction, ReadoutTime::Seconds(self.time), PERIOD).unwrap();
         let cells =
             (0..768).map(|cell| Vector2::new((cell % 32 * 20) as f64 + 9.5, (cell / 32 * 20) as f64 + 9.5));
         let pair = |from: Vector2<f64>| {

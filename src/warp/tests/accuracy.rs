@@ -55,7 +55,7 @@ impl Truth<'_> {
     pub fn warper(&self, path: &MotionPath) -> Warper {
         let readout = readout(self.size[0] as usize, self.size[1] as usize, self.direction, 1.0);
         let mut warper = Warper::new();
-        warper.prepare(&FrameMotion::new(readout, path.clone()), &self.settings);
+        warper.solve(&FrameMotion::new(readout, path.clone()), &self.settings);
         warper
     }
 }
@@ -185,7 +185,7 @@ fn the_row_at_the_reference_stays() {
     let readout = readout(640, 480, ReadoutDirection::TopToBottom, 1.0);
     let mut warper = Warper::new();
     let settings = WarpSettings { reference_row: 100.5 / 480.0, ..WarpSettings::default() };
-    warper.prepare(&FrameMotion::new(readout, path(&readout, 0.1, 50.0, 0.0)), &settings);
+    warper.solve(&FrameMotion::new(readout, path(&readout, 0.1, 50.0, 0.0)), &settings);
     let map = warper.plane_map(Placement::FULL, 640);
     let (mut knots, mut blocks) = (Vec::new(), Vec::new());
     for table in [&map.across, &map.down] {

@@ -40,7 +40,7 @@ fn random_warp(random: &mut Random, layout: &PlaneLayout, level: CpuLevel, seed:
     let size = layout.height as f64;
     let mut warper = Warper::with_cpu(level);
     let path = path(&readout, seed[0] * 0.6, seed[1] * size, seed[2] * size);
-    warper.prepare(&FrameMotion::new(readout, path), &settings);
+    warper.solve(&FrameMotion::new(readout, path), &settings);
     warper
 }
 
@@ -96,7 +96,7 @@ fn constant_pictures_stay_constant() {
             for border in BORDERS {
                 let mut warper = Warper::new();
                 let settings = WarpSettings { interpolation, border, ..WarpSettings::default() };
-                warper.prepare(&FrameMotion::new(readout, path(&readout, 0.2, 9.0, -7.0)), &settings);
+                warper.solve(&FrameMotion::new(readout, path(&readout, 0.2, 9.0, -7.0)), &settings);
                 for value in [0, 1, format.max_value() / 3, format.max_value()] {
                     let stored = (value << format.shift()).to_le_bytes();
                     let data = stored[..format.bytes()].repeat(50 * 40);
@@ -121,7 +121,7 @@ fn words_keep_their_shift_and_range() {
         for interpolation in INTERPOLATIONS {
             let mut warper = Warper::new();
             let settings = WarpSettings { interpolation, ..WarpSettings::default() };
-            warper.prepare(&FrameMotion::new(readout, path(&readout, 0.1, 5.0, 3.3)), &settings);
+            warper.solve(&FrameMotion::new(readout, path(&readout, 0.1, 5.0, 3.3)), &settings);
             let layout = PlaneLayout::packed(64, 48, format);
             for word in rectify(&warper, &data, layout, Placement::FULL, [0; 4]).chunks(2) {
                 let word = u16::from_le_bytes([word[0], word[1]]);
@@ -142,7 +142,7 @@ fn hostile_motion_ends_and_stays_inside() {
             for border in BORDERS {
                 let mut warper = Warper::new();
                 let settings = WarpSettings { border, zoom: other, ..WarpSettings::default() };
-                warper.prepare(&FrameMotion::new(readout, path.clone()), &settings);
+                warper.solve(&FrameMotion::new(readout, path.clone()), &settings);
                 let layout = PlaneLayout::packed(70, 33, SampleFormat::U8);
                 rectify(&warper, &[9; 70 * 33], layout, Placement::FULL, [9; 4]);
                 let far = Placement { scale: [3.0, 1e-3], offset: [1e5, -1e5] };
@@ -168,7 +168,7 @@ fn planes_of_hardly_any_scale_are_alike_at_all_levels() {
         let shown: Vec<Vec<u8>> = CpuLevel::supported()
             .map(|level| {
                 let mut warper = Warper::with_cpu(level);
-                warper.prepare(&motion, &WarpSettings::default());
+                warper.solve(&motion, &WarpSettings::default());
                 rectify(&warper, &data, layout, Placement { scale, offset }, [0; 4])
             })
             .collect();

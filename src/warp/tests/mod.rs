@@ -11,7 +11,7 @@ use nalgebra::Vector2;
 
 /// A readout of ratio `gamma` at one frame a second, so that twists are per frame.
 fn readout(width: usize, height: usize, direction: ReadoutDirection, gamma: f64) -> Readout {
-    Readout::new(width, height, direction, ReadoutTime::Seconds(gamma), 1.0)
+    Readout::new(width, height, direction, ReadoutTime::Seconds(gamma), 1.0).unwrap()
 }
 
 fn path(readout: &Readout, omega: f64, vx: f64, vy: f64) -> MotionPath {

@@ -197,7 +197,7 @@ fn an_edge_neither_tears_nor_folds_the_picture() {
         let path = MotionPath::STILL.with_residual(field(size.map(|size| size as f64), 8.0, corner));
         let mut warper = Warper::new();
         let settings = WarpSettings { interpolation: Interpolation::Linear, ..WarpSettings::default() };
-        warper.prepare(&FrameMotion::new(readout, path), &settings);
+        warper.solve(&FrameMotion::new(readout, path), &settings);
         // Both coordinates of what is shown; displacements are 30 px at most, less at the border.
         let [across, down] = picture::positions(&warper, layout, Placement::FULL);
         let at = |plane: &[f64], x: usize, y: usize| plane[y * size[0] + x];
@@ -262,7 +262,7 @@ fn wild_motions_leave_a_picture() {
     ];
     for path in paths {
         let mut warper = Warper::new();
-        warper.prepare(&FrameMotion::new(readout, path), &WarpSettings::default());
+        warper.solve(&FrameMotion::new(readout, path), &WarpSettings::default());
         let out = rectify(&warper, &vec![77; 320 * 240], layout, Placement::FULL, [0; 4]);
         assert!(out.iter().all(|&sample| sample == 77));
     }

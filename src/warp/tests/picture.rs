@@ -44,10 +44,8 @@ fn rectified(
     let path = path(&readout, 0.12, 18.0, -13.0);
     let data = distorted(&readout, &path, scene);
     let mut warper = Warper::new();
-    warper.prepare(
-        &FrameMotion::new(readout, path),
-        &WarpSettings { interpolation, ..WarpSettings::default() },
-    );
+    warper
+        .solve(&FrameMotion::new(readout, path), &WarpSettings { interpolation, ..WarpSettings::default() });
     rectify(&warper, &data, PlaneLayout::packed(SIZE.0, SIZE.1, SampleFormat::U8), Placement::FULL, [0; 4])
 }
 
@@ -109,7 +107,7 @@ fn luma_and_chroma_show_the_same_place() {
     for interpolation in [Interpolation::Linear, Interpolation::Cubic] {
         let mut warper = Warper::new();
         let settings = WarpSettings { interpolation, ..WarpSettings::default() };
-        warper.prepare(&FrameMotion::new(readout, path(&readout, 0.05, 12.0, -6.0)), &settings);
+        warper.solve(&FrameMotion::new(readout, path(&readout, 0.05, 12.0, -6.0)), &settings);
         let luma = positions(&warper, luma_layout, Placement::FULL);
         let chroma = positions(&warper, chroma_layout, Placement { scale: [2.0; 2], offset: [0.5; 2] });
         for (row, column) in (10..110).flat_map(|row| (10..150).map(move |column| (row, column))) {
@@ -130,7 +128,7 @@ fn a_slide_shows_each_row_where_it_was_at_the_reference() {
     let layout = PlaneLayout::packed(256, 64, SampleFormat::U8);
     let mut warper = Warper::new();
     let settings = WarpSettings { interpolation: Interpolation::Linear, ..WarpSettings::default() };
-    warper.prepare(&FrameMotion::new(readout, path(&readout, 0.0, 64.0, 0.0)), &settings);
+    warper.solve(&FrameMotion::new(readout, path(&readout, 0.0, 64.0, 0.0)), &settings);
     let data = picture(256, 64, |x, _| x);
     let out = rectify(&warper, &data, layout, Placement::FULL, [0; 4]);
     for row in 0..64 {
@@ -151,7 +149,7 @@ fn a_motion_that_is_half_trusted_is_corrected_by_half() {
         let motion = FrameMotion::new(readout, path(&readout, 0.0, 64.0, 0.0)).with_weight(weight);
         let mut warper = Warper::new();
         let interpolation = Interpolation::Linear;
-        warper.prepare(&motion, &WarpSettings { interpolation, strength, ..WarpSettings::default() });
+        warper.solve(&motion, &WarpSettings { interpolation, strength, ..WarpSettings::default() });
         let out = rectify(&warper, &data, layout, Placement::FULL, [0; 4]);
         for (row, column) in (0..64).flat_map(|row| (40..216).map(move |column| (row, column))) {
             let truth = column as f64 - weight * strength * (32.0 - (row as f64 + 0.5));
@@ -169,7 +167,7 @@ fn nothing_to_do_is_an_exact_copy() {
     let moved = path(&readout, 0.1, 3.0, 4.0);
     for (path, settings) in [(MotionPath::STILL, WarpSettings::default()), (moved, still)] {
         let mut warper = Warper::new();
-        warper.prepare(&FrameMotion::new(readout, path), &settings);
+        warper.solve(&FrameMotion::new(readout, path), &settings);
         for format in [SampleFormat::U10_HIGH, SampleFormat::U16] {
             let out = rectify(&warper, &data, PlaneLayout::packed(33, 21, format), Placement::FULL, [0; 4]);
             assert_eq!(out, data);
@@ -192,7 +190,7 @@ fn borders_show_what_they_say() {
             interpolation: Interpolation::Nearest,
             ..WarpSettings::default()
         };
-        warper.prepare(&FrameMotion::new(readout, motion.clone()), &settings);
+        warper.solve(&FrameMotion::new(readout, motion.clone()), &settings);
         rectify(&warper, &data, layout, Placement::FULL, [7; 4])[..64].to_vec()
     };
     // Row 0 was read at share 1/16 and moves by 15/16 · 40 = 37.5 px: pixel X shows X − 37.5.
