@@ -8,7 +8,7 @@ use nalgebra::{Matrix2, Vector2};
 use rayon::ThreadPoolBuilder;
 use rsrectify::correspond::Correspondence;
 use rsrectify::flow::{Cell, FlowField};
-use rsrectify::motion::generators::Model;
+use rsrectify::motion::Model;
 use rsrectify::motion::image_centre;
 use rsrectify::readout::{Readout, ReadoutDirection, ReadoutTime};
 use rsrectify::solve::ShutterEstimator;

@@ -53,6 +53,7 @@ impl CpuLevel {
 
     /// The highest level of this machine; the environment variable `RSRECTIFY_CPU` (`scalar`, `avx2`) can
     /// lower it.
+    #[must_use]
     pub fn detect() -> Self {
         match std::env::var("RSRECTIFY_CPU").as_deref() {
             Ok("scalar") => Self::Scalar,

@@ -4,19 +4,25 @@
 //! The library knows nothing of any media framework: it is given borrowed image planes and their
 //! times, and gives back the motion of each frame and rectified planes.
 //!
+//! A [`Rectifier`] takes the frames' luma planes one by one and gives a
+//! [`FrameSolution`](rectifier::FrameSolution) for each; a [`Warper`] rectifies any plane of a frame by its motion.
+//!
 //! Data flows one way, and no module imports from a later one:
 //!
 //! | module | from | to |
 //! |---|---|---|
 //! | [`plane`] | bytes | borrowed views of image planes |
 //! | [`readout`] | direction, time, delay | when a point of a frame was exposed |
-//! | [`pyramid`] | a luma plane | the same at several resolutions |
-//! | [`flow`] | two pyramids | dense optical flow |
-//! | [`correspond`] | flow | point correspondences at a grid, to sub-pixel accuracy |
+//! | `pyramid` | a luma plane | the same at several resolutions |
+//! | `flow` | two pyramids | dense optical flow |
+//! | `correspond` | flow | point correspondences at a grid, to sub-pixel accuracy |
 //! | [`motion`] | | what an image motion is: the twist, the path over a readout |
-//! | [`solve`] | correspondences of a window | a motion path for each frame |
+//! | `solve` | correspondences of a window | a motion path for each frame |
 //! | [`warp`] | a path and a plane | the rectified plane |
 //! | [`rectifier`] | luma planes, one by one | the motions, in order |
+//!
+//! Modules without a link are private, except with the feature `unstable`. That is for the project's own tools: nothing
+//! that it adds is covered by semantic versioning.
 //!
 //! Equation numbers 25.n cite *A Rectification Method for Removing Rolling Shutter Distortion*
 //! (chapter 25), from which the method starts.
@@ -24,16 +30,42 @@
 // Whoever embeds it owns the terminal.
 #![cfg_attr(not(test), warn(clippy::print_stdout, clippy::print_stderr))]
 
-pub mod correspond;
-pub mod cpu;
-pub mod flow;
 pub mod motion;
 pub mod plane;
-pub mod pyramid;
 pub mod readout;
 pub mod rectifier;
-pub mod solve;
 pub mod warp;
+
+#[cfg(feature = "unstable")]
+pub mod correspond;
+#[cfg(feature = "unstable")]
+pub mod cpu;
+#[cfg(feature = "unstable")]
+pub mod flow;
+#[cfg(feature = "unstable")]
+pub mod pyramid;
+#[cfg(feature = "unstable")]
+pub mod solve;
+
+// What only the project's tools call is not dead: they build with the feature.
+#[cfg(not(feature = "unstable"))]
+#[allow(dead_code, unused_imports)]
+mod correspond;
+#[cfg(not(feature = "unstable"))]
+#[allow(dead_code, unused_imports)]
+mod cpu;
+#[cfg(not(feature = "unstable"))]
+#[allow(dead_code, unused_imports)]
+mod flow;
+#[cfg(not(feature = "unstable"))]
+#[allow(dead_code, unused_imports)]
+mod pyramid;
+#[cfg(not(feature = "unstable"))]
+#[allow(dead_code, unused_imports)]
+mod solve;
+
+/// The linear algebra of [`motion`]: the version whose types the library takes and gives.
+pub use nalgebra;
 
 pub use cpu::CpuLevel;
 pub use plane::{Plane, PlaneMut};
@@ -44,3 +76,34 @@ pub use warp::Warper;
 #[cfg(doctest)]
 #[doc = include_str!("../README.md")]
 pub struct Readme;
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn threads_may_share_everything() {
+        fn check<T: Send + Sync + 'static>() {}
+        check::<Rectifier>();
+        check::<rectifier::Settings>();
+        check::<rectifier::FrameSolution>();
+        check::<rectifier::SettingsError>();
+        check::<rectifier::PushError>();
+        check::<Warper>();
+        check::<warp::PreparedFrame<'static>>();
+        check::<warp::WarpSettings>();
+        check::<warp::WarpError>();
+        check::<motion::FrameMotion>();
+        check::<motion::MotionPath>();
+        check::<motion::MeshError>();
+        check::<motion::PathError>();
+        check::<readout::Readout>();
+        check::<readout::ReadoutError>();
+        check::<Plane<'static>>();
+        check::<PlaneMut<'static>>();
+        check::<plane::Luma<'static>>();
+        check::<plane::LumaError>();
+        check::<plane::PlaneError>();
+        check::<CpuLevel>();
+    }
+}

@@ -27,21 +27,25 @@ impl SampleFormat {
     pub const U16: Self = Self { bits: 16, shift: 0 };
 
     /// Significant bits of a sample.
+    #[must_use]
     pub const fn bits(self) -> u32 {
         self.bits as u32
     }
 
     /// How far the significant bits are shifted up inside the stored word.
+    #[must_use]
     pub const fn shift(self) -> u32 {
         self.shift as u32
     }
 
     /// Bytes that one stored sample takes: 1 or 2.
+    #[must_use]
     pub const fn bytes(self) -> usize {
         if self.bits <= 8 { 1 } else { 2 }
     }
 
     /// The largest sample value, before the shift.
+    #[must_use]
     pub const fn max_value(self) -> u16 {
         (((1u32 << self.bits) - 1) & 0xffff) as u16
     }
@@ -66,6 +70,7 @@ pub struct PlaneLayout {
 
 impl PlaneLayout {
     /// A plane of one channel without padding.
+    #[must_use]
     pub const fn packed(width: usize, height: usize, format: SampleFormat) -> Self {
         // What overflows fits in no buffer, and is refused there.
         let stride = width.saturating_mul(format.bytes());
@@ -74,6 +79,7 @@ impl PlaneLayout {
 
     /// Bytes from the first sample to the end of the last one: what a buffer must hold.
     /// `None` where that does not fit in memory's address range.
+    #[must_use]
     pub fn required_bytes(&self) -> Option<usize> {
         if self.width == 0 || self.height == 0 {
             return Some(0);
@@ -157,16 +163,19 @@ impl<'a> Plane<'a> {
     }
 
     /// Where the samples lie.
+    #[must_use]
     pub fn layout(&self) -> &PlaneLayout {
         &self.layout
     }
 
     /// The bytes, from the first sample on.
+    #[must_use]
     pub fn data(&self) -> &'a [u8] {
         self.data
     }
 
     /// The bytes of row `y`, from its first to its last sample; empty where there is no such row.
+    #[must_use]
     pub fn row(&self, y: usize) -> &'a [u8] {
         row_range(&self.layout, y).and_then(|range| self.data.get(range)).unwrap_or(&[])
     }
@@ -190,6 +199,7 @@ impl<'a> PlaneMut<'a> {
     }
 
     /// Where the samples lie.
+    #[must_use]
     pub fn layout(&self) -> &PlaneLayout {
         &self.layout
     }
@@ -200,6 +210,7 @@ impl<'a> PlaneMut<'a> {
     }
 
     /// A read-only view of the same samples.
+    #[must_use]
     pub fn as_plane(&self) -> Plane<'_> {
         Plane { data: self.data, layout: self.layout }
     }
@@ -236,11 +247,13 @@ impl<'a> Luma<'a> {
     }
 
     /// The samples.
+    #[must_use]
     pub const fn plane(&self) -> &Plane<'a> {
         &self.plane
     }
 
     /// Weight of each channel.
+    #[must_use]
     pub const fn weights(&self) -> [f32; 4] {
         self.weights
     }

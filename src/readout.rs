@@ -21,11 +21,13 @@ pub enum ReadoutDirection {
 
 impl ReadoutDirection {
     /// Whether rows (true) or columns (false) are read one after another.
+    #[must_use]
     pub const fn is_by_rows(self) -> bool {
         matches!(self, Self::TopToBottom | Self::BottomToTop)
     }
 
     /// Whether the readout runs against growing coordinates.
+    #[must_use]
     pub const fn is_reversed(self) -> bool {
         matches!(self, Self::BottomToTop | Self::RightToLeft)
     }
@@ -113,6 +115,7 @@ impl Readout {
     }
 
     /// A global shutter: frames of `width` × `height` pixels, each exposed at one instant.
+    #[must_use]
     pub const fn global_shutter(width: usize, height: usize) -> Self {
         Self { width, height, direction: ReadoutDirection::TopToBottom, time: 0.0 }
     }
@@ -135,21 +138,25 @@ impl Readout {
     }
 
     /// Frame width in pixels.
+    #[must_use]
     pub const fn width(&self) -> usize {
         self.width
     }
 
     /// Frame height in pixels.
+    #[must_use]
     pub const fn height(&self) -> usize {
         self.height
     }
 
     /// Which edge is read first.
+    #[must_use]
     pub const fn direction(&self) -> ReadoutDirection {
         self.direction
     }
 
     /// Readout time T in seconds, finite and not negative; 0 for a global shutter.
+    #[must_use]
     pub const fn time(&self) -> f64 {
         self.time
     }
@@ -158,6 +165,7 @@ impl Readout {
     ///
     /// Runs from 0.5/N in the first row read to 1 − 0.5/N in the last, and goes on linearly
     /// outside the frame.
+    #[must_use]
     pub fn share(&self, x: f64, y: f64) -> f64 {
         let (along, rows) = if self.direction.is_by_rows() { (y, self.height) } else { (x, self.width) };
         let share = (along + 0.5) / rows.max(1) as f64;
@@ -165,6 +173,7 @@ impl Readout {
     }
 
     /// Exposure time in seconds of a point (pixels) after its frame's timestamp: T·s.
+    #[must_use]
     pub fn offset(&self, x: f64, y: f64) -> f64 {
         self.time * self.share(x, y)
     }

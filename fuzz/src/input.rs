@@ -1,7 +1,7 @@
 //! Values read from arbitrary bytes; where these end, the first of each choice.
 
 use arbitrary::{Result, Unstructured};
-use rsrectify::motion::generators::Model;
+use rsrectify::motion::Model;
 use rsrectify::plane::SampleFormat;
 use rsrectify::readout::{Readout, ReadoutDirection, ReadoutTime};
 use rsrectify::rectifier::{Estimator, Settings};

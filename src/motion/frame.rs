@@ -16,33 +16,39 @@ pub struct FrameMotion {
 
 impl FrameMotion {
     /// A motion that is trusted in full.
+    #[must_use]
     pub const fn new(readout: Readout, path: MotionPath) -> Self {
         Self { readout, path, weight: 1.0 }
     }
 
     /// The same motion, of whose correction this share is applied: 0 to 1, otherwise the nearest of these; 0 where it
     /// is not a number.
+    #[must_use]
     pub fn with_weight(self, weight: f64) -> Self {
         Self { weight: if weight.is_nan() { 0.0 } else { weight.clamp(0.0, 1.0) }, ..self }
     }
 
     /// The shutter that the motion was solved for.
+    #[must_use]
     pub const fn readout(&self) -> &Readout {
         &self.readout
     }
 
     /// The motion through the frame's readout; still where none was found.
+    #[must_use]
     pub const fn path(&self) -> &MotionPath {
         &self.path
     }
 
     /// Share of the correction that is applied, 0 to 1: less where the motion is uncertain, so that the correction
     /// comes and goes without a jump.
+    #[must_use]
     pub const fn weight(&self) -> f64 {
         self.weight
     }
 
     /// Whether the frame needs no correction: nothing moved, or nothing that is known for certain.
+    #[must_use]
     pub fn is_still(&self) -> bool {
         self.weight == 0.0 || self.path.is_still()
     }

@@ -3,13 +3,14 @@
 //! Points are *centred*: pixels from the image centre ((W − 1)/2, (H − 1)/2), y down.
 
 mod frame;
-pub mod generators;
+pub(crate) mod generators;
 mod path;
 mod residual;
 mod sampled;
 mod twist;
 
 pub use frame::FrameMotion;
+pub use generators::Model;
 pub use path::{MotionPath, Passage};
 pub use residual::{MeshError, ResidualField, ResidualMesh};
 pub use sampled::{PathError, SampledPath};
@@ -18,6 +19,7 @@ pub use twist::{Rigid, Twist};
 use nalgebra::Vector2;
 
 /// The image centre in pixels (pixel centres at integers): the origin of centred points.
+#[must_use]
 pub fn image_centre(width: usize, height: usize) -> Vector2<f64> {
     Vector2::new((width as f64 - 1.0) / 2.0, (height as f64 - 1.0) / 2.0)
 }

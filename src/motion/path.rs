@@ -40,16 +40,19 @@ impl MotionPath {
     pub const STILL: Self = Self::uniform(Twist::ZERO, 0.0);
 
     /// The paper's frame: one twist throughout a readout of `readout_time` seconds.
+    #[must_use]
     pub const fn uniform(twist: Twist, readout_time: f64) -> Self {
         Self { global: Global::Uniform { twist, readout_time }, residual: None }
     }
 
     /// The same path with velocities of single parts of the picture added to it.
+    #[must_use]
     pub fn with_residual(self, field: ResidualField) -> Self {
         Self { residual: Some(Arc::new(field)), ..self }
     }
 
     /// The velocities of single parts of the picture, where there are any.
+    #[must_use]
     pub fn residual(&self) -> Option<&ResidualField> {
         self.residual.as_deref()
     }
@@ -63,11 +66,13 @@ impl MotionPath {
     /// without a field any two shares will do. There is no carrying back through a field: where one
     /// thing covers another, a place at `to` has more than one origin. The warp inverts the map of the
     /// whole frame and decides there.
+    #[must_use]
     pub fn carry(&self, point: Vector2<f64>, from: f64, to: f64) -> Vector2<f64> {
         self.carry_by(&self.passage(from, to), point)
     }
 
     /// What [`carry`](Self::carry) does for all points exposed at share `from`, made ready once.
+    #[must_use]
     pub fn passage(&self, from: f64, to: f64) -> Passage {
         let motion = match &self.global {
             Global::Uniform { twist, readout_time } => matrix(twist.after((to - from) * readout_time)),
@@ -77,6 +82,7 @@ impl MotionPath {
     }
 
     /// Where a passage takes the point that the frame shows at `point` (centred pixels).
+    #[must_use]
     pub fn carry_by(&self, passage: &Passage, point: Vector2<f64>) -> Vector2<f64> {
         let moved = project(&passage.motion, point);
         match &self.residual {
@@ -96,6 +102,7 @@ impl MotionPath {
 
     /// The uniform motion that turns the picture about its centre and moves that centre during the
     /// readout as this path does, the residual field left aside; of a uniform path, its own.
+    #[must_use]
     pub fn mean_twist(&self) -> Twist {
         match &self.global {
             Global::Uniform { twist, .. } => *twist,

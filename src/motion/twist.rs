@@ -19,11 +19,13 @@ impl Twist {
     pub const ZERO: Self = Self { omega: 0.0, velocity: Vector2::new(0.0, 0.0) };
 
     /// A twist from ω (rad/s) and v (px/s).
+    #[must_use]
     pub const fn new(omega: f64, vx: f64, vy: f64) -> Self {
         Self { omega, velocity: Vector2::new(vx, vy) }
     }
 
     /// The rotation with ω (rad/s) about a fixed centre (centred pixels), as in 25.2.
+    #[must_use]
     pub fn about(omega: f64, centre: Vector2<f64>) -> Self {
         Self::new(omega, omega * centre.y, -omega * centre.x)
     }
@@ -39,27 +41,32 @@ impl Twist {
     }
 
     /// (ω, v_x, v_y) as a vector.
+    #[must_use]
     pub fn to_vector(self) -> Vector3<f64> {
         Vector3::new(self.omega, self.velocity.x, self.velocity.y)
     }
 
     /// A twist from the vector (ω, v_x, v_y).
+    #[must_use]
     pub fn from_vector(vector: Vector3<f64>) -> Self {
         Self::new(vector.x, vector.y, vector.z)
     }
 
     /// The centre of rotation in centred pixels; `None` for a pure translation.
+    #[must_use]
     pub fn centre(&self) -> Option<Vector2<f64>> {
         let centre = Vector2::new(-self.velocity.y / self.omega, self.velocity.x / self.omega);
         (self.omega != 0.0 && centre.iter().all(|c| c.is_finite())).then_some(centre)
     }
 
     /// Whether all three numbers are finite.
+    #[must_use]
     pub fn is_finite(&self) -> bool {
         self.to_vector().iter().all(|value| value.is_finite())
     }
 
     /// The motion after `time` seconds: f(x, ω·time, c) of 25.2.
+    #[must_use]
     pub fn after(&self, time: f64) -> Rigid {
         let angle = self.omega * time;
         let (sin, cos) = angle.sin_cos();
@@ -70,6 +77,7 @@ impl Twist {
 
     /// How the point that `point` (centred pixels) goes to after `time` seconds changes with
     /// (ω, v_x, v_y): ∂f(x, ω·time, c)/∂(ω, v_x, v_y).
+    #[must_use]
     pub fn jacobian(&self, point: Vector2<f64>, time: f64) -> Matrix2x3<f64> {
         let angle = self.omega * time;
         let (sin, cos) = angle.sin_cos();
@@ -119,11 +127,13 @@ impl Rigid {
     pub const IDENTITY: Self = Self { cos: 1.0, sin: 0.0, shift: Vector2::new(0.0, 0.0) };
 
     /// The rotation R.
+    #[must_use]
     pub fn rotation(&self) -> Matrix2<f64> {
         Matrix2::new(self.cos, -self.sin, self.sin, self.cos)
     }
 
     /// Where a point (centred pixels) goes.
+    #[must_use]
     pub fn apply(&self, point: Vector2<f64>) -> Vector2<f64> {
         Vector2::new(
             self.cos * point.x - self.sin * point.y + self.shift.x,
@@ -132,6 +142,7 @@ impl Rigid {
     }
 
     /// Where a point (centred pixels) comes from.
+    #[must_use]
     pub fn apply_inverse(&self, point: Vector2<f64>) -> Vector2<f64> {
         let point = point - self.shift;
         Vector2::new(self.cos * point.x + self.sin * point.y, self.cos * point.y - self.sin * point.x)

@@ -8,8 +8,7 @@ mod error;
 mod tests;
 
 use crate::correspond::{Correspondence, Pyramid, Sampler};
-use crate::motion::generators::Model;
-use crate::motion::{FrameMotion, MotionPath};
+use crate::motion::{FrameMotion, Model, MotionPath};
 use crate::plane::Luma;
 use crate::readout::{Readout, ReadoutDirection, ReadoutTime};
 use crate::solve::continuous::{Camera, Found};
@@ -277,6 +276,7 @@ impl Rectifier {
     }
 
     /// Time spent so far in each stage.
+    #[must_use]
     pub fn timings(&self) -> Timings {
         self.timings
     }

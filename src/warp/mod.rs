@@ -162,11 +162,13 @@ impl Default for Warper {
 
 impl Warper {
     /// A warper with empty buffers, for the instructions that this machine has.
+    #[must_use]
     pub fn new() -> Self {
         Self::with_cpu(CpuLevel::detect())
     }
 
     /// A warper that uses the instructions of `level`.
+    #[must_use]
     pub fn with_cpu(level: CpuLevel) -> Self {
         Self {
             level,

@@ -1,7 +1,7 @@
 //! Enum properties. Names and numbers are stored in project files and presets: never change one.
 
 use gst::glib;
-use rsrectify::motion::generators;
+use rsrectify::motion;
 use rsrectify::readout;
 use rsrectify::{rectifier, warp};
 
@@ -107,7 +107,7 @@ pub enum Model {
     Rotation3d = 6,
 }
 
-impl From<Model> for generators::Model {
+impl From<Model> for motion::Model {
     fn from(model: Model) -> Self {
         match model {
             Model::Auto => Self::Auto,
