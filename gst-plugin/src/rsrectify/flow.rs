@@ -10,6 +10,7 @@ use super::properties::Settings;
 use super::report::{self, FrameTime, clock_time};
 use super::state::{Frame, Output, State};
 use super::timer::Timer;
+use gst::glib::property::PropertyGet;
 use gst::prelude::*;
 use gst::subclass::prelude::*;
 use gst_base::prelude::*;
@@ -21,7 +22,7 @@ use std::time::Instant;
 
 impl RsRectify {
     pub(super) fn settings(&self) -> Settings {
-        *lock(&self.settings)
+        PropertyGet::get(&self.settings, |settings| *settings)
     }
 
     /// Takes in a frame and gives out those whose motion is then known.

@@ -3,6 +3,7 @@
 //! GStreamer's base class negotiates; the flow of frames is the element's own, see `flow`. Events that travel
 //! with the frames are queued between them; those that end a stretch of the stream first drain the queue.
 
+use super::enums::{BorderMode, Estimator, Interpolation, Model, ReadoutDirection};
 /**
  * SECTION:element-rsrectify
  *
@@ -46,6 +47,7 @@ use super::report::{Report, clock_time};
 use super::state::State;
 use super::timer::Timer;
 use gst::glib;
+use gst::glib::property::{PropertyGet, PropertySetNested};
 use gst::prelude::*;
 use gst::subclass::prelude::*;
 use gst_base::prelude::*;
@@ -61,8 +63,105 @@ pub(super) static CAT: LazyLock<gst::DebugCategory> = LazyLock::new(|| {
 /// The element's instance.
 ///
 /// Its mutexes are never held together, nor while anything is pushed or posted.
+#[derive(glib::Properties)]
+#[properties(wrapper_type = super::RsRectify)]
 pub struct RsRectify {
-    pub(super) settings: Mutex<Settings>,
+    /// Columns of the sampling grid.
+    #[property(name = "grid-columns", get, set, type = u32, member = grid_columns,
+        nick = "Grid columns",
+        blurb = "Columns of the grid of points that are followed from frame to frame",
+        minimum = 2, maximum = 256, default = Settings::DEFAULT.grid_columns, mutable_ready)]
+    /// Rows of the sampling grid.
+    #[property(name = "grid-rows", get, set, type = u32, member = grid_rows,
+        nick = "Grid rows",
+        blurb = "Rows of the grid of points that are followed from frame to frame",
+        minimum = 2, maximum = 256, default = Settings::DEFAULT.grid_rows, mutable_ready)]
+    /// Blank time between frames in rows; −1: not known.
+    #[property(name = "inter-frame-delay", get, set, type = f64, member = inter_frame_delay,
+        nick = "Inter-frame delay",
+        blurb = "Blank time between a frame's last row and the next frame's first, in rows (columns where the sensor is read sideways); -1: not known, see readout-time",
+        minimum = -1.0, maximum = 1e9, default = Settings::DEFAULT.inter_frame_delay, mutable_playing)]
+    /// Readout time in nanoseconds; 0: not known.
+    #[property(name = "readout-time", get, set, type = u64, member = readout_time,
+        nick = "Readout time",
+        blurb = "Time that the readout of all rows takes, in nanoseconds; wins over inter-frame-delay; 0: found from the picture (sequential: taken as the frame duration); 1: a global shutter",
+        maximum = gst::ClockTime::SECOND.nseconds(), default = Settings::DEFAULT.readout_time, mutable_playing)]
+    /// The edge that is read first.
+    #[property(name = "readout-direction", get, set, type = ReadoutDirection, member = readout_direction, default,
+        nick = "Readout direction",
+        blurb = "Which edge of the frame, as it arrives here, the sensor reads first; auto: found from the picture (sequential: top-to-bottom)",
+        mutable_playing)]
+    /// Frames waited for before a frame is given out.
+    #[property(name = "lookahead", get, set, type = u32, member = lookahead,
+        nick = "Lookahead",
+        blurb = "Frames waited for before a frame is given out: the element's latency, in frames; 8 for strong shake, 0 for none at a loss of accuracy",
+        maximum = 64, default = Settings::DEFAULT.lookahead, mutable_ready)]
+    /// How motion is estimated.
+    #[property(name = "estimator", get, set, type = Estimator, member = estimator, default,
+        nick = "Estimator",
+        blurb = "How the motion of the frames is estimated: continuous finds the readout too; sequential gives each frame one rotation and must be told the readout",
+        mutable_playing)]
+    /// What motion the picture can have.
+    #[property(name = "model", get, set, type = Model, member = model, default,
+        nick = "Model",
+        blurb = "What motion the picture can have; the sequential estimator always takes rotation, of which translation is a case",
+        mutable_playing)]
+    /// Focal length in frame widths; 0: not known.
+    #[property(name = "focal-length", get, set, type = f64, member = focal_length,
+        nick = "Focal length",
+        blurb = "Focal length in frame widths, for models with perspective of the continuous estimator; 0: found from the picture",
+        minimum = 0.0, maximum = 1e3, default = Settings::DEFAULT.focal_length, mutable_playing)]
+    /// Share of the readout whose instant the output shows.
+    #[property(name = "reference-row", get, set, type = f64, member = reference_row,
+        nick = "Reference row",
+        blurb = "The instant that the output shows, as a share of the readout: 0 is the row read first, 1 the last",
+        minimum = 0.0, maximum = 1.0, default = Settings::DEFAULT.reference_row, mutable_playing, controllable)]
+    /// How samples between pixels are made.
+    #[property(name = "interpolation", get, set, type = Interpolation, member = interpolation, default,
+        nick = "Interpolation",
+        blurb = "How samples between pixels are made",
+        mutable_playing)]
+    /// What is shown where the frame saw nothing.
+    #[property(name = "border-mode", get, set, type = BorderMode, member = border_mode, default,
+        nick = "Border mode",
+        blurb = "What is shown where the frame saw nothing",
+        mutable_playing)]
+    /// Colour of `border-mode=constant`, 0xAARRGGBB.
+    #[property(name = "border-color", get, set, type = u32, member = border_color,
+        nick = "Border colour",
+        blurb = "Colour of border-mode=constant, as 0xAARRGGBB",
+        default = Settings::DEFAULT.border_color, mutable_playing, controllable)]
+    /// Per cent that `border-mode=crop` cuts away.
+    #[property(name = "crop", get, set, type = f64, member = crop,
+        nick = "Crop",
+        blurb = "Share of the width and height that border-mode=crop cuts away, in per cent",
+        minimum = 0.0, maximum = 50.0, default = Settings::DEFAULT.crop, mutable_playing, controllable)]
+    /// Share of the correction that is applied.
+    #[property(name = "strength", get, set, type = f64, member = strength,
+        nick = "Strength",
+        blurb = "How much of the correction is applied: 0 none (the latency stays), 1 all",
+        minimum = 0.0, maximum = 1.0, default = Settings::DEFAULT.strength, mutable_playing, controllable)]
+    /// Worker threads; 0: as many as there are cores.
+    #[property(name = "threads", get, set, type = u32, member = threads,
+        nick = "Threads",
+        blurb = "Worker threads; 0: one for each core, shared with all elements of this kind",
+        maximum = 256, default = Settings::DEFAULT.threads, mutable_playing)]
+    /// Whether each frame's motion is posted on the bus.
+    #[property(name = "post-messages", get, set, type = bool, member = post_messages,
+        nick = "Post messages",
+        blurb = "Post an element message \"rsrectify\" with the motion and confidence of each frame",
+        default = Settings::DEFAULT.post_messages, mutable_playing)]
+    /// Whether each frame's motion is attached to its buffer.
+    #[property(name = "attach-meta", get, set, type = bool, member = attach_meta,
+        nick = "Attach meta",
+        blurb = "Attach a custom meta \"RsRectifyMeta\" with its motion, readout and confidence to each frame",
+        default = Settings::DEFAULT.attach_meta, mutable_playing)]
+    /// Latency that is reported for the work on a frame, in nanoseconds.
+    #[property(name = "processing-deadline", get, set, type = u64, member = processing_deadline,
+        nick = "Processing deadline",
+        blurb = "Time in nanoseconds that the work on a frame may take in a live pipeline: latency beside that of lookahead; grows by itself where frames come late because of the work",
+        maximum = gst::ClockTime::SECOND.nseconds(), default = Settings::DEFAULT.processing_deadline, mutable_ready)]
+    pub(super) settings: Shared,
     /// `None` until caps are known.
     pub(super) state: Mutex<Option<State>>,
     /// For any thread, briefly.
@@ -75,11 +174,31 @@ impl Default for RsRectify {
     fn default() -> Self {
         let latency = Latency::new(Settings::default().analysis().lookahead as u64, None, 0);
         Self {
-            settings: Mutex::default(),
+            settings: Shared::default(),
             state: Mutex::default(),
             report: Mutex::new(Report::new(latency)),
             timer: Mutex::default(),
         }
+    }
+}
+
+/// The settings, which any thread may read and write.
+#[derive(Default)]
+pub(super) struct Shared(Mutex<Settings>);
+
+impl PropertyGet for Shared {
+    type Value = Settings;
+
+    fn get<R, F: Fn(&Settings) -> R>(&self, read: F) -> R {
+        read(&lock(&self.0))
+    }
+}
+
+impl PropertySetNested for Shared {
+    type SetNestedValue = Settings;
+
+    fn set_nested<F: FnOnce(&mut Settings)>(&self, write: F) {
+        write(&mut lock(&self.0));
     }
 }
 
@@ -114,17 +233,22 @@ impl ObjectSubclass for RsRectify {
 
 impl ObjectImpl for RsRectify {
     fn properties() -> &'static [glib::ParamSpec] {
-        properties::specs()
+        // The derive has no structures.
+        static SPECS: LazyLock<Vec<glib::ParamSpec>> =
+            LazyLock::new(|| [RsRectify::derived_properties(), &[properties::stats()]].concat());
+        &SPECS
     }
 
-    fn set_property(&self, _id: usize, value: &glib::Value, pspec: &glib::ParamSpec) {
+    fn set_property(&self, id: usize, value: &glib::Value, pspec: &glib::ParamSpec) {
         gst::debug!(CAT, imp = self, "Setting {} to {value:?}", pspec.name());
-        lock(&self.settings).set(pspec.name(), value);
+        self.derived_set_property(id, value, pspec);
     }
 
-    fn property(&self, _id: usize, pspec: &glib::ParamSpec) -> glib::Value {
-        let setting = self.settings().get(pspec.name());
-        setting.unwrap_or_else(|| lock(&self.report).stats().to_value())
+    fn property(&self, id: usize, pspec: &glib::ParamSpec) -> glib::Value {
+        match pspec.name() {
+            "stats" => lock(&self.report).stats().to_value(),
+            _ => self.derived_property(id, pspec),
+        }
     }
 
     fn constructed(&self) {
