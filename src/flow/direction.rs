@@ -9,8 +9,9 @@ use super::rows::{RowKernel, fill};
 use super::search::exhaustive;
 use crate::cpu::CpuLevel;
 
-/// Comparisons after the candidates'.
-const STEPS: usize = 2;
+/// Comparisons after the candidates': on the coarse levels, where steps are long, and on the finest.
+const COARSE_STEPS: usize = 3;
+const FINE_STEPS: usize = 2;
 
 /// Comparisons after those with the neighbours' displacements.
 const SPREAD_STEPS: usize = 1;
@@ -51,8 +52,7 @@ pub(super) struct Stage<'a> {
 impl Stage<'_> {
     /// From the second frame to the first.
     pub(super) fn reversed(self) -> Self {
-        let pair = Pair { first: self.pair.second, second: self.pair.first, ..self.pair };
-        Self { pair, ..self }
+        Self { pair: self.pair.reversed(), ..self }
     }
 }
 
@@ -162,9 +162,9 @@ impl RowKernel<Found> for Known<'_> {
         let found = if is_coarsest {
             self.search(cpu, row, out)
         } else if is_finest {
-            find(cpu, pair, row, STEPS, |column| self.fine_candidates(column, row), out)
+            find(cpu, pair, row, FINE_STEPS, |column| self.fine_candidates(column, row), out)
         } else {
-            find(cpu, pair, row, STEPS, |column| self.candidates(column, row), out)
+            find(cpu, pair, row, COARSE_STEPS, |column| self.candidates(column, row), out)
         };
         if found.is_none() {
             out.fill(Found::default());
@@ -270,7 +270,7 @@ impl Known<'_> {
             *out = self
                 .stage
                 .pair
-                .best_of_two(&mut template, at, STEPS, |search| [predicted, exhaustive(search)])?;
+                .best_of_two(&mut template, at, COARSE_STEPS, |search| [predicted, exhaustive(search)])?;
         }
         Some(())
     }

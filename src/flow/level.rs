@@ -135,6 +135,11 @@ impl<C: Cpu> Search<'_, C> {
 }
 
 impl Pair<'_> {
+    /// From the second frame to the first.
+    pub(super) fn reversed(self) -> Self {
+        Self { first: self.second, second: self.first, ..self }
+    }
+
     /// The patch whose top left pixel is `at` from two displacements, the first being preferred where the second leads to
     /// something hardly better.
     #[inline(always)]

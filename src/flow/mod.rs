@@ -12,6 +12,7 @@
 //! | agree | `consensus` | where the picture does not tell, the motion that most of it shares |
 //! | dispatch | `rows` | kernels on all cores, with the machine's instructions |
 //! | judge | `confidence` | forward–backward consistency, residual, texture |
+//! | conclude | `occlusion` | what the other frame hides goes with what it hides behind something |
 //! | hand out | `field` | cells, and interpolation between them |
 //!
 //! What departs from the paper: candidates are compared by residual on every level, so that neither the coarser level
@@ -22,7 +23,7 @@
 //! # Cost
 //!
 //! The finest level has half the analysed resolution. For 960×540 analysed pixels that is 480×270: 119 × 67 patches,
-//! each compared at most 2 + 2 times, on coarser levels at most 8 + 2 times and again; both directions: at most some 0.12 M
+//! each compared at most 2 + 2 times, on coarser levels at most 8 + 3 times and again; both directions: at most some 0.12 M
 //! comparisons of 64 pixels, 0.05 M where neighbours move alike. Only the patches that move otherwise than most are compared
 //! again, ten times. With AVX2 a comparison takes 16 loads of a row and 8 × 10 operations of eight lanes, and some 100
 //! instructions around these; the start of a patch some 200.
@@ -33,6 +34,7 @@ mod direction;
 mod field;
 mod lanes;
 mod level;
+mod occlusion;
 mod patch;
 mod prediction;
 mod rows;
@@ -47,6 +49,7 @@ use crate::pyramid::{Level, Pyramid, Reducer};
 use direction::{Direction, Stage};
 use level::Pair;
 use nalgebra::Vector2;
+use occlusion::{Beside, Frames, Known};
 
 /// The finest level that is searched: half of the analysed resolution.
 const FINEST: usize = 1;
@@ -71,6 +74,7 @@ pub struct DenseFlow {
     forward: Direction,
     backward: Direction,
     fields: [FlowField; 2],
+    hidden: [Beside; 2],
 }
 
 impl DenseFlow {
@@ -88,6 +92,7 @@ impl DenseFlow {
             forward: Direction::default(),
             backward: Direction::default(),
             fields: Default::default(),
+            hidden: Default::default(),
         }
     }
 
@@ -138,6 +143,14 @@ impl DenseFlow {
         let [there, back] = &mut self.fields;
         confidence::judge(self.cpu, forward, backward, scale, there);
         confidence::judge(self.cpu, backward, forward, scale, back);
+        let (Some(first), Some(second), FINEST) = (first.first(), second.first(), finest) else { return };
+        let pair = Pair { first, second, noise: noise(0) };
+        let frames = Frames { cpu: self.cpu, pair, depth: finest };
+        let known = Known { own: (forward, there), reverse: (backward, back) };
+        let [hidden, hidden_back] = &mut self.hidden;
+        rayon::join(|| hidden.find(frames, known), || hidden_back.find(frames.reversed(), known.reversed()));
+        hidden.complete(there);
+        hidden_back.complete(back);
     }
 
     /// From the first frame to the second; without cells where one of them was empty.
