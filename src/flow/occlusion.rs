@@ -3,7 +3,8 @@
 //! What the other frame hides has no displacement that could be measured, and lies beside an outline, between two motions:
 //! that of the thing in front and that of what lies behind it. Only what lies behind can be hidden. So a cell that was not
 //! found, whose pixels none of the motions beside it explains, has the one by which it arrives where the other frame shows
-//! something else. A selfie on a fast pan hides a tenth of the picture from both neighbours in time.
+//! something else. Where either could lie behind the other nothing is concluded. A selfie on a fast pan hides a tenth of
+//! the picture from both neighbours in time.
 //!
 //! That is a conclusion and no measurement, and counts little: enough to tell two motions from each other that differ by
 //! many pixels.

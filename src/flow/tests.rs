@@ -16,6 +16,16 @@ fn wave(x: f64, y: f64) -> f64 {
     128.0 + waves.iter().map(|(a, b, c)| c * (a * x + b * y + c).sin()).sum::<f64>()
 }
 
+/// Squares of 4 and of 16 pixels, each of a grey of its own, so that nothing fits by chance.
+fn grain(x: f64, y: f64) -> f64 {
+    let squares = |side: f64| {
+        let [column, row] = [x, y].map(|at| (at / side).floor() as i64 as u64);
+        let mixed = column.wrapping_mul(73_856_093) ^ row.wrapping_mul(19_349_663);
+        (mixed.wrapping_mul(0x9E37_79B9_7F4A_7C15) >> 56) as f64
+    };
+    0.5 * (squares(4.0) + squares(16.0))
+}
+
 fn frame(grey: impl Fn(f64, f64) -> f64) -> Vec<u8> {
     let at = |i: usize| grey((i % SIZE.0) as f64, (i / SIZE.0) as f64).round().clamp(0.0, 255.0) as u8;
     (0..SIZE.0 * SIZE.1).map(at).collect()
@@ -92,6 +102,29 @@ fn what_does_not_come_back_is_not_trusted() {
     };
     let (left, right) = (trust(2..16), trust(24..40));
     assert!(left > 0.9 && right < 0.3, "{left} {right}");
+}
+
+#[test]
+fn what_is_hidden_moves_as_what_lies_behind() {
+    // Right of a thing that stands still all of the background gets hidden, and what is seen there next is new.
+    let moved = -64.0;
+    let is_still = |x: f64, y: f64| (120.0..256.0).contains(&x) && (60.0..180.0).contains(&y);
+    let seen = |x: f64, y: f64, moved: f64| {
+        if is_still(x, y) { grain(x + 900.0, y + 700.0) } else { grain(x - moved, y) }
+    };
+    let (first, second) = (frame(|x, y| seen(x, y, 0.0)), frame(|x, y| seen(x, y, moved)));
+    let flow = flow_of(CpuLevel::detect(), [&first, &second], |p| p);
+    let field = flow.forward();
+    let (mut right, mut hidden) = (0, 0);
+    for (index, cell) in field.cells().iter().enumerate() {
+        let [x, y] = field.centre(index % field.columns(), index / field.columns());
+        // Not of the cells across an outline.
+        if x > 264.0 && (72.0..168.0).contains(&y) {
+            let error = (f64::from(cell.flow[0]) - moved).hypot(f64::from(cell.flow[1]));
+            (right, hidden) = (right + usize::from(error < 4.0), hidden + 1);
+        }
+    }
+    assert!(hidden > 50 && 4 * right > 3 * hidden, "{right} of {hidden}");
 }
 
 /// Fused multiplications round otherwise, which decides where two candidates fit alike.
