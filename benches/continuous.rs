@@ -12,7 +12,7 @@ use rsrectify::motion::Model;
 use rsrectify::motion::image_centre;
 use rsrectify::readout::{Readout, ReadoutDirection, ReadoutTime};
 use rsrectify::solve::ShutterEstimator;
-use rsrectify::solve::continuous::{Camera, Continuous, Found};
+use rsrectify::solve::continuous::{Camera, Continuous, PairMeasurement};
 use rsrectify::solve::residual::{FrameFlow, ResidualSolver, Still};
 use std::f64::consts::TAU;
 
@@ -101,7 +101,7 @@ fn estimator(pairs: &[Vec<Correspondence>], readout_time: ReadoutTime) -> (Conti
 }
 
 fn push(estimator: &mut Continuous, pairs: &[Vec<Correspondence>], frame: usize) {
-    let found = frame.checked_sub(1).map(|first| Found { grid: &pairs[first % CYCLE], flow: None });
+    let found = frame.checked_sub(1).map(|first| PairMeasurement { grid: &pairs[first % CYCLE], flow: None });
     estimator.push(found, frame as f64 * PERIOD, PERIOD);
 }
 

@@ -36,7 +36,9 @@ fn solve(criterion: &mut Criterion) {
     let links: Vec<_> = (0..32).map(|i| link(twists[i % 3], i as f64)).collect();
     let scratch = &mut Scratch::default();
     criterion.bench_function("solve/uniform", |b| b.iter(|| links[0].uniform(scratch)));
-    criterion.bench_function("solve/step", |b| b.iter(|| links[0].relay(Known::First, twists[0], scratch)));
+    criterion.bench_function("solve/step", |b| {
+        b.iter(|| links[0].sequential_step(Known::First, twists[0], scratch))
+    });
     for lookahead in [0, 4, 12] {
         let mut window = Window::default();
         let mut frames = (0..).map(|i| links[i % links.len()].clone());

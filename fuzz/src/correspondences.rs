@@ -7,7 +7,7 @@ use rsrectify::correspond::Correspondence;
 use rsrectify::flow::{Cell, FlowField};
 use rsrectify::motion::{SampledPath, Twist, image_centre};
 use rsrectify::readout::Readout;
-use rsrectify::solve::continuous::{Camera, Continuous, Found, Motion};
+use rsrectify::solve::continuous::{Camera, Continuous, Motion, PairMeasurement};
 use rsrectify::solve::link::{Known, Scratch};
 use rsrectify::solve::residual::{FrameFlow, ResidualSolver, Still};
 use rsrectify::solve::{Link, ShutterEstimator, Window};
@@ -49,7 +49,8 @@ fn window(u: &mut Unstructured<'_>) -> Result<()> {
         time += interval;
         let readout = readout([WIDTH, HEIGHT], direction, settings.readout_time, period);
 
-        let found = (!u.ratio(1, 8)?).then_some(Found { grid: &pair, flow: Some(fields.each_ref()) });
+        let found =
+            (!u.ratio(1, 8)?).then_some(PairMeasurement { grid: &pair, flow: Some(fields.each_ref()) });
         continuous.push(found, time, period);
         waiting += 1;
         let expected = continuous.expected(Vector2::new(small(u, 640.0)?, small(u, 480.0)?));
@@ -99,8 +100,8 @@ fn one_pair(
     let (link, mut scratch) = (Link::new(pair, readout, interval, NOISE), Scratch::default());
     let known = Twist::new(real(u, 1.0)?, real(u, 100.0)?, real(u, 100.0)?);
     let uniform = link.uniform(&mut scratch);
-    let relayed = [Known::First, Known::Second].map(|side| link.relay(side, known, &mut scratch));
-    for fit in relayed.into_iter().chain([uniform]).flatten() {
+    let stepped = [Known::First, Known::Second].map(|side| link.sequential_step(side, known, &mut scratch));
+    for fit in stepped.into_iter().chain([uniform]).flatten() {
         assert!(fit.twist.is_finite() && fit.energy.is_finite() && fit.energy >= 0.0, "{fit:?}");
         assert!((0.0..=1.0).contains(&fit.confidence) && fit.inliers <= fit.correspondences, "{fit:?}");
     }

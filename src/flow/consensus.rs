@@ -1,6 +1,6 @@
 //! The motion that most of a picture shares: an affine map, fitted robustly.
 
-use super::level::{CELL, Found};
+use super::level::{CELL, PatchFlow};
 use super::patch::SIDE;
 use nalgebra::{Matrix3, Matrix3x2, RowVector2, Vector3};
 
@@ -30,9 +30,9 @@ impl Consensus {
     /// Of patches with `columns` in a row, where a pixel's noise has the variance `noise`. `None` where nothing is seen.
     ///
     /// They count by their texture, less where they fit badly.
-    pub(super) fn of(patches: &[Found], columns: usize, noise: f32) -> Option<Self> {
+    pub(super) fn of(patches: &[PatchFlow], columns: usize, noise: f32) -> Option<Self> {
         let side = CELL as f32;
-        let weight = |patch: &Found| {
+        let weight = |patch: &PatchFlow| {
             let [xx, _, yy] = patch.mean.tensor();
             let texture = xx + yy;
             texture / (texture + 4.0 * noise + patch.mean.residual())
@@ -99,11 +99,11 @@ mod tests {
     use super::super::level::Mean;
     use super::*;
 
-    fn patches(shift: impl Fn(f32, f32) -> [f32; 2]) -> Vec<Found> {
+    fn patches(shift: impl Fn(f32, f32) -> [f32; 2]) -> Vec<PatchFlow> {
         let patch = |index: usize| {
             let at = |index: usize| (index * CELL) as f32 + 0.5 * (SIDE as f32 - 1.0);
             let [x, y] = shift(at(index % 60), at(index / 60));
-            Found { mean: Mean([x, y, 0.0, 100.0, 0.0, 100.0, 0.0, 1.0]), ..Found::default() }
+            PatchFlow { mean: Mean([x, y, 0.0, 100.0, 0.0, 100.0, 0.0, 1.0]), ..PatchFlow::default() }
         };
         (0..60 * 40).map(patch).collect()
     }
@@ -121,7 +121,7 @@ mod tests {
 
     #[test]
     fn where_nothing_is_seen_nothing_is_shared() {
-        assert_eq!(Consensus::of(&vec![Found::default(); 600], 60, 0.5), None);
+        assert_eq!(Consensus::of(&vec![PatchFlow::default(); 600], 60, 0.5), None);
         assert_eq!(Consensus::of(&[], 0, 0.5), None);
     }
 }

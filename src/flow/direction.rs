@@ -2,7 +2,7 @@
 
 use super::consensus::Consensus;
 use super::lanes::Cpu;
-use super::level::{CELL, Found, Mean, Pair, cells, find, overlap};
+use super::level::{CELL, Mean, Pair, PatchFlow, cells, find, overlap};
 use super::patch::Template;
 use super::prediction::Prediction;
 use super::rows::{RowKernel, fill};
@@ -60,8 +60,8 @@ impl Stage<'_> {
 #[derive(Debug, Default)]
 pub(super) struct Direction {
     pub(super) prediction: Prediction,
-    patches: Vec<Found>,
-    spread: Vec<Found>,
+    patches: Vec<PatchFlow>,
+    spread: Vec<PatchFlow>,
     /// Of the level done last.
     pub(super) means: Vec<Mean>,
     pub(super) columns: usize,
@@ -95,8 +95,8 @@ impl Direction {
             columns: self.columns,
             rows: self.rows,
         };
-        self.patches.resize(across * down, Found::default());
-        self.spread.resize(across * down, Found::default());
+        self.patches.resize(across * down, PatchFlow::default());
+        self.spread.resize(across * down, PatchFlow::default());
         fill(stage.cpu, &known, across, &mut self.patches);
         let spreads = if stage.is_coarsest { 2 } else { usize::from(stage.depth > LAST_SPREAD) };
         for _ in 0..spreads {
@@ -155,9 +155,9 @@ impl Direction {
 }
 
 /// Patches from what coarser levels say.
-impl RowKernel<Found> for Known<'_> {
+impl RowKernel<PatchFlow> for Known<'_> {
     #[inline(always)]
-    fn fill<C: Cpu>(&self, cpu: C, row: usize, out: &mut [Found]) {
+    fn fill<C: Cpu>(&self, cpu: C, row: usize, out: &mut [PatchFlow]) {
         let Stage { pair, is_coarsest, is_finest, .. } = self.stage;
         let found = if is_coarsest {
             self.search(cpu, row, out)
@@ -167,7 +167,7 @@ impl RowKernel<Found> for Known<'_> {
             find(cpu, pair, row, COARSE_STEPS, |column| self.candidates(column, row), out)
         };
         if found.is_none() {
-            out.fill(Found::default());
+            out.fill(PatchFlow::default());
         }
     }
 }
@@ -175,12 +175,12 @@ impl RowKernel<Found> for Known<'_> {
 /// Patches from what those beside them found.
 struct Spread<'a> {
     pair: Pair<'a>,
-    patches: &'a [Found],
+    patches: &'a [PatchFlow],
 }
 
-impl RowKernel<Found> for Spread<'_> {
+impl RowKernel<PatchFlow> for Spread<'_> {
     #[inline(always)]
-    fn fill<C: Cpu>(&self, cpu: C, row: usize, out: &mut [Found]) {
+    fn fill<C: Cpu>(&self, cpu: C, row: usize, out: &mut [PatchFlow]) {
         let across = out.len();
         let at = |row: usize, column: usize| {
             let found = (column < across).then(|| self.patches.get(row * across + column)).flatten();
@@ -199,7 +199,7 @@ impl RowKernel<Found> for Spread<'_> {
             [own, left, right, above, below]
         };
         if find(cpu, self.pair, row, SPREAD_STEPS, candidates, out).is_none() {
-            out.fill(Found::default());
+            out.fill(PatchFlow::default());
         }
     }
 }
@@ -208,14 +208,14 @@ impl RowKernel<Found> for Spread<'_> {
 /// along edges, in flat places, and where a pattern repeats itself.
 struct Agreement<'a> {
     stage: Stage<'a>,
-    patches: &'a [Found],
+    patches: &'a [PatchFlow],
     prediction: &'a Prediction,
     consensus: Consensus,
 }
 
-impl RowKernel<Found> for Agreement<'_> {
+impl RowKernel<PatchFlow> for Agreement<'_> {
     #[inline(always)]
-    fn fill<C: Cpu>(&self, cpu: C, row: usize, out: &mut [Found]) {
+    fn fill<C: Cpu>(&self, cpu: C, row: usize, out: &mut [PatchFlow]) {
         let pair = self.stage.pair;
         let mut template = Template::new(cpu);
         let across = out.len();
@@ -246,7 +246,7 @@ impl RowKernel<Found> for Agreement<'_> {
 
 /// Cells from the patches that see them.
 struct Overlap<'a> {
-    patches: &'a [Found],
+    patches: &'a [PatchFlow],
     across: usize,
     noise: f32,
 }
@@ -262,7 +262,7 @@ impl Known<'_> {
     /// Patches of the coarsest level. Near and far are compared after the steps: half a pixel of this level beside the
     /// truth, a residual tells little.
     #[inline(always)]
-    fn search<C: Cpu>(&self, cpu: C, row: usize, out: &mut [Found]) -> Option<()> {
+    fn search<C: Cpu>(&self, cpu: C, row: usize, out: &mut [PatchFlow]) -> Option<()> {
         let mut template = Template::new(cpu);
         for (column, out) in out.iter_mut().enumerate() {
             let at = [column * CELL, row * CELL];

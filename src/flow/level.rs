@@ -52,13 +52,13 @@ impl Mean {
 
 /// What was found for one patch.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub(super) struct Found {
+pub(super) struct PatchFlow {
     pub(super) mean: Mean,
     /// Mean squared difference of its quarters: top left, bottom left, top right, bottom right.
     pub(super) quarters: [f32; 4],
 }
 
-impl Found {
+impl PatchFlow {
     /// The same, with a structure tensor `share` times as large.
     pub(super) fn dimmed(mut self, share: f32) -> Self {
         self.mean.0[3..6].iter_mut().for_each(|value| *value *= share);
@@ -124,13 +124,13 @@ impl<C: Cpu> Search<'_, C> {
     }
 
     #[inline(always)]
-    pub(super) fn found(&self, best: Best) -> Found {
+    pub(super) fn found(&self, best: Best) -> PatchFlow {
         let Difference { squares, total, .. } = best.left;
         let ([x, y], [xx, xy, yy]) = (best.shift, self.template.tensor);
         let [total, xx, xy, yy, energy] =
             [total, xx, xy, yy, self.template.energy].map(|sum| sum * (1.0 / AREA));
         let mean = Mean([x, y, total, xx, xy, yy, energy, 1.0]);
-        Found { mean, quarters: squares.map(|square| square * (4.0 / AREA)) }
+        PatchFlow { mean, quarters: squares.map(|square| square * (4.0 / AREA)) }
     }
 }
 
@@ -149,7 +149,7 @@ impl Pair<'_> {
         [x, y]: [usize; 2],
         steps: usize,
         from: impl FnOnce(&Search<'_, C>) -> [[f32; 2]; 2],
-    ) -> Option<Found> {
+    ) -> Option<PatchFlow> {
         template.take(self.first, self.noise, x, y)?;
         let search = Search { template, pair: self, x, y };
         let [first, second] = from(&search);
@@ -190,7 +190,7 @@ pub(super) fn find<C: Cpu, const N: usize>(
     row: usize,
     steps: usize,
     candidates: impl Fn(usize) -> [[f32; 2]; N],
-    out: &mut [Found],
+    out: &mut [PatchFlow],
 ) -> Option<()> {
     let last = out.len().checked_sub(1)?;
     let mut templates: [_; TOGETHER] = std::array::from_fn(|_| Template::new(cpu));
@@ -231,7 +231,7 @@ pub(super) fn find<C: Cpu, const N: usize>(
 #[inline(always)]
 pub(super) fn overlap<C: Cpu>(
     cpu: C,
-    patches: &[Found],
+    patches: &[PatchFlow],
     across: usize,
     row: usize,
     noise: f32,

@@ -11,7 +11,7 @@ mod twist;
 
 pub use frame::FrameMotion;
 pub use generators::Model;
-pub use path::{MotionPath, Passage};
+pub use path::{IntervalMotion, MotionPath};
 pub use residual::{MeshError, ResidualField, ResidualMesh};
 pub use sampled::{PathError, SampledPath};
 pub use twist::{Rigid, Twist};

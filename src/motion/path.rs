@@ -24,7 +24,7 @@ enum Global {
 /// What a path does between two shares of the readout: the same for all points that are read
 /// together.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Passage {
+pub struct IntervalMotion {
     /// The global motion, scaled so that its last element is 1.
     motion: Matrix3<f64>,
     /// The share of the readout that passes; negative backwards.
@@ -68,25 +68,25 @@ impl MotionPath {
     /// whole frame and decides there.
     #[must_use]
     pub fn carry(&self, point: Vector2<f64>, from: f64, to: f64) -> Vector2<f64> {
-        self.carry_by(&self.passage(from, to), point)
+        self.carry_by(&self.over(from, to), point)
     }
 
     /// What [`carry`](Self::carry) does for all points exposed at share `from`, made ready once.
     #[must_use]
-    pub fn passage(&self, from: f64, to: f64) -> Passage {
+    pub fn over(&self, from: f64, to: f64) -> IntervalMotion {
         let motion = match &self.global {
             Global::Uniform { twist, readout_time } => matrix(twist.after((to - from) * readout_time)),
             Global::Sampled(path) => path.between(from, to),
         };
-        Passage { motion, elapsed: to - from }
+        IntervalMotion { motion, elapsed: to - from }
     }
 
-    /// Where a passage takes the point that the frame shows at `point` (centred pixels).
+    /// Where an interval takes the point that the frame shows at `point` (centred pixels).
     #[must_use]
-    pub fn carry_by(&self, passage: &Passage, point: Vector2<f64>) -> Vector2<f64> {
-        let moved = project(&passage.motion, point);
+    pub fn carry_by(&self, interval: &IntervalMotion, point: Vector2<f64>) -> Vector2<f64> {
+        let moved = project(&interval.motion, point);
         match &self.residual {
-            Some(field) => moved + field.velocity(point) * passage.elapsed,
+            Some(field) => moved + field.velocity(point) * interval.elapsed,
             None => moved,
         }
     }

@@ -3,7 +3,7 @@
 use crate::correspond::{Correspondence, certain};
 use crate::motion::{MotionPath, Rigid, SampledPath, Twist, image_centre};
 use crate::readout::Readout;
-use crate::solve::continuous::{Camera, Continuous, Found};
+use crate::solve::continuous::{Camera, Continuous, PairMeasurement};
 use crate::solve::{Candidate, Link, Origin, Window};
 use nalgebra::Vector2;
 
@@ -33,7 +33,7 @@ pub(super) struct Settled {
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Step<'a> {
     /// Correspondences with the frame before; `None` after a start or a gap.
-    pub found: Option<Found<'a>>,
+    pub found: Option<PairMeasurement<'a>>,
     /// Seconds.
     pub time: f64,
     /// Seconds since the frame before; negative in reverse playback.

@@ -11,7 +11,7 @@ use crate::correspond::{Correspondence, Pyramid, Sampler};
 use crate::motion::{FrameMotion, Model, MotionPath};
 use crate::plane::Luma;
 use crate::readout::{Readout, ReadoutDirection, ReadoutTime};
-use crate::solve::continuous::{Camera, Found};
+use crate::solve::continuous::{Camera, PairMeasurement};
 use clock::Clock;
 use duplicates::Duplicates;
 use engine::{Engine, Settled, Step};
@@ -310,7 +310,7 @@ impl Rectifier {
         self.engine.push(&Step {
             found: interval.map(|_| {
                 let flow = self.sampler.flow();
-                Found { grid: &self.correspondences, flow: Some([flow.forward(), flow.backward()]) }
+                PairMeasurement { grid: &self.correspondences, flow: Some([flow.forward(), flow.backward()]) }
             }),
             time,
             interval: interval.unwrap_or(0.0),

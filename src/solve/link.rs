@@ -134,7 +134,7 @@ impl Link {
     /// The known frame moves during its own readout only, **the unknown frame takes the blank**:
     /// forward in time ((N − r)/N_t)·θ(k), then ((B + r′)/N_t)·θ(k + 1) (25.7, 25.8); backward
     /// (−r/N_t)·θ(k), then (−(N_t − r′)/N_t)·θ(k − 1) (25.9 with r for its printed r′, 25.10).
-    pub fn relay(&self, known: Known, motion: Twist, scratch: &mut Scratch) -> Option<Fit> {
+    pub fn sequential_step(&self, known: Known, motion: Twist, scratch: &mut Scratch) -> Option<Fit> {
         let known_start = if known == Known::First { 0.0 } else { self.interval };
         let unknown_is_later = (known == Known::First) == (self.interval > 0.0);
         let border = known_start + if unknown_is_later { self.readout_time } else { 0.0 };

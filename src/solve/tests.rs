@@ -122,7 +122,7 @@ fn a_step_finds_the_next_frame_and_the_one_before() {
         (world.link(2, 1), Known::First, 2, 1),
         (world.link(2, 1), Known::Second, 1, 2),
     ] {
-        let fit = link.relay(known, world.twists[k], scratch).unwrap();
+        let fit = link.sequential_step(known, world.twists[k], scratch).unwrap();
         let error = difference(fit.twist, world.twists[sought]);
         assert!(error < 1e-4, "{known:?} {k} to {sought}: {error}");
     }
@@ -136,7 +136,7 @@ fn an_error_is_passed_on_by_half_or_a_quarter() {
         let world = World::new(vec![twist; 3], delay);
         for known in [Known::First, Known::Second] {
             let wrong = Twist::from_vector(twist.to_vector() + error.to_vector());
-            let fit = world.link(0, 1).relay(known, wrong, &mut Scratch::default()).unwrap();
+            let fit = world.link(0, 1).sequential_step(known, wrong, &mut Scratch::default()).unwrap();
             let passed_on =
                 (fit.twist.velocity - twist.velocity).dot(&error.velocity) / error.velocity.norm_squared();
             assert!((passed_on - expected).abs() < 0.06, "delay {delay}, {known:?}: {passed_on}");

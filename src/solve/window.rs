@@ -121,7 +121,7 @@ impl Window {
 
     /// The first frame's motion from the settled one before it.
     fn forward(&mut self) -> Option<Fit> {
-        self.past.as_ref()?.link.relay(Known::First, self.settled?.twist, &mut self.scratch)
+        self.past.as_ref()?.link.sequential_step(Known::First, self.settled?.twist, &mut self.scratch)
     }
 
     /// The first frame's motion from the initial pair; `None` where it is in that pair itself.
@@ -150,7 +150,7 @@ impl Window {
                 Some((serial, fit)) if serial == from => fit,
                 _ => joint
                     .link
-                    .relay(Known::Second, known.twist, &mut self.scratch)
+                    .sequential_step(Known::Second, known.twist, &mut self.scratch)
                     .filter(Fit::is_trusted)
                     .ok_or(index)?,
             };

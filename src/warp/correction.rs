@@ -2,7 +2,7 @@
 
 use super::WarpSettings;
 use super::inverse::Axis;
-use crate::motion::{FrameMotion, MotionPath, Passage, image_centre};
+use crate::motion::{FrameMotion, IntervalMotion, MotionPath, image_centre};
 use crate::readout::Readout;
 use nalgebra::Vector2;
 
@@ -36,22 +36,22 @@ impl<'a> Correction<'a> {
         }
     }
 
-    /// The passages to the reference of the rows of nodes, or of the columns where these are read.
-    pub fn passages(&self, x: &Axis, y: &Axis, passages: &mut Vec<Passage>) {
+    /// The intervals to the reference of the rows of nodes, or of the columns where these are read.
+    pub fn intervals(&self, x: &Axis, y: &Axis, intervals: &mut Vec<IntervalMotion>) {
         let axis = if self.readout.direction.is_by_rows() { y } else { x };
-        passages.clear();
-        passages.extend((0..axis.count).map(|index| self.passage(axis.at(index), axis.at(index))));
+        intervals.clear();
+        intervals.extend((0..axis.count).map(|index| self.interval(axis.at(index), axis.at(index))));
     }
 
-    /// The passage to the reference from a pixel of the frame.
-    fn passage(&self, x: f64, y: f64) -> Passage {
-        self.path.passage(self.readout.share(x, y), self.reference)
+    /// The interval to the reference from a pixel of the frame.
+    fn interval(&self, x: f64, y: f64) -> IntervalMotion {
+        self.path.over(self.readout.share(x, y), self.reference)
     }
 
     /// How far from its place in the frame (centred) a point is shown, before the zoom: finite, and at
     /// most one and a half frames.
-    pub fn displacement(&self, passage: &Passage, point: Vector2<f64>) -> Vector2<f64> {
-        let moved = self.strength * (self.path.carry_by(passage, point) - point);
+    pub fn displacement(&self, interval: &IntervalMotion, point: Vector2<f64>) -> Vector2<f64> {
+        let moved = self.strength * (self.path.carry_by(interval, point) - point);
         let bound = |value: f64, size: usize| within(value, -1.5 * size as f64, 1.5 * size as f64, 0.0);
         Vector2::new(bound(moved.x, self.readout.width), bound(moved.y, self.readout.height))
     }
@@ -83,7 +83,7 @@ impl<'a> Correction<'a> {
             let mut pixel = Vector2::repeat(seen[axis][end]);
             pixel[1 - axis] = from + (to - from) * sample as f64 / EDGE_SAMPLES as f64;
             let point = pixel - self.centre;
-            let shown = point + self.displacement(&self.passage(pixel.x, pixel.y), point);
+            let shown = point + self.displacement(&self.interval(pixel.x, pixel.y), point);
             most.max(inwards * (shown[axis] - edge))
         })
     }

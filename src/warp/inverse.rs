@@ -16,7 +16,7 @@
 //! lines, where that is the inverse of a sequence (see [`monotone`](super::monotone)): first down each
 //! column of the frame, which gives `down` and, for the column, the X at which each output row shows it;
 //! then along each output row. Nothing is iterated, what the motion does is only asked at the nodes, and
-//! all nodes that are read together share a passage.
+//! all nodes that are read together share a interval.
 //!
 //! Nodes lie 1/96 of the frame apart in the direction of the readout, so that two and a half cycles
 //! a frame are followed to 10⁻³ of their amplitude, and 8, 32 or 64 pixels apart across it, where a
@@ -31,7 +31,7 @@
 use super::WarpSettings;
 use super::correction::Correction;
 use super::monotone::{Inverse, limit_slopes};
-use crate::motion::{FrameMotion, MotionPath, Passage};
+use crate::motion::{FrameMotion, IntervalMotion, MotionPath};
 use crate::readout::Readout;
 use nalgebra::Vector2;
 use rayon::prelude::*;
@@ -96,7 +96,7 @@ impl Field {
 pub(super) struct InverseMap {
     pub across: Field,
     pub down: Field,
-    passages: Vec<Passage>,
+    intervals: Vec<IntervalMotion>,
     crossings: Vec<Crossing>,
 }
 
@@ -134,9 +134,9 @@ impl InverseMap {
         self.across.reset(x, y);
         self.down.reset(frame_x, y);
         self.crossings.resize(frame_x.count * y.count, Crossing::default());
-        correction.passages(&frame_x, &frame_y, &mut self.passages);
+        correction.intervals(&frame_x, &frame_y, &mut self.intervals);
         let lines = Lines { correction, by_rows: readout.direction.is_by_rows(), frame_x, frame_y, x, y };
-        lines.columns(&self.passages, &mut self.crossings);
+        lines.columns(&self.intervals, &mut self.crossings);
         lines.rows(&self.crossings, &mut self.across.values, &mut self.down.values);
     }
 }
@@ -172,22 +172,28 @@ struct Lines<'a> {
 
 impl Lines<'_> {
     /// Inverts the map down each column of the frame; crossings are in order of columns.
-    fn columns(&self, passages: &[Passage], crossings: &mut [Crossing]) {
+    fn columns(&self, intervals: &[IntervalMotion], crossings: &mut [Crossing]) {
         crossings.par_chunks_mut(self.y.count).enumerate().for_each(|(column, crossings)| {
-            SCRATCH.with_borrow_mut(|scratch| self.column(column, passages, crossings, scratch));
+            SCRATCH.with_borrow_mut(|scratch| self.column(column, intervals, crossings, scratch));
         });
     }
 
-    fn column(&self, column: usize, passages: &[Passage], crossings: &mut [Crossing], scratch: &mut Scratch) {
+    fn column(
+        &self,
+        column: usize,
+        intervals: &[IntervalMotion],
+        crossings: &mut [Crossing],
+        scratch: &mut Scratch,
+    ) {
         let Scratch { shown, beside, spare } = scratch;
         let centre = self.correction.centre;
         let x = self.frame_x.at(column) - centre.x;
         shown.clear();
         beside.clear();
         for row in 0..self.frame_y.count {
-            let passage = &passages[if self.by_rows { row } else { column }];
+            let interval = &intervals[if self.by_rows { row } else { column }];
             let point = Vector2::new(x, self.frame_y.at(row) - centre.y);
-            let moved = self.correction.displacement(passage, point);
+            let moved = self.correction.displacement(interval, point);
             shown.push(point.y + moved.y);
             beside.push(moved.x);
         }

@@ -99,19 +99,19 @@ impl Run {
         fits[pair] = self.uniform[pair];
         fits[pair + 1] = self.uniform[pair];
         for k in pair + 2..frames {
-            let reached = self.relay(k - 1, Known::First, fits[k - 1]);
+            let reached = self.sequential_step(k - 1, Known::First, fits[k - 1]);
             fits[k] = choose(reached, self.initial(k));
         }
         for k in (0..pair).rev() {
-            let reached = self.relay(k, Known::Second, fits[k + 1]);
+            let reached = self.sequential_step(k, Known::Second, fits[k + 1]);
             fits[k] = choose(reached, self.initial(k));
         }
         fits
     }
 
     /// The unknown frame's motion over a pair, where it can be trusted.
-    fn relay(&mut self, pair: usize, known: Known, fit: Option<Fit>) -> Option<Fit> {
-        self.links[pair].relay(known, fit?.twist, &mut self.scratch).filter(Fit::is_trusted)
+    fn sequential_step(&mut self, pair: usize, known: Known, fit: Option<Fit>) -> Option<Fit> {
+        self.links[pair].sequential_step(known, fit?.twist, &mut self.scratch).filter(Fit::is_trusted)
     }
 
     /// The pair of least E among those in which something moved.

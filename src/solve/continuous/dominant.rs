@@ -25,7 +25,7 @@ const FINALISTS: usize = 6;
 const ROUNDS: usize = 4;
 /// Matches of one motion are off it by this share of the usual displacement at least: it is not quite quadratic.
 const UNEVEN: f64 = 0.02;
-/// Matches that are off by more than so many deviations go their own way.
+/// Matches that are off by more than so many deviations are outliers.
 const REACH: f64 = 5.0;
 /// Where fewer than this share of the matches may vote, all may.
 const QUORUM: f64 = 0.25;

@@ -1,11 +1,11 @@
 //! One way in which the sensor may be read, with a solver of its own.
 
+use super::pair_window::{PairWindow, breadth};
 use super::search::{STEPS, Search, TOLD, VAGUE, iterate};
-use super::solver::{Solver, Tempo};
-use super::stretch::{Stretch, breadth};
+use super::solver::{KnotDensity, Solver};
 use crate::readout::ReadoutDirection;
 
-/// Residuals of less than so many times the least noise are nothing but noise.
+/// Residuals below this many times the noise floor count as noise.
 const NOTICEABLE: f64 = 4.0;
 /// Steps, at most, where it is learnt how a vibration goes on, to the first path and to each one after it: that needs
 /// more of them, and what it changes hardly shows between frames, so that none is spared. Only the first frame of all
@@ -13,7 +13,7 @@ const NOTICEABLE: f64 = 4.0;
 const FORESIGHT_STEPS: [usize; 2] = [36, 3];
 /// A path that leaves more than goes with this trust is not foreseen.
 const FORESEEABLE: f64 = 0.5;
-/// A path is tried at another tempo where more than this share of what it leaves is common to the matches of a line.
+/// A path is tried at another knot density where more than this share of what it leaves is common to the matches of a line.
 const BY_LINE: f64 = 0.7;
 /// Readout ratios from which a vibration is looked for where the readout is unknown.
 const READOUTS: [f64; 4] = [0.9, 0.5, -0.5, -0.9];
@@ -22,7 +22,7 @@ const END: f64 = 0.9;
 /// A readout ratio that is known as well as this, or that is so many deviations from none, may be relied upon.
 const WELL_KNOWN: f64 = 0.02;
 const EVIDENT: f64 = 4.0;
-/// Frames from one trial of another tempo, or search for the readout, to the next.
+/// Frames from one trial of another knot density, or search for the readout, to the next.
 pub(super) const TRIAL: usize = 15;
 
 /// Pairs to which a fit is begun while more are to come.
@@ -43,7 +43,7 @@ pub(super) struct Hypothesis {
     pub score: f64,
     /// The same by the rough estimate.
     pub rough: f64,
-    /// Frames since another tempo was tried.
+    /// Frames since another knot density was tried.
     since_trial: usize,
     /// Frames since γ was sought from several starts, if ever.
     since_sought: Option<usize>,
@@ -54,7 +54,7 @@ pub(super) struct Hypothesis {
     /// Steps so far in which it was learnt how a vibration goes on.
     foresight: usize,
     /// The fits from several starts that are going on; for the frames after a gap or a cut while those before it are
-    /// settled; and at the other tempo.
+    /// settled; and at the other knot density.
     pub search: Option<Search>,
     prepared: Option<Search>,
     trial: Option<Search>,
@@ -112,14 +112,14 @@ impl Hypothesis {
     }
 
     /// Goes on with a fit to the pairs that have come so far, before the first one of them is due.
-    pub fn prepare(&mut self, stretch: Stretch<'_>) {
-        if stretch.pairs.len() < LEAST_PAIRS {
+    pub fn prepare(&mut self, window: PairWindow<'_>) {
+        if window.pairs.len() < LEAST_PAIRS {
             self.prepared = None;
             return;
         }
         let starts = self.starts(self.is_vague());
         let search = self.prepared.get_or_insert_with(|| Search::new(&self.solver, &starts));
-        search.prepare(stretch, prepared_steps(stretch), &self.solver);
+        search.prepare(window, prepared_steps(window), &self.solver);
     }
 
     /// Goes on along another path.
@@ -134,54 +134,54 @@ impl Hypothesis {
         (self.search, self.prepared, self.trial) = (None, None, None);
     }
 
-    /// Fits the path to a stretch, of the tempo in hand.
-    pub fn settle(&mut self, stretch: Stretch<'_>, starts: bool) {
+    /// Fits the path to a window, of the knot density in hand.
+    pub fn settle(&mut self, window: PairWindow<'_>, starts: bool) {
         if starts {
             self.solver.restart();
             // What was fitted to a pair or two is no better start than none.
-            (self.search, self.trial) = (self.prepared.take().filter(|_| !stretch.is_short()), None);
+            (self.search, self.trial) = (self.prepared.take().filter(|_| !window.is_short()), None);
         }
         self.settled = false;
-        if stretch.pairs.is_empty() {
+        if window.pairs.is_empty() {
             return;
         }
-        if self.knows_little(stretch) {
-            if stretch.pairs.len() >= LEAST_PAIRS {
+        if self.knows_little(window) {
+            if window.pairs.len() >= LEAST_PAIRS {
                 let starts = self.starts(true);
                 let search = self.search.get_or_insert_with(|| Search::new(&self.solver, &starts));
-                search.prepare(stretch, prepared_steps(stretch), &self.solver);
+                search.prepare(window, prepared_steps(window), &self.solver);
             }
-            iterate(&mut self.solver, stretch, STEPS[usize::from(!starts)]);
+            iterate(&mut self.solver, window, STEPS[usize::from(!starts)]);
             return;
         }
-        let found = self.seek(stretch, starts);
-        self.settled = found.unwrap_or_else(|| self.follow(stretch));
+        let found = self.seek(window, starts);
+        self.settled = found.unwrap_or_else(|| self.follow(window));
     }
 
-    /// Tries the other tempo where that is `free` to be asked, and adds what the stretch says to the beliefs if γ has come
+    /// Tries the other knot density where that is `free` to be asked, and adds what the window says to the beliefs if γ has come
     /// to rest.
-    pub fn conclude(&mut self, stretch: Stretch<'_>, starts: bool, free: bool) {
-        if stretch.pairs.is_empty() || self.knows_little(stretch) {
+    pub fn conclude(&mut self, window: PairWindow<'_>, starts: bool, free: bool) {
+        if window.pairs.is_empty() || self.knows_little(window) {
             return;
         }
         self.since_trial += 1;
-        if let Some(rests) = free.then(|| self.try_tempo(stretch, starts)).flatten() {
+        if let Some(rests) = free.then(|| self.try_density(window, starts)).flatten() {
             self.settled = rests;
         }
         if self.settled {
-            self.remember(stretch);
+            self.remember(window);
         }
     }
 
     /// Goes on along the path in hand; whether γ came to rest.
-    fn follow(&mut self, stretch: Stretch<'_>) -> bool {
+    fn follow(&mut self, window: PairWindow<'_>) -> bool {
         let steps = if self.solver.is_foreseeing() {
             self.foresight_steps(STEPS[0])
         } else {
             self.foresight = 0;
             STEPS[usize::from(self.rests)]
         };
-        let rests = iterate(&mut self.solver, stretch, steps);
+        let rests = iterate(&mut self.solver, window, steps);
         self.rests |= rests;
         rests
     }
@@ -195,110 +195,115 @@ impl Hypothesis {
     }
 
     /// Goes on with a search for γ, or begins one that is due; where it has ended, whether γ came to rest.
-    fn seek(&mut self, stretch: Stretch<'_>, starts: bool) -> Option<bool> {
+    fn seek(&mut self, window: PairWindow<'_>, starts: bool) -> Option<bool> {
         let at_once = starts || self.since_sought.is_none();
         let is_time = self.since_sought.is_none_or(|since| since >= TRIAL);
         self.since_sought = self.since_sought.map(|since| since + 1);
-        let is_due = is_time && self.is_vague() && self.moves(stretch);
+        let is_due = is_time && self.is_vague() && self.moves(window);
         if self.search.is_none() && (starts || is_due) {
             self.search = Some(Search::new(&self.solver, &self.starts(is_due)));
         }
         let search = self.search.as_mut()?;
-        search.advance(stretch, search.pace(stretch, at_once), &self.solver);
+        search.advance(window, search.pace(window, at_once), &self.solver);
         let search = self.search.take_if(|search| at_once || search.is_done())?;
         let steps = search.steps_left();
-        Some(self.decide(search, stretch, steps))
+        Some(self.decide(search, window, steps))
     }
 
-    /// Whether the readout is sought, and the stretch too short to say anything of it.
-    pub fn knows_little(&self, stretch: Stretch<'_>) -> bool {
+    /// Whether the readout is sought, and the window too short to say anything of it.
+    pub fn knows_little(&self, window: PairWindow<'_>) -> bool {
         let [low, high] = self.solver.limits[0];
-        low < high && stretch.is_short()
+        low < high && window.is_short()
     }
 
-    /// Whether anything moves at the frame of a stretch that may tell a readout or a tempo.
-    fn moves(&self, stretch: Stretch<'_>) -> bool {
-        let moved = stretch.moved().sqrt() * self.solver.radius;
-        moved > NOTICEABLE * self.solver.noise && self.breadth(stretch) > 0.0
+    /// Whether anything moves at the frame of a window that may tell a readout or a knot density.
+    fn moves(&self, window: PairWindow<'_>) -> bool {
+        let moved = window.moved().sqrt() * self.solver.radius;
+        moved > NOTICEABLE * self.solver.noise && self.breadth(window) > 0.0
     }
 
     /// Whether the pairs of the frame show enough of the lines, 0 to 1.
-    fn breadth(&self, stretch: Stretch<'_>) -> f64 {
-        stretch.own_pairs().map(|pair| breadth(pair, self.solver.reading)).fold(1.0, f64::min)
+    fn breadth(&self, window: PairWindow<'_>) -> f64 {
+        window.own_pairs().map(|pair| breadth(pair, self.solver.scan_axis)).fold(1.0, f64::min)
     }
 
-    /// Share of what a stretch says that counts: as much as the path explains at its frame, and none where so few lines
+    /// Share of what a window says that counts: as much as the path explains at its frame, and none where so few lines
     /// show anything that a thing of its own may be all that moves.
-    pub fn worth(&self, stretch: Stretch<'_>) -> f64 {
-        let stretch = stretch.of_tempo(self.solver.tempo);
-        let surprise = stretch.beside().filter_map(|index| self.solver.surprise(index)).fold(0.0, f64::max);
-        self.breadth(stretch) * self.solver.explained(surprise, stretch.moved())
+    pub fn weight(&self, window: PairWindow<'_>) -> f64 {
+        let window = window.for_density(self.solver.density);
+        let innovation_deviation =
+            window.beside().filter_map(|index| self.solver.innovation_deviation(index)).fold(0.0, f64::max);
+        self.breadth(window) * self.solver.explained(innovation_deviation, window.moved())
     }
 
-    /// Logarithm of the evidence of a pair of the stretch, up to a constant.
-    pub fn evidence(&mut self, stretch: Stretch<'_>) -> Option<f64> {
-        evidence(&mut self.solver, stretch)
+    /// Logarithm of the evidence of a pair of the window, up to a constant.
+    pub fn evidence(&mut self, window: PairWindow<'_>) -> Option<f64> {
+        evidence(&mut self.solver, window)
     }
 
     /// Goes on from the likeliest of the fits; whether γ came to rest where no other one is nearly as likely. Later
     /// windows go on where it did not.
-    pub fn decide(&mut self, search: Search, stretch: Stretch<'_>, steps: usize) -> bool {
-        if self.moves(stretch) {
+    pub fn decide(&mut self, search: Search, window: PairWindow<'_>, steps: usize) -> bool {
+        if self.moves(window) {
             self.since_sought = Some(0);
         }
-        let mut ranked = search.ranked(stretch).into_iter();
+        let mut ranked = search.ranked(window).into_iter();
         let Some((_, best)) = ranked.next() else { return false };
         self.solver = best;
-        self.rests = iterate(&mut self.solver, stretch, steps);
-        let pairs = stretch.of_tempo(self.solver.tempo).pairs;
+        self.rests = iterate(&mut self.solver, window, steps);
+        let pairs = window.for_density(self.solver.density).pairs;
         let Some(evidence) = self.solver.evidence(pairs) else { return false };
         let apart = |solver: &Solver| (solver.shared[0] - self.solver.shared[0]).abs() > VAGUE;
         self.rests && ranked.all(|(other, solver)| !apart(&solver) || evidence - other > TOLD)
     }
 
-    /// Adds what a stretch says to the beliefs, as far as it is worth anything, once for each of its pairs.
-    fn remember(&mut self, stretch: Stretch<'_>) {
-        let seen = stretch.of_tempo(self.solver.tempo);
-        self.solver.remember(self.worth(stretch) / seen.pairs.len() as f64);
+    /// Adds what a window says to the beliefs, as far as it is worth anything, once for each of its pairs.
+    fn remember(&mut self, window: PairWindow<'_>) {
+        let seen = window.for_density(self.solver.density);
+        self.solver.remember(self.weight(window) / seen.pairs.len() as f64);
     }
 
-    /// Whether the path leaves what one of the other tempo may explain.
-    fn wants_other_tempo(&self, stretch: Stretch<'_>) -> bool {
-        let own = stretch.of_tempo(self.solver.tempo).own();
-        let is_noticed =
-            self.solver.surprise(own).is_some_and(|sigma| sigma >= NOTICEABLE * self.solver.noise);
-        let is_wanted = || self.solver.tempo == Tempo::Vibrating || self.solver.share_by_line(own) > BY_LINE;
-        is_noticed && self.moves(stretch) && is_wanted()
+    /// Whether the path leaves what one of the other knot density may explain.
+    fn wants_other_density(&self, window: PairWindow<'_>) -> bool {
+        let own = window.for_density(self.solver.density).own();
+        let is_noticed = self
+            .solver
+            .innovation_deviation(own)
+            .is_some_and(|sigma| sigma >= NOTICEABLE * self.solver.noise);
+        let is_wanted =
+            || self.solver.density == KnotDensity::Vibrating || self.solver.share_by_line(own) > BY_LINE;
+        is_noticed && self.moves(window) && is_wanted()
     }
 
-    /// Goes over to the other tempo where that is worth it; whether γ came to rest there.
-    fn try_tempo(&mut self, stretch: Stretch<'_>, starts: bool) -> Option<bool> {
-        if self.trial.is_none() && self.since_trial >= TRIAL && self.wants_other_tempo(stretch) {
+    /// Goes over to the other knot density where that is worth it; whether γ came to rest there.
+    fn try_density(&mut self, window: PairWindow<'_>, starts: bool) -> Option<bool> {
+        if self.trial.is_none() && self.since_trial >= TRIAL && self.wants_other_density(window) {
             self.since_trial = 0;
-            let tempo = self.solver.tempo.other();
-            let readouts = if tempo == Tempo::Vibrating && self.is_vague() { &READOUTS[..] } else { &[] };
-            self.trial = Some(Search::at_tempo(&self.solver, tempo, readouts));
+            let density = self.solver.density.other();
+            let readouts =
+                if density == KnotDensity::Vibrating && self.is_vague() { &READOUTS[..] } else { &[] };
+            self.trial = Some(Search::with_density(&self.solver, density, readouts));
         }
         let trial = self.trial.as_mut()?;
-        let steps = if starts { STEPS[0] } else { trial.pace(stretch, false) };
-        trial.advance(stretch, steps, &self.solver);
+        let steps = if starts { STEPS[0] } else { trial.pace(window, false) };
+        trial.advance(window, steps, &self.solver);
         let trial = self.trial.take_if(|trial| trial.is_done())?;
-        let (_, mut other) = trial.ranked(stretch).into_iter().next()?;
-        let others = evidence(&mut other, stretch)?;
-        let own = evidence(&mut self.solver.clone(), stretch)?;
-        // Per pair: the two tempos look at different numbers of them.
-        let pairs = stretch.of_tempo(Tempo::Calm).pairs.len() as f64;
+        let (_, mut other) = trial.ranked(window).into_iter().next()?;
+        let others = evidence(&mut other, window)?;
+        let own = evidence(&mut self.solver.clone(), window)?;
+        // Per pair: the two knot densities look at different numbers of them.
+        let pairs = window.for_density(KnotDensity::Usual).pairs.len() as f64;
         let trust = self.solver.trust_in_evidence().max(other.trust_in_evidence());
         if trust * pairs * (others - own) <= TOLD {
             return None;
         }
         // What things of their own do is no vibration, and does not go on as one; and what has only a past says too
         // little of how it goes on.
-        let is_ahead = stretch.pairs.len() > stretch.past;
+        let is_ahead = window.pairs.len() > window.past;
         other.foresees =
-            is_ahead && other.tempo == Tempo::Vibrating && other.trust_in_evidence() > FORESEEABLE;
+            is_ahead && other.density == KnotDensity::Vibrating && other.trust_in_evidence() > FORESEEABLE;
         self.solver = other;
-        // Its paths are of the tempo that was.
+        // Its paths are of the knot density that was.
         self.search = None;
         self.foresight = 0;
         let steps = match (self.solver.is_foreseeing(), starts) {
@@ -307,17 +312,17 @@ impl Hypothesis {
             (false, true) => FORESIGHT_STEPS[0],
             (false, false) => STEPS[0],
         };
-        Some(iterate(&mut self.solver, stretch, steps))
+        Some(iterate(&mut self.solver, window, steps))
     }
 }
 
 /// Steps of the fits from several starts with a pair that comes before the first frame is due.
-pub(super) fn prepared_steps(stretch: Stretch<'_>) -> usize {
-    PREPARED_STEPS[usize::from(!stretch.is_short())]
+pub(super) fn prepared_steps(window: PairWindow<'_>) -> usize {
+    PREPARED_STEPS[usize::from(!window.is_short())]
 }
 
-/// Logarithm of the evidence of a pair of a stretch, up to a constant.
-fn evidence(solver: &mut Solver, stretch: Stretch<'_>) -> Option<f64> {
-    let pairs = stretch.of_tempo(solver.tempo).pairs;
+/// Logarithm of the evidence of a pair of a window, up to a constant.
+fn evidence(solver: &mut Solver, window: PairWindow<'_>) -> Option<f64> {
+    let pairs = window.for_density(solver.density).pairs;
     solver.evidence(pairs).map(|evidence| evidence / pairs.len().max(1) as f64)
 }

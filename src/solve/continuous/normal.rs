@@ -12,7 +12,7 @@
 //! That rounds the slopes, never the residuals.
 
 use super::equations::Equations;
-use super::left::{Left, Leg, View};
+use super::residuals::{Leg, PairResiduals, View};
 use super::sums::{Band, SHARED, Slopes, mixed};
 use super::tracks::{Innovation, Scatter};
 use crate::motion::generators::{TURNS, fields};
@@ -28,7 +28,7 @@ const OUTLIERS: f64 = 0.1;
 const FARTHEST: f64 = 0.5;
 /// However many correspondences a pair has, they are worth no more than so many independent ones of equal weight: what the
 /// path does not explain is alike in neighbours.
-const WORTH: f64 = 25.0;
+const INDEPENDENT_MATCHES: f64 = 25.0;
 
 /// What a pair says.
 #[derive(Clone, Debug, Default)]
@@ -56,13 +56,13 @@ impl Normal {
 
     /// Logarithm of the likelihood of what is new in the pair, up to a constant, for as many matches as are
     /// independent; `radius` in pixels.
-    pub fn log_likelihood(&self, left: &Left, radius: f64) -> f64 {
-        let likely = left.legs.iter().zip(&left.before).map(|(leg, before)| {
+    pub fn log_likelihood(&self, residuals: &PairResiduals, radius: f64) -> f64 {
+        let likely = residuals.legs.iter().zip(&residuals.before).map(|(leg, before)| {
             let new = self.scatter.innovation(leg, before.as_ref());
             let inverse_scale = new.weight.determinant() * leg.whitening.determinant().powi(2);
             density(new.square(), inverse_scale, radius).ln()
         });
-        worth(left) * likely.filter(|likely| likely.is_finite()).sum::<f64>()
+        independent_share(residuals) * likely.filter(|likely| likely.is_finite()).sum::<f64>()
     }
 }
 
@@ -79,34 +79,35 @@ fn density(square: f64, determinant: f64, radius: f64) -> f64 {
 
 /// How many independent matches one is worth: of weights w, there are as many as (Σw)²/Σw² equal ones (L. Kish, *Survey
 /// Sampling*, 1965).
-fn worth(left: &Left) -> f64 {
-    let weights = left.legs.iter().map(|leg| leg.whitening.norm_squared());
+fn independent_share(residuals: &PairResiduals) -> f64 {
+    let weights = residuals.legs.iter().map(|leg| leg.whitening.norm_squared());
     let [sum, squares] = weights.fold([0.0; 2], |[sum, squares], w| [sum + w, squares + w * w]);
-    if sum > 0.0 { (WORTH * squares / (sum * sum)).min(1.0) } else { 0.0 }
+    if sum > 0.0 { (INDEPENDENT_MATCHES * squares / (sum * sum)).min(1.0) } else { 0.0 }
 }
 
 impl View<'_> {
     /// Adds up what a pair says, given the one before.
-    pub fn normal(&self, left: &Left, out: &mut Normal) {
-        let scatter = Scatter::of(left, self.noise * self.noise, &mut out.squares);
-        self.normal_with(scatter, left, out);
+    pub fn normal(&self, residuals: &PairResiduals, out: &mut Normal) {
+        let scatter = Scatter::of(residuals, self.noise * self.noise, &mut out.squares);
+        self.normal_with(scatter, residuals, out);
     }
 
-    fn normal_with(&self, scatter: Scatter, left: &Left, out: &mut Normal) {
+    fn normal_with(&self, scatter: Scatter, residuals: &PairResiduals, out: &mut Normal) {
         out.scatter = scatter;
-        let worth = worth(left);
-        out.independent = 2.0 * WORTH.min(left.legs.len() as f64);
+        let independent = independent_share(residuals);
+        out.independent = 2.0 * INDEPENDENT_MATCHES.min(residuals.legs.len() as f64);
         out.bands.clear();
         out.bands.resize_with(BANDS, Band::default);
         out.shared = SMatrix::zeros();
         out.shared_right = SVector::zeros();
-        for (leg, before) in left.legs.iter().zip(&left.before) {
+        for (leg, before) in residuals.legs.iter().zip(&residuals.before) {
             let mut new = scatter.innovation(leg, before.as_ref());
-            new.weight *= worth * (FREEDOM + 2.0) / (FREEDOM + new.square());
+            new.weight *= independent * (FREEDOM + 2.0) / (FREEDOM + new.square());
             if !new.weight.iter().all(|weight| weight.is_finite()) {
                 continue;
             }
-            let band = (self.reading.place(leg.m.from).clamp(0.0, 1.0) * (BANDS - 1) as f64).round() as usize;
+            let band =
+                (self.scan_axis.place(leg.m.from).clamp(0.0, 1.0) * (BANDS - 1) as f64).round() as usize;
             let shared = self.add(&new, leg, before.as_ref(), &mut out.bands[band]);
             out.shared += shared.transpose() * new.weight * shared;
             out.shared_right += shared.transpose() * new.weight * new.error;

@@ -1,7 +1,7 @@
 //! The normal equations of a pair against differences of its residuals.
 
 use super::super::flow::Flow;
-use super::super::pair::{Match, Pair, Reading, Track};
+use super::super::pair::{Match, Pair, ScanAxis, Track};
 use super::super::path::{BLOCK, SplinePath, ratio};
 use super::*;
 use crate::correspond::Correspondence;
@@ -18,12 +18,12 @@ struct Setting {
     path: SplinePath,
     by_rows: bool,
     readout: f64,
-    tempo: f64,
+    density: f64,
 }
 
 impl Setting {
     /// Up to a pixel a frame of everything: the slopes are those of small motions.
-    fn new(by_rows: bool, readout: f64, tempo: f64) -> Self {
+    fn new(by_rows: bool, readout: f64, density: f64) -> Self {
         let blocks = 10;
         let mut path = SplinePath { base: -2, coefficients: vec![0.0; blocks * BLOCK], kappa: 0.35 };
         for j in 0..GENERATORS {
@@ -33,10 +33,10 @@ impl Setting {
                 path.coefficients[place] = 0.4 * (1.3 * time + 0.7 * j as f64).sin() + 0.2 * time;
             }
         }
-        Self { path, by_rows, readout, tempo }
+        Self { path, by_rows, readout, density }
     }
 
-    /// Hands out what a pair is held against.
+    /// Hands out the estimate at which a pair is evaluated.
     fn view<T>(&self, with: impl FnOnce(&View<'_>) -> T) -> T {
         let mut flow = Flow::default();
         flow.follow(&self.path, [-1.0, 5.0], RADIUS);
@@ -44,8 +44,8 @@ impl Setting {
         with(&View {
             path: &self.path,
             flow: &flow,
-            reading: Reading { by_rows: self.by_rows, length },
-            tempo: self.tempo,
+            scan_axis: ScanAxis { by_rows: self.by_rows, length },
+            density: self.density,
             readout: self.readout,
             radius: RADIUS,
             noise: NOISE,
@@ -54,23 +54,23 @@ impl Setting {
     }
 
     /// What is left of a pair, tracks and all, and what it says.
-    fn sums(&self, pair: &Pair) -> (Left, Normal) {
-        let (mut left, mut normal) = (Left::default(), Normal::default());
+    fn sums(&self, pair: &Pair) -> (PairResiduals, Normal) {
+        let (mut residuals, mut normal) = (PairResiduals::default(), Normal::default());
         self.view(|view| {
-            view.left(pair, true, &mut left);
-            view.normal(&left, &mut normal);
+            view.residuals(pair, true, &mut residuals);
+            view.normal(&residuals, &mut normal);
         });
-        (left, normal)
+        (residuals, normal)
     }
 
     /// Residuals in pixels.
     fn residuals(&self, pair: &Pair) -> Vec<Vector2<f64>> {
         self.view(|view| {
-            let left = |m: &Match| {
+            let residual = |m: &Match| {
                 let [from, to] = view.times(pair.stamps, m);
                 (m.to - view.flow.carry(m.from, from, to)) * RADIUS
             };
-            pair.matches.iter().map(left).collect()
+            pair.matches.iter().map(residual).collect()
         })
     }
 
@@ -177,13 +177,13 @@ fn forms(setting: &Setting, normal: &Normal, a: Direction, b: Direction) -> (f64
 
 #[test]
 fn the_normal_equations_are_those_of_the_residuals() {
-    for (by_rows, readout, tempo) in [(true, 0.8, 1.0), (false, -0.6, 1.0), (true, 0.9, 2.0)] {
-        let setting = Setting::new(by_rows, readout, tempo);
+    for (by_rows, readout, density) in [(true, 0.8, 1.0), (false, -0.6, 1.0), (true, 0.9, 2.0)] {
+        let setting = Setting::new(by_rows, readout, density);
         let pair = setting.pair(1.0);
-        let (left, normal) = setting.sums(&pair);
+        let (evaluated, normal) = setting.sums(&pair);
         let residuals = setting.residuals(&pair);
         // Student's t with four degrees of freedom: weight (4 + 2)/(4 + r²/σ²)/σ², a pair being worth 25.
-        let variance = left.sigma * left.sigma;
+        let variance = evaluated.sigma * evaluated.sigma;
         let weight = |r: &Vector2<f64>| {
             let square = r.norm_squared() / variance;
             25.0 / 300.0 / variance * 6.0 / (4.0 + square)
@@ -194,18 +194,18 @@ fn the_normal_equations_are_those_of_the_residuals() {
         for a in DIRECTIONS {
             let along = setting.slopes(&pair, a);
             let size = sum(&along, &along).sqrt();
-            let left = sum(&residuals, &residuals).sqrt();
+            let norm = sum(&residuals, &residuals).sqrt();
             for b in DIRECTIONS {
                 let other = setting.slopes(&pair, b);
                 let scale = size * sum(&other, &other).sqrt();
                 let (matrix, _) = forms(&setting, &normal, a, b);
                 let off = (matrix - sum(&along, &other)) / scale;
                 // Slopes are rounded to the middle of a band and to half a step of the flow.
-                assert!(off.abs() < 0.04, "{by_rows} {readout} {tempo}: {a:?} {b:?} {off}");
+                assert!(off.abs() < 0.04, "{by_rows} {readout} {density}: {a:?} {b:?} {off}");
             }
             let (_, right) = forms(&setting, &normal, a, a);
-            let off = (right - sum(&along, &residuals)) / (size * left);
-            assert!(off.abs() < 0.02, "{by_rows} {readout} {tempo}: {a:?} {off}");
+            let off = (right - sum(&along, &residuals)) / (size * norm);
+            assert!(off.abs() < 0.02, "{by_rows} {readout} {density}: {a:?} {off}");
         }
     }
 }
@@ -226,30 +226,30 @@ fn the_normal_equations_of_tracks_are_those_of_what_is_new() {
             pair.tracks[index] = Some(Track { before, stamps, is_scene: true });
         }
     });
-    let (mut left, mut normal) = setting.sums(&pair);
+    let (mut residuals, mut normal) = setting.sums(&pair);
     let scatter = Scatter { noise: 0.25, depths: 0.25 };
     setting.view(|view| {
         // So little is left that they would have no say.
-        view.legs_before(&pair, &mut left);
-        view.normal_with(scatter, &left, &mut normal);
+        view.legs_before(&pair, &mut residuals);
+        view.normal_with(scatter, &residuals, &mut normal);
     });
-    let news: Vec<Innovation> = left
+    let innovations: Vec<Innovation> = residuals
         .legs
         .iter()
-        .zip(&left.before)
+        .zip(&residuals.before)
         .map(|(leg, before)| scatter.innovation(leg, before.as_ref()))
         .collect();
-    assert!(news.iter().any(|new| new.share.norm() > 0.2), "the residual before has a say");
+    assert!(innovations.iter().any(|new| new.share.norm() > 0.2), "the residual before has a say");
     let mut old = pair.clone();
     old.matches = pair.tracks.iter().flatten().map(|track| track.before).collect();
     old.stamps = [-0.8, 0.2];
     let slopes = |direction: Direction| -> Vec<Vector2<f64>> {
         let both = setting.slopes(&pair, direction).into_iter().zip(setting.slopes(&old, direction));
-        both.zip(&news).map(|((now, before), new)| now - new.share * before).collect()
+        both.zip(&innovations).map(|((now, before), new)| now - new.share * before).collect()
     };
     let weighted = |a: &[Vector2<f64>], b: &[Vector2<f64>]| -> f64 {
         // All residuals are next to nothing: 6/4 of Student's t, a pair being worth 25.
-        let terms = a.iter().zip(b).zip(&news).map(|((a, b), new)| a.dot(&(new.weight * b)));
+        let terms = a.iter().zip(b).zip(&innovations).map(|((a, b), new)| a.dot(&(new.weight * b)));
         25.0 / 300.0 * 1.5 * terms.sum::<f64>()
     };
     for a in DIRECTIONS {
@@ -261,7 +261,7 @@ fn the_normal_equations_of_tracks_are_those_of_what_is_new() {
             let off = (matrix - weighted(&along, &other)) / scale;
             assert!(off.abs() < 0.04, "{a:?} {b:?} {off}");
         }
-        let errors: Vec<Vector2<f64>> = news.iter().map(|new| new.error).collect();
+        let errors: Vec<Vector2<f64>> = innovations.iter().map(|new| new.error).collect();
         let (_, right) = forms(&setting, &normal, a, a);
         let scale = (weighted(&along, &along) * weighted(&errors, &errors)).sqrt();
         let off = (right - weighted(&along, &errors)) / scale;
@@ -274,13 +274,13 @@ fn sigma_is_that_of_a_coordinate_and_the_wild_are_told_apart() {
     let setting = Setting::new(true, 0.7, 1.0);
     let mut pair = setting.pair(1.0);
     // Squares of residuals are sin² + cos² with a median of 1: variance 1/(2 ln 2).
-    let (left, _) = setting.sums(&pair);
-    assert!((left.sigma - 0.849).abs() < 0.03 && left.inliers == 300, "{}", left.sigma);
+    let (residuals, _) = setting.sums(&pair);
+    assert!((residuals.sigma - 0.849).abs() < 0.03 && residuals.inliers == 300, "{}", residuals.sigma);
     for m in pair.matches.iter_mut().step_by(3) {
         m.to.x += 0.2;
     }
-    let (left, _) = setting.sums(&pair);
-    assert!(left.sigma < 1.3 && left.inliers == 200, "{} {}", left.sigma, left.inliers);
+    let (residuals, _) = setting.sums(&pair);
+    assert!(residuals.sigma < 1.3 && residuals.inliers == 200, "{} {}", residuals.sigma, residuals.inliers);
 }
 
 #[test]
@@ -303,15 +303,15 @@ fn thinned_out_matches_are_counted_all_the_same() {
     assert_eq!(many.moved(), 0.0);
     let mut still = Setting::new(true, 0.7, 1.0);
     still.path.coefficients.fill(0.0);
-    let (left, _) = still.sums(&many);
-    assert_eq!((left.inliers, left.sigma), (1600, NOISE));
+    let (residuals, _) = still.sums(&many);
+    assert_eq!((residuals.inliers, residuals.sigma), (1600, NOISE));
 }
 
 #[test]
 fn a_place_along_the_axis_is_its_line_s_share_of_the_readout() {
     // Pixel row 0 of 480 lies at −239.5 pixels from the centre.
-    let rows = Reading { by_rows: true, length: 480.0 / RADIUS };
-    let columns = Reading { by_rows: false, length: 640.0 / RADIUS };
+    let rows = ScanAxis { by_rows: true, length: 480.0 / RADIUS };
+    let columns = ScanAxis { by_rows: false, length: 640.0 / RADIUS };
     let first = Vector2::new(-319.5, -239.5) / RADIUS;
     assert!(
         (rows.place(first) - 0.5 / 480.0).abs() < 1e-12 && (columns.place(first) - 0.5 / 640.0).abs() < 1e-12

@@ -29,14 +29,14 @@ pub(super) struct Match {
 
 /// Along which axis the sensor is read.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Reading {
+pub(super) struct ScanAxis {
     /// Whether rows, not columns, are read one after another.
     pub by_rows: bool,
     /// Units of the radius from the first line to past the last.
     pub length: f64,
 }
 
-impl Reading {
+impl ScanAxis {
     /// Place of a point along the axis: 0 at the top (left) edge, 1 at the other.
     pub fn place(&self, point: Vector2<f64>) -> f64 {
         0.5 + if self.by_rows { point.y } else { point.x } / self.length
@@ -127,7 +127,7 @@ impl Pair {
         chosen.map(move |((m, track), _)| (m, track.as_ref().filter(|track| !scene_alone || track.is_scene)))
     }
 
-    /// Share of the matches that go their own way.
+    /// Share of the matches that do not follow the dominant motion.
     pub fn apart(&self) -> f64 {
         let apart = self.scene.iter().filter(|is_scene| !**is_scene).count();
         apart as f64 / self.scene.len().max(1) as f64

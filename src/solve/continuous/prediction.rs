@@ -120,7 +120,7 @@ impl Moments {
     }
 
     /// Sum of the squares of what is new in the steps, and what the uncertainty of the path adds to it.
-    pub fn news(&self, prediction: &Prediction) -> [f64; 2] {
+    pub fn innovation(&self, prediction: &Prediction) -> [f64; 2] {
         let new = |lag: usize| if lag == 0 { 1.0 } else { -prediction.weight(lag - 1) };
         let new = DVector::from_fn(self.order() + 1, |lag, _| new(lag));
         [&self.path, &self.spread].map(|sums| new.dot(&(sums * &new)))
@@ -148,7 +148,7 @@ mod tests {
         (0..60).for_each(|_| prediction.learn(&moments, 1e-9));
         let expected = [2.0 * 0.7f64.cos(), -1.0];
         assert!(prediction.weights.iter().zip(expected).all(|(a, b)| (a - b).abs() < 1e-6), "{prediction:?}");
-        assert!(moments.news(&prediction)[0] < 1e-9);
+        assert!(moments.innovation(&prediction)[0] < 1e-9);
     }
 
     #[test]
@@ -158,7 +158,7 @@ mod tests {
         let mut prediction = Prediction::even();
         (0..60).for_each(|_| prediction.learn(&moments, 1e-3));
         assert!(prediction.weights.iter().all(|weight| weight.abs() < 1.0), "{prediction:?}");
-        assert!(moments.news(&prediction)[0] < 1e-3);
+        assert!(moments.innovation(&prediction)[0] < 1e-3);
     }
 
     #[test]
@@ -180,6 +180,6 @@ mod tests {
         assert_eq!(moments.spread, DMatrix::from_row_slice(2, 2, &[2.0, -1.0, -1.0, 2.0]));
         assert_eq!((moments.count, moments.bend()), (1.0, 4.0));
         // What is new is 4 − 2·1 + 0 = 2, of variance 1 + 4 + 1.
-        assert_eq!(moments.news(&Prediction::even()), [4.0, 6.0]);
+        assert_eq!(moments.innovation(&Prediction::even()), [4.0, 6.0]);
     }
 }

@@ -29,9 +29,9 @@ impl Running {
         if !(value.is_finite() && information.is_finite() && information > 0.0) {
             return;
         }
-        let surprise = (value - self.mean).powi(2) / (1.0 / information + 1.0 / self.information());
+        let normalised_square = (value - self.mean).powi(2) / (1.0 / information + 1.0 / self.information());
         let believed = information / self.scatter;
-        self.scatter += SCATTER_RATE * (surprise.min(100.0) - self.scatter);
+        self.scatter += SCATTER_RATE * (normalised_square.min(100.0) - self.scatter);
         self.scatter = self.scatter.max(1.0);
         let sum = self.information + share * believed;
         self.mean += (value - self.mean) * share * believed / sum;
@@ -59,7 +59,7 @@ mod tests {
         // 0 ± 1 and 3 ± 1/2 (information 1 and 4), both new: (0 + 4·3)/5.
         let mut running = Running::new(0.0, 1.0);
         running.add(3.0, 4.0, 1.0);
-        // The surprise 9 / (1/4 + 1) counts from the next estimate on.
+        // The normalised square 9 / (1/4 + 1) counts from the next estimate on.
         assert!((running.mean - 2.4).abs() < 1e-12 && (running.information() - 5.0).abs() < 1e-12);
         let mut shared = Running::new(0.0, 1.0);
         (0..4).for_each(|_| shared.add(0.0, 4.0, 0.25));
@@ -75,7 +75,7 @@ mod tests {
         let before = running.information();
         (400..500).for_each(|k| running.add(swing(k), 100.0, 1.0));
         let each = (running.information() - before) / 100.0;
-        // Somewhat more, for the belief that they are held against is uncertain itself.
+        // Somewhat more, for the belief that they are compared with is uncertain itself.
         assert!((0.9..1.4).contains(&each), "{each}");
         assert!(running.mean.abs() < 0.1);
     }

@@ -1,15 +1,15 @@
 //! Whether the path stands for the scene alone, without what moves on its own before it.
 
 use super::hypothesis::{Hypothesis, TRIAL, prepared_steps};
+use super::pair_window::PairWindow;
 use super::search::{Search, TRUSTED};
 use super::solver::Solver;
-use super::stretch::Stretch;
 use rayon::prelude::*;
 
-/// Where more than this share of the matches goes its own way, a path for the rest is tried, unless the one for
+/// Where more than this share of the matches does not follow the dominant motion, a path for the rest is tried, unless the one for
 /// everything leaves residuals that are noise of measurement.
 const APART: f64 = 0.25;
-/// A path for the rest is worth what it does not see where it is trusted by this factor more.
+/// The path for the rest replaces the one for everything if its confidence is this many times higher.
 const PREFERRED: f64 = 2.0;
 
 /// The trial of paths that stand for the scene alone, or again for everything.
@@ -60,31 +60,31 @@ impl SceneTrial {
     }
 
     /// Goes on with the pairs that have come so far, before the first frame of all is due.
-    pub fn prepare(&mut self, hypotheses: &[Hypothesis], stretch: Stretch<'_>) {
+    pub fn prepare(&mut self, hypotheses: &[Hypothesis], window: PairWindow<'_>) {
         let is_alone = hypotheses.first().is_none_or(|hypothesis| hypothesis.solver.scene_alone);
-        if self.others.is_empty() && self.since >= TRIAL && !is_alone && stretch.apart() > APART {
+        if self.others.is_empty() && self.since >= TRIAL && !is_alone && window.apart() > APART {
             self.begin(hypotheses);
         }
-        self.each(hypotheses, |search, camera| search.prepare(stretch, prepared_steps(stretch), camera));
+        self.each(hypotheses, |search, camera| search.prepare(window, prepared_steps(window), camera));
     }
 
     /// Lets the paths stand for the scene alone where what moves on its own leaves no other one with little that is new
     /// in it, and for everything again where one for everything does as well.
-    pub fn settle(&mut self, hypotheses: &mut [Hypothesis], stretch: Stretch<'_>, starts: bool) {
+    pub fn settle(&mut self, hypotheses: &mut [Hypothesis], window: PairWindow<'_>, starts: bool) {
         self.since += 1;
-        if stretch.is_short() {
+        if window.is_short() {
             return;
         }
         let Some(alone) = hypotheses.first().map(|hypothesis| hypothesis.solver.scene_alone) else { return };
         let own = trust(hypotheses);
         let is_prepared = starts && !self.others.is_empty();
         if self.others.is_empty() {
-            if self.since < TRIAL || !alone && (own >= TRUSTED || stretch.apart() <= APART) {
+            if self.since < TRIAL || !alone && (own >= TRUSTED || window.apart() <= APART) {
                 return;
             }
             self.begin(hypotheses);
         }
-        self.each(hypotheses, |search, camera| search.advance(stretch, search.pace(stretch, starts), camera));
+        self.each(hypotheses, |search, camera| search.advance(window, search.pace(window, starts), camera));
         let is_done = |other: &Hypothesis| other.search.as_ref().is_none_or(Search::is_done);
         if !(is_prepared || self.others.iter().all(is_done)) {
             return;
@@ -93,7 +93,7 @@ impl SceneTrial {
         others.par_iter_mut().for_each(|other| {
             let Some(search) = other.search.take() else { return };
             let steps = if other.is_vague() { search.steps_left() } else { 1 };
-            other.settled = other.decide(search, stretch, steps);
+            other.settled = other.decide(search, window, steps);
         });
         let other = trust(&others);
         let is_better = if alone { PREFERRED * other > own } else { other > PREFERRED * own };

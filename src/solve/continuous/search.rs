@@ -4,8 +4,8 @@
 //! that comes, so that no frame takes much longer than another: what was fitted to a few pairs is near the path of one
 //! more.
 
-use super::solver::{Solver, Tempo};
-use super::stretch::Stretch;
+use super::pair_window::PairWindow;
+use super::solver::{KnotDensity, Solver};
 use rayon::prelude::*;
 
 /// Steps to the first path, and to each one after it, at most. As many as to the first where γ has not come
@@ -30,7 +30,7 @@ pub(super) const TRUSTED: f64 = 0.5;
 const WORK: [usize; 2] = [32, 48];
 /// Pairs that show which of the starts are worth going on with before all have come.
 const SHOWN_PAIRS: usize = 8;
-/// A readout ratio, or a tempo, is told from another where its evidence is greater by a factor of e to this power.
+/// A readout ratio, or a knot density, is told from another where its evidence is greater by a factor of e to this power.
 pub(super) const TOLD: f64 = 5.0;
 /// A readout ratio that is known worse than this may be anything; two that differ by less are the same answer.
 pub(super) const VAGUE: f64 = 0.2;
@@ -41,7 +41,7 @@ struct Candidate {
     solver: Solver,
     /// The readout ratio that it started from.
     start: f64,
-    /// Steps so far, and those on stretches that are long enough to count.
+    /// Steps so far, and those on windows that are long enough to count.
     taken: usize,
     steps: usize,
     /// Whether it is to be compared with one for a camera that moves, or is that.
@@ -70,11 +70,11 @@ impl Search {
         Self { candidates: starts.iter().map(candidate).collect(), is_narrowed: false }
     }
 
-    /// For a path of a tempo, from the readout ratio in hand and from these.
-    pub fn at_tempo(solver: &Solver, tempo: Tempo, readouts: &[f64]) -> Self {
+    /// For a path of a knot density, from the readout ratio in hand and from these.
+    pub fn with_density(solver: &Solver, density: KnotDensity, readouts: &[f64]) -> Self {
         let [low, high] = solver.limits[0];
         let candidate = |start: f64| {
-            let mut solver = solver.at_tempo(tempo);
+            let mut solver = solver.with_density(density);
             solver.shared[0] = start;
             Candidate { solver, start, taken: 0, steps: 0, is_turning: false, is_moving: false }
         };
@@ -99,21 +99,21 @@ impl Search {
     }
 
     /// Steps with a frame that takes about as long as any other one.
-    pub fn pace(&self, stretch: Stretch<'_>, starts: bool) -> usize {
-        let pairs = stretch.pairs.len() * self.candidates.len();
+    pub fn pace(&self, window: PairWindow<'_>, starts: bool) -> usize {
+        let pairs = window.pairs.len() * self.candidates.len();
         (WORK[usize::from(!starts)] / pairs.max(1)).clamp(1, STEPS[0])
     }
 
-    /// Goes so many steps further with each, to a stretch that grows.
-    pub fn prepare(&mut self, stretch: Stretch<'_>, steps: usize, camera: &Solver) {
-        self.advance(stretch, steps, camera);
-        if stretch.is_short() {
+    /// Goes so many steps further with each, to a window that grows.
+    pub fn prepare(&mut self, window: PairWindow<'_>, steps: usize, camera: &Solver) {
+        self.advance(window, steps, camera);
+        if window.is_short() {
             // A pair or two do not tell which generators are needed.
             self.candidates.iter_mut().for_each(|one| one.solver.smoothness.presume(one.is_moving));
         }
-        if stretch.pairs.len() >= SHOWN_PAIRS && !self.is_narrowed {
+        if window.pairs.len() >= SHOWN_PAIRS && !self.is_narrowed {
             self.is_narrowed = true;
-            self.narrow(stretch);
+            self.narrow(window);
         }
     }
 
@@ -122,17 +122,17 @@ impl Search {
     /// In one pair a camera that moves does much the same to a picture as one that turns, and at first it is presumed to
     /// turn. But only what moves it has a parallax, and unless that is known for what it is, it weighs as noise and holds
     /// the path where it is. So where a path leaves more than noise, another one is begun for a camera that moves.
-    pub fn advance(&mut self, stretch: Stretch<'_>, steps: usize, camera: &Solver) {
+    pub fn advance(&mut self, window: PairWindow<'_>, steps: usize, camera: &Solver) {
         let fit = |candidate: &mut Candidate| {
             let Candidate { solver, start, .. } = candidate;
             solver.learn_camera(camera);
-            if stretch.is_short() {
+            if window.is_short() {
                 solver.limits[0] = [*start; 2];
             }
-            iterate(solver, stretch, steps);
+            iterate(solver, window, steps);
             solver.limits = camera.limits;
             candidate.taken += steps;
-            candidate.steps += if stretch.is_short() { 0 } else { steps };
+            candidate.steps += if window.is_short() { 0 } else { steps };
         };
         self.candidates.par_iter_mut().for_each(fit);
         let moving = |candidate: &mut Candidate| {
@@ -153,10 +153,10 @@ impl Search {
     }
 
     /// Goes on only with the likeliest, and with those that say something else and are nearly as likely.
-    fn narrow(&mut self, stretch: Stretch<'_>) {
+    fn narrow(&mut self, window: PairWindow<'_>) {
         let evidence = |candidate: &mut Candidate| {
             let solver = &mut candidate.solver;
-            let evidence = solver.evidence(stretch.of_tempo(solver.tempo).pairs);
+            let evidence = solver.evidence(window.for_density(solver.density).pairs);
             (evidence.unwrap_or(f64::NEG_INFINITY), candidate.solver.shared[0])
         };
         let seen: Vec<(f64, f64)> = self.candidates.par_iter_mut().map(evidence).collect();
@@ -170,12 +170,12 @@ impl Search {
     }
 
     /// The paths with the logarithm of their evidence, the likeliest first.
-    pub fn ranked(self, stretch: Stretch<'_>) -> Vec<(f64, Solver)> {
+    pub fn ranked(self, window: PairWindow<'_>) -> Vec<(f64, Solver)> {
         // A pair or two are explained by a camera that moves as well as by one that turns.
-        let is_told = |candidate: &Candidate| !(candidate.is_moving && stretch.is_short());
+        let is_told = |candidate: &Candidate| !(candidate.is_moving && window.is_short());
         let ranked =
             self.candidates.into_par_iter().filter(is_told).filter_map(|Candidate { mut solver, .. }| {
-                let evidence = solver.evidence(stretch.of_tempo(solver.tempo).pairs)?;
+                let evidence = solver.evidence(window.for_density(solver.density).pairs)?;
                 Some((evidence, solver))
             });
         let mut ranked: Vec<(f64, Solver)> = ranked.collect();
@@ -185,16 +185,16 @@ impl Search {
 }
 
 /// Steps until nothing changes any more at the frame, at most so many; whether γ came to rest.
-pub(super) fn iterate(solver: &mut Solver, stretch: Stretch<'_>, steps: usize) -> bool {
-    let stretch = stretch.of_tempo(solver.tempo);
+pub(super) fn iterate(solver: &mut Solver, window: PairWindow<'_>, steps: usize) -> bool {
+    let window = window.for_density(solver.density);
     let mut rests = false;
     for _ in 0..steps {
         let before = solver.shared[0];
-        if !solver.step(stretch.pairs) {
+        if !solver.step(window.pairs) {
             solver.restart();
             continue;
         }
-        let change = stretch.beside().map(|index| solver.moved(index)).fold(0.0, f64::max);
+        let change = window.beside().map(|index| solver.moved(index)).fold(0.0, f64::max);
         let moved = (solver.shared[0] - before).abs();
         if change < SETTLED * solver.noise && moved < SETTLED_READOUT {
             rests = true;
@@ -204,10 +204,10 @@ pub(super) fn iterate(solver: &mut Solver, stretch: Stretch<'_>, steps: usize) -
             break;
         }
         // Robust weights may go back and forth for ever, by less than is uncertain anyway.
-        let sigma = stretch.beside().filter_map(|index| solver.sigma(index)).fold(0.0, f64::max);
+        let sigma = window.beside().filter_map(|index| solver.sigma(index)).fold(0.0, f64::max);
         let slack = UNCERTAIN * solver.seen_deviation();
         rests = change < sigma && moved < SETTLED_READOUT.max(slack);
     }
-    solver.cover(stretch.pairs);
+    solver.cover(window.pairs);
     rests
 }

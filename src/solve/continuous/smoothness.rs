@@ -107,9 +107,10 @@ impl Smoothness {
         let c = &path.coefficients;
         for j in 0..GENERATORS {
             let rate = RATES[usize::from(j >= TURNS)];
-            let (news, first) = if self.active[j] { (share * self.variance[j], rate) } else { (NONE, NONE) };
+            let (innovation, first) =
+                if self.active[j] { (share * self.variance[j], rate) } else { (NONE, NONE) };
             let places = Self::places(path, j);
-            for (difference, variance) in [(&self.predictions[j].error()[..], news), (&FIRST, first)] {
+            for (difference, variance) in [(&self.predictions[j].error()[..], innovation), (&FIRST, first)] {
                 for at in places.windows(difference.len()) {
                     let value: f64 = difference.iter().zip(at).map(|(weight, at)| weight * c[*at]).sum();
                     for (p, one) in difference.iter().enumerate() {
@@ -143,7 +144,7 @@ impl Smoothness {
                 self.predictions[j] = Prediction::even();
                 sums = moments(1);
             }
-            let [energy, trace] = sums.news(&self.predictions[j]);
+            let [energy, trace] = sums.innovation(&self.predictions[j]);
             let old = self.variance[j];
             let determined = (sums.count - trace / old).max(LEAST_DETERMINED * sums.count);
             let new = (energy / determined).clamp(old / MOST_CHANGE, old * MOST_CHANGE);

@@ -6,11 +6,11 @@
 //! the running beliefs by the share that is new.
 
 use super::banded::Banded;
+use super::evaluated::{self, EvaluatedPair};
 use super::flow::Flow;
-use super::held::{self, Held};
-use super::left::View;
-use super::pair::{Pair, Reading};
+use super::pair::{Pair, ScanAxis};
 use super::path::SplinePath;
+use super::residuals::View;
 use super::running::Running;
 use super::smoothness::Smoothness;
 use super::sums::SHARED;
@@ -23,7 +23,7 @@ const MARGIN: f64 = 0.25;
 /// Residuals of up to so many times the least noise are those of measurement on blurred or compressed footage.
 const TRACKED: f64 = 10.0;
 /// Correlation that what the path leaves may have with what γ and κ do.
-const CONSPIRACY: f64 = 0.1;
+const ERROR_CORRELATION: f64 = 0.1;
 /// Estimates of γ so many deviations apart contradict each other.
 const CONTRADICTION: f64 = 4.0;
 /// Steps from knot to knot, at most, from which the next one of a vibration is told: those of one and a half
@@ -39,18 +39,18 @@ const MOST_CHANGE: f64 = 0.1;
 
 /// How fast the motion may change.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Tempo {
+pub(super) enum KnotDensity {
     /// Up to about a cycle a frame period: all that hands do.
-    Calm,
+    Usual,
     /// Up to about two and a half: engines, rotors, bad roads.
     Vibrating,
 }
 
-impl Tempo {
+impl KnotDensity {
     /// Blocks to a frame period.
     pub const fn blocks(self) -> f64 {
         match self {
-            Self::Calm => 1.0,
+            Self::Usual => 1.0,
             Self::Vibrating => 2.5,
         }
     }
@@ -58,7 +58,7 @@ impl Tempo {
     /// Frames before the one that is settled whose pairs are looked at again.
     pub const fn past(self) -> usize {
         match self {
-            Self::Calm => 4,
+            Self::Usual => 4,
             Self::Vibrating => 6,
         }
     }
@@ -66,7 +66,7 @@ impl Tempo {
     /// Variance in px² of the turns' second differences from which learning starts.
     pub const fn start_variance(self) -> f64 {
         match self {
-            Self::Calm => 1.0,
+            Self::Usual => 1.0,
             Self::Vibrating => 30.0,
         }
     }
@@ -74,8 +74,8 @@ impl Tempo {
     /// The other one.
     pub const fn other(self) -> Self {
         match self {
-            Self::Calm => Self::Vibrating,
-            Self::Vibrating => Self::Calm,
+            Self::Usual => Self::Vibrating,
+            Self::Vibrating => Self::Usual,
         }
     }
 }
@@ -84,8 +84,8 @@ impl Tempo {
 /// window to window.
 #[derive(Clone, Debug)]
 pub(super) struct Solver {
-    pub reading: Reading,
-    pub tempo: Tempo,
+    pub scan_axis: ScanAxis,
+    pub density: KnotDensity,
     /// Pixels to the unit of points.
     pub radius: f64,
     /// Least standard deviation of a coordinate in pixels.
@@ -109,7 +109,7 @@ pub(super) struct Solver {
     /// What this window alone says of them, with its information.
     seen: [Option<(f64, f64)>; SHARED],
     pub flow: Flow,
-    held: Vec<Held>,
+    evaluated: Vec<EvaluatedPair>,
     matrix: Banded,
     covariance: Banded,
     right: Vec<f64>,
@@ -119,8 +119,8 @@ pub(super) struct Solver {
 
 impl Solver {
     pub fn new(
-        reading: Reading,
-        tempo: Tempo,
+        scan_axis: ScanAxis,
+        density: KnotDensity,
         radius: f64,
         noise: f64,
         smoothness: Smoothness,
@@ -128,8 +128,8 @@ impl Solver {
         limits: [[f64; 2]; SHARED],
     ) -> Self {
         Self {
-            reading,
-            tempo,
+            scan_axis,
+            density,
             radius,
             noise,
             scene_alone: false,
@@ -143,7 +143,7 @@ impl Solver {
             limits,
             seen: [None; SHARED],
             flow: Flow::default(),
-            held: Vec::new(),
+            evaluated: Vec::new(),
             matrix: Banded::default(),
             covariance: Banded::default(),
             right: Vec::new(),
@@ -152,11 +152,18 @@ impl Solver {
         }
     }
 
-    /// A solver of another tempo that knows of the camera what this one does.
-    pub fn at_tempo(&self, tempo: Tempo) -> Self {
-        let smoothness = self.smoothness.started(tempo.start_variance());
-        let mut other =
-            Self::new(self.reading, tempo, self.radius, self.noise, smoothness, self.beliefs, self.limits);
+    /// A solver of another knot density that knows of the camera what this one does.
+    pub fn with_density(&self, density: KnotDensity) -> Self {
+        let smoothness = self.smoothness.started(density.start_variance());
+        let mut other = Self::new(
+            self.scan_axis,
+            density,
+            self.radius,
+            self.noise,
+            smoothness,
+            self.beliefs,
+            self.limits,
+        );
         other.scene_alone = self.scene_alone;
         other.shared = self.shared;
         other.hint = self.hint;
@@ -166,7 +173,7 @@ impl Solver {
     /// Forgets the path, not the camera.
     pub fn restart(&mut self) {
         self.path.coefficients.clear();
-        held::forget(&mut self.held);
+        evaluated::invalidate(&mut self.evaluated);
         self.smoothness.restart();
         self.seen = [None; SHARED];
     }
@@ -208,17 +215,17 @@ impl Solver {
 
     /// Standard deviation of a coordinate in pixels that the path leaves in pair `index`.
     pub fn sigma(&self, index: usize) -> Option<f64> {
-        self.held.get(index).map(|held| held.left.sigma)
+        self.evaluated.get(index).map(|held| held.residuals.sigma)
     }
 
     /// Share of what the path leaves of pair `index` that is a function of the line alone, 0 to 1.
     pub fn share_by_line(&self, index: usize) -> f64 {
-        self.held.get(index).map_or(0.0, |held| held.left.share_by_line(self.reading))
+        self.evaluated.get(index).map_or(0.0, |held| held.residuals.share_by_line(self.scan_axis))
     }
 
     /// Standard deviation of what is new in a coordinate of pair `index`, given the pair before.
-    pub fn surprise(&self, index: usize) -> Option<f64> {
-        self.held.get(index).map(|held| held.normal.scatter.noise.sqrt())
+    pub fn innovation_deviation(&self, index: usize) -> Option<f64> {
+        self.evaluated.get(index).map(|held| held.normal.scatter.noise.sqrt())
     }
 
     /// How much of displacements of so much (mean square, squared radii) is explained where `sigma` is left
@@ -230,12 +237,12 @@ impl Solver {
 
     /// Matches of pair `index` within three deviations of the path, thinned out ones counted.
     pub fn inliers(&self, index: usize) -> usize {
-        self.held.get(index).map_or(0, |held| held.left.inliers)
+        self.evaluated.get(index).map_or(0, |held| held.residuals.inliers)
     }
 
     /// Block of the instant at which the line at `place` along the axis of the frame with this timestamp is exposed.
     pub fn time(&self, stamp: f64, place: f64) -> f64 {
-        self.tempo.blocks() * (stamp + self.shared[0] * place)
+        self.density.blocks() * (stamp + self.shared[0] * place)
     }
 
     /// Lays the path under the pairs and follows it.
@@ -246,7 +253,7 @@ impl Solver {
         if from > to {
             return;
         }
-        let [from, to] = [from, to].map(|time| time * self.tempo.blocks());
+        let [from, to] = [from, to].map(|time| time * self.density.blocks());
         let [from, to] = [from - MARGIN, to + MARGIN];
         let base = from.floor() as i64;
         self.path.kappa = self.shared[1];
@@ -260,14 +267,14 @@ impl Solver {
         let view = View {
             path: &self.path,
             flow: &self.flow,
-            reading: self.reading,
-            tempo: self.tempo.blocks(),
+            scan_axis: self.scan_axis,
+            density: self.density.blocks(),
             readout: self.shared[0],
             radius: self.radius,
             noise: self.noise,
             scene_alone: self.scene_alone,
         };
-        held::hold(&mut self.held, pairs, &view);
+        evaluated::evaluate(&mut self.evaluated, pairs, &view);
     }
 
     /// One step; whether it could be solved.
@@ -286,7 +293,7 @@ impl Solver {
             return false;
         }
         self.path.coefficients.iter_mut().zip(&self.right).for_each(|(value, step)| *value += step);
-        held::forget(&mut self.held);
+        evaluated::invalidate(&mut self.evaluated);
         self.matrix.inverse_band(&mut self.covariance);
         // One pair alone does not tell a change of speed from depth that changes from row to row.
         if pairs.len() > 1 {
@@ -297,20 +304,20 @@ impl Solver {
 
     /// How much the last step changed the displacements of pair `index` (root mean square, pixels).
     pub fn moved(&self, index: usize) -> f64 {
-        self.held.get(index).map_or(0.0, |held| held.normal.moved(&self.right))
+        self.evaluated.get(index).map_or(0.0, |held| held.normal.moved(&self.right))
     }
 
     /// The columns at which the rows of the path's matrix begin.
     fn band(&self) -> Vec<usize> {
         let mut first: Vec<usize> = (0..self.path.coefficients.len()).collect();
         self.smoothness.reach(&self.path, self.order(), &mut first);
-        self.held.iter().for_each(|held| held.normal.equations.reach(&mut first));
+        self.evaluated.iter().for_each(|held| held.normal.equations.reach(&mut first));
         first
     }
 
     /// Share of the path's variances that its prior has. Nothing is learnt of them from a single pair.
     fn known_share(&self) -> f64 {
-        if self.held.len() == 1 { ALONE } else { 1.0 }
+        if self.evaluated.len() == 1 { ALONE } else { 1.0 }
     }
 
     /// Adds up the normal equations; those of γ and κ.
@@ -321,7 +328,7 @@ impl Solver {
             values.resize(self.path.coefficients.len(), 0.0);
         }
         let (mut information, mut side) = (SMatrix::zeros(), SVector::zeros());
-        for Held { normal, .. } in &self.held {
+        for EvaluatedPair { normal, .. } in &self.evaluated {
             normal.equations.add_to(&mut self.matrix, &mut self.right, &mut self.border);
             information += normal.shared;
             side += normal.shared_right;
@@ -396,23 +403,24 @@ impl Solver {
             return None;
         }
         let likelihood: f64 =
-            self.held.iter().map(|held| held.normal.log_likelihood(&held.left, self.radius)).sum();
+            self.evaluated.iter().map(|held| held.normal.log_likelihood(&held.residuals, self.radius)).sum();
         // The prior's right side is −Pc.
         let energy: f64 = self.path.coefficients.iter().zip(&side).map(|(value, side)| -value * side).sum();
-        let room = prior.half_log_determinant() - self.matrix.half_log_determinant();
-        Some(likelihood - 0.5 * energy + room).filter(|evidence| evidence.is_finite())
+        let log_volume = prior.half_log_determinant() - self.matrix.half_log_determinant();
+        Some(likelihood - 0.5 * energy + log_volume).filter(|evidence| evidence.is_finite())
     }
 
     /// How far residuals are those of measurement: what the model cannot explain is alike from pair to pair and says
     /// nothing of γ and κ. The middle one counts, for the path has not been fitted to the pair that came last.
     pub fn trust(&self) -> f64 {
-        self.trust_of(self.held.iter().map(|held| held.normal.scatter.noise))
+        self.trust_of(self.evaluated.iter().map(|held| held.normal.scatter.noise))
     }
 
-    /// The same for hypotheses of another kind, the reading axis and the tempo: parallax that is left says something of
+    /// The same for hypotheses of another kind, the scan axis and the density: parallax that is left says something of
     /// them, but less the more there is of it.
     pub fn trust_in_evidence(&self) -> f64 {
-        let left = self.trust_of(self.held.iter().map(|held| held.left.sigma * held.left.sigma));
+        let left =
+            self.trust_of(self.evaluated.iter().map(|held| held.residuals.sigma * held.residuals.sigma));
         (self.trust() * left).sqrt()
     }
 
@@ -448,10 +456,10 @@ impl Solver {
     /// noise of measurement may go with what they do to the picture. With the correlation ρ an error of n
     /// coordinates, of variance σ² each, adds ρ²·n·σ² to the σ² that chance is worth.
     fn conspiracy(&self) -> f64 {
-        let left = |Held { normal, .. }: &Held| {
+        let left = |EvaluatedPair { normal, .. }: &EvaluatedPair| {
             normal.independent * (1.0 - self.noise * self.noise / normal.scatter.noise)
         };
-        1.0 + CONSPIRACY.powi(2) * self.held.iter().map(left).sum::<f64>()
+        1.0 + ERROR_CORRELATION.powi(2) * self.evaluated.iter().map(left).sum::<f64>()
     }
 
     /// Adds what the window says of γ and κ to the beliefs; `share` of it is new.

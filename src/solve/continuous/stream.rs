@@ -5,15 +5,15 @@
 //! one speaks. Vibrations, too fast for the usual knots, are a hypothesis within each.
 
 use super::camera::{Camera, KAPPA_LIMITS, KNOWN, READOUT_BELIEF};
-use super::fixed::Fixed;
 use super::hypothesis::Hypothesis;
-use super::pair::{Pair, Reading};
+use super::overlay::StaticOverlay;
+use super::pair::{Pair, ScanAxis};
+use super::pair_window::{PairWindow, breadth};
 use super::pixels::PixelPath;
 use super::running::Running;
 use super::scene::SceneTrial;
 use super::smoothness::Smoothness;
-use super::solver::{Solver, Tempo};
-use super::stretch::{Stretch, breadth};
+use super::solver::{KnotDensity, Solver};
 use crate::correspond::{Correspondence, certain};
 use crate::flow::FlowField;
 use crate::motion::{ResidualField, ResidualMesh, image_centre};
@@ -85,7 +85,7 @@ struct Entry {
 
 /// The correspondences of a pair of frames.
 #[derive(Clone, Copy, Debug)]
-pub struct Found<'a> {
+pub struct PairMeasurement<'a> {
     /// Those of the grid, by which the motion of the whole is found.
     pub grid: &'a [Correspondence],
     /// The flow to the later frame and back, by which it is found what parts of the picture do beside it; where there
@@ -121,7 +121,7 @@ pub struct Continuous {
     /// Whether the path should stand for the scene alone.
     scene_trial: SceneTrial,
     /// Where the picture is fixed to the frame, and the last pair's correspondences elsewhere.
-    fixed: Fixed,
+    fixed: StaticOverlay,
     scene: Vec<Correspondence>,
     /// Those of them that the rough estimate is made of.
     certain: Vec<Correspondence>,
@@ -136,8 +136,8 @@ impl Continuous {
         let radius = width.max(1) as f64 / 2.0;
         let hypothesis = |direction: ReadoutDirection| {
             let lines = if direction.is_by_rows() { height } else { width } as f64;
-            let reading = Reading { by_rows: direction.is_by_rows(), length: lines.max(1.0) / radius };
-            let smoothness = Smoothness::new(camera.model.generators(), Tempo::Calm.start_variance());
+            let scan_axis = ScanAxis { by_rows: direction.is_by_rows(), length: lines.max(1.0) / radius };
+            let smoothness = Smoothness::new(camera.model.generators(), KnotDensity::Usual.start_variance());
             let signs = match (camera.direction, direction.is_reversed()) {
                 (None, _) => [-1.0, 1.0],
                 (Some(_), false) => [0.0, 1.0],
@@ -145,8 +145,15 @@ impl Continuous {
             };
             let beliefs = [READOUT_BELIEF, camera.kappa_belief()]
                 .map(|(mean, deviation)| Running::new(mean, deviation));
-            let solver =
-                Solver::new(reading, Tempo::Calm, radius, noise, smoothness, beliefs, [signs, KAPPA_LIMITS]);
+            let solver = Solver::new(
+                scan_axis,
+                KnotDensity::Usual,
+                radius,
+                noise,
+                smoothness,
+                beliefs,
+                [signs, KAPPA_LIMITS],
+            );
             let mut hypothesis = Hypothesis::new(direction, signs, solver);
             hypothesis.score = Camera::log_prior(direction, width, height);
             hypothesis
@@ -167,7 +174,7 @@ impl Continuous {
             taken: 0,
             residual: ResidualSolver::default(),
             scene_trial: SceneTrial::new(),
-            fixed: Fixed::new(width, height, noise),
+            fixed: StaticOverlay::new(width, height, noise),
             scene: Vec::new(),
             certain: Vec::new(),
             spare: Vec::new(),
@@ -176,7 +183,7 @@ impl Continuous {
 
     /// Adds the next frame at `time` seconds, `period` the nominal frame period, with its
     /// correspondences to the frame pushed before it: `None` at a start, a gap or a cut.
-    pub fn push(&mut self, found: Option<Found<'_>>, time: f64, period: f64) {
+    pub fn push(&mut self, found: Option<PairMeasurement<'_>>, time: f64, period: f64) {
         let (unit, origin) = self.clock.unwrap_or_else(|| self.start(period, time));
         let stamp = (time - origin) / unit;
         let (centre, radius) = (self.centre, self.radius);
@@ -193,8 +200,8 @@ impl Continuous {
                 last.flows.iter_mut().zip(flow).for_each(|(own, flow)| own.clone_from(flow));
             }
             let is_broad = |pair: &Pair| {
-                let readings = self.hypotheses.iter().map(|hypothesis| hypothesis.solver.reading);
-                readings.map(|reading| breadth(pair, reading)).all(|breadth| breadth > 0.0)
+                let readings = self.hypotheses.iter().map(|hypothesis| hypothesis.solver.scan_axis);
+                readings.map(|scan_axis| breadth(pair, scan_axis)).all(|breadth| breadth > 0.0)
             };
             let is_scene = last.to_next.as_ref().is_some_and(is_broad);
             if let Some(shutter) = self.shutter.as_mut().filter(|_| is_scene) {
@@ -224,10 +231,10 @@ impl Continuous {
         }
         let pairs: Vec<&Pair> =
             self.frames.iter().skip(first).map_while(|entry| entry.to_next.as_ref()).take(AHEAD).collect();
-        let stretch = Stretch { pairs: &pairs, past: 0, in_question: self.hypotheses.len() > 1 };
-        self.hypotheses.par_iter_mut().for_each(|hypothesis| hypothesis.prepare(stretch));
+        let window = PairWindow { pairs: &pairs, past: 0, in_question: self.hypotheses.len() > 1 };
+        self.hypotheses.par_iter_mut().for_each(|hypothesis| hypothesis.prepare(window));
         if first == 0 && pairs.len() > 1 {
-            self.scene_trial.prepare(&self.hypotheses, stretch);
+            self.scene_trial.prepare(&self.hypotheses, window);
         }
     }
 
@@ -276,7 +283,7 @@ impl Continuous {
         let last = self.frames.iter().rev().nth(1).and_then(|entry| entry.to_next.as_ref());
         let Some([before, after]) = last.map(|pair| pair.stamps) else { return pixel };
         let point = (pixel - self.centre) / self.radius;
-        let place = solver.reading.place(point);
+        let place = solver.scan_axis.place(point);
         let [before, after] = [before, after].map(|stamp| solver.time(stamp, place));
         if !solver.flow.covers(after) {
             return pixel;
@@ -299,28 +306,28 @@ impl Continuous {
             .filter_map(|entry| entry.to_next.as_ref())
             .collect();
         let stamp = self.frames.get(own)?.stamp;
-        let stretch = Stretch { pairs: &pairs, past, in_question: self.hypotheses.len() > 1 };
+        let window = PairWindow { pairs: &pairs, past, in_question: self.hypotheses.len() > 1 };
         let starts = past == 0 || !self.continues;
-        let longest = stretch.usual_interval();
+        let longest = window.usual_interval();
         let is_known = self.camera.is_known();
         self.hypotheses.par_iter_mut().for_each(|hypothesis| {
             if !is_known {
                 hypothesis.solver.limits[0] = hypothesis.signs.map(|sign| sign * longest);
             }
-            hypothesis.settle(stretch, starts);
+            hypothesis.settle(window, starts);
         });
         if starts && own > 0 {
             self.scene_trial.stop();
         }
-        self.scene_trial.settle(&mut self.hypotheses, stretch, starts);
+        self.scene_trial.settle(&mut self.hypotheses, window, starts);
         // What moves on its own may pass for a vibration.
         let free = !self.scene_trial.is_going_on();
-        self.hypotheses.par_iter_mut().for_each(|hypothesis| hypothesis.conclude(stretch, starts, free));
-        weigh(&mut self.hypotheses, stretch);
+        self.hypotheses.par_iter_mut().for_each(|hypothesis| hypothesis.conclude(window, starts, free));
+        weigh(&mut self.hypotheses, window);
         choose(&mut self.hypotheses);
         self.continues = !pairs.is_empty();
-        let moved = stretch.moved();
-        let motion = (!pairs.is_empty()).then(|| self.motion(stretch, stamp, moved));
+        let moved = window.moved();
+        let motion = (!pairs.is_empty()).then(|| self.motion(window, stamp, moved));
         let mut motion = motion.filter(Motion::is_finite);
         if let Some(motion) = motion.as_mut() {
             motion.field = self.field(own, past > 0, &motion.readout);
@@ -351,10 +358,10 @@ impl Continuous {
         self.scene_trial.stop();
     }
 
-    /// The motion of the frame in a stretch, whose points moved by this much (mean square, squared radii).
-    fn motion(&self, stretch: Stretch<'_>, stamp: f64, moved: f64) -> Motion {
+    /// The motion of the frame in a window, whose points moved by this much (mean square, squared radii).
+    fn motion(&self, window: PairWindow<'_>, stamp: f64, moved: f64) -> Motion {
         let solver = &self.hypotheses[0].solver;
-        let stretch = stretch.of_tempo(solver.tempo);
+        let window = window.for_density(solver.density);
         let readout = self.readout(solver);
         let reversed = readout.direction.is_reversed();
         let scale = Matrix3::new_nonuniform_scaling(&Vector2::new(self.radius, self.radius));
@@ -365,8 +372,8 @@ impl Continuous {
             let place = if reversed { 1.0 - share } else { share };
             middle * solver.flow.back(solver.time(stamp, place)) * unscale
         };
-        let beside = stretch.beside();
-        let measured = |index: usize| stretch.pairs.get(index).map_or(0, |pair| pair.measured);
+        let beside = window.beside();
+        let measured = |index: usize| window.pairs.get(index).map_or(0, |pair| pair.measured);
         let counts = beside.clone().map(|index| (solver.inliers(index), measured(index)));
         let (inliers, correspondences) = counts.max().unwrap_or_default();
         let sigma = beside.filter_map(|index| solver.sigma(index)).fold(0.0, f64::max);
@@ -434,7 +441,7 @@ impl Continuous {
     /// The shutter that a solver found.
     fn readout(&self, solver: &Solver) -> Readout {
         let unit = self.clock.map_or(0.0, |(unit, _)| unit);
-        let direction = match (solver.reading.by_rows, solver.shared[0] < 0.0) {
+        let direction = match (solver.scan_axis.by_rows, solver.shared[0] < 0.0) {
             (true, false) => ReadoutDirection::TopToBottom,
             (true, true) => ReadoutDirection::BottomToTop,
             (false, false) => ReadoutDirection::LeftToRight,
@@ -445,15 +452,15 @@ impl Continuous {
     }
 }
 
-/// Adds what a stretch says for and against each hypothesis, as far as its residuals are noise of measurement, and it is
+/// Adds what a window says for and against each hypothesis, as far as its residuals are noise of measurement, and it is
 /// worth anything, in the one that fits best.
-fn weigh(hypotheses: &mut [Hypothesis], stretch: Stretch<'_>) {
-    if hypotheses.len() < 2 || hypotheses.iter().any(|hypothesis| hypothesis.knows_little(stretch)) {
+fn weigh(hypotheses: &mut [Hypothesis], window: PairWindow<'_>) {
+    if hypotheses.len() < 2 || hypotheses.iter().any(|hypothesis| hypothesis.knows_little(window)) {
         return;
     }
-    let evidence: Option<Vec<f64>> = hypotheses.par_iter_mut().map(|h| h.evidence(stretch)).collect();
+    let evidence: Option<Vec<f64>> = hypotheses.par_iter_mut().map(|h| h.evidence(window)).collect();
     let trust =
-        hypotheses.iter().map(|h| h.solver.trust_in_evidence() * h.worth(stretch)).fold(0.0, f64::max);
+        hypotheses.iter().map(|h| h.solver.trust_in_evidence() * h.weight(window)).fold(0.0, f64::max);
     for (hypothesis, evidence) in hypotheses.iter_mut().zip(evidence.into_iter().flatten()) {
         hypothesis.score += trust * evidence;
     }

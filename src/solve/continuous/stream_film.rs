@@ -142,7 +142,7 @@ impl Film {
         let mut motions = Vec::new();
         for (k, &stamp) in stamps.iter().enumerate() {
             let found = k.checked_sub(1).map(|before| self.pair(stamps[before], stamp, &mut random));
-            continuous.push(found.as_deref().map(|grid| Found { grid, flow: None }), stamp, PERIOD);
+            continuous.push(found.as_deref().map(|grid| PairMeasurement { grid, flow: None }), stamp, PERIOD);
             if k >= LOOKAHEAD {
                 motions.push(continuous.settle());
             }

@@ -174,7 +174,7 @@ fn what_is_measured_badly_counts_as_little_as_it_says() {
                 found.to.x += 3.0 * random.normal();
                 found.covariance.m11 = says * says;
             }
-            continuous.push(pair.as_deref().map(|grid| Found { grid, flow: None }), *stamp, PERIOD);
+            continuous.push(pair.as_deref().map(|grid| PairMeasurement { grid, flow: None }), *stamp, PERIOD);
         }
         let motions: Vec<Option<Motion>> = stamps.iter().map(|_| continuous.settle()).collect();
         film.share_left(&motions, &stamps)
@@ -197,7 +197,7 @@ fn what_shows_on_few_lines_says_nothing_of_the_readout() {
             });
             pair
         });
-        continuous.push(pair.as_deref().map(|grid| Found { grid, flow: None }), stamps[k], PERIOD);
+        continuous.push(pair.as_deref().map(|grid| PairMeasurement { grid, flow: None }), stamps[k], PERIOD);
     }
     for motion in (0..30).filter_map(|_| continuous.settle()) {
         assert!(motion.readout_deviation > 0.49 && motion.confidence == 0.0, "{}", motion.readout_deviation);
@@ -290,7 +290,7 @@ fn a_vibration_beside_a_hand_s_shake_is_learnt() {
     let film = Film { swings, noise: 0.05, ..Film::new(0.8, true) };
     let stamps = regular(16);
     let (motions, _) = film.solved(film.camera(), &stamps, 29);
-    // Another tempo is tried once the shake is not nearly all that moves.
+    // Another density is tried once the shake is not nearly all that moves.
     let share = film.share_left(&motions[4..], &stamps[4..]);
     assert!(share < 0.03, "{share} of the distortion is left");
 }
@@ -320,7 +320,7 @@ fn points_are_expected_where_the_motion_goes_on_to() {
             let miss = (continuous.expected(found.from) - found.to).norm();
             misses.push([miss, (found.to - found.from).norm()]);
         }
-        continuous.push(pair.as_deref().map(|grid| Found { grid, flow: None }), stamps[k], PERIOD);
+        continuous.push(pair.as_deref().map(|grid| PairMeasurement { grid, flow: None }), stamps[k], PERIOD);
         continuous.settle();
     }
     assert!(misses.iter().all(|[miss, moved]| miss < moved), "{misses:?}");
@@ -337,7 +337,7 @@ fn a_restart_forgets_the_path_and_keeps_the_camera() {
     let later: Vec<f64> = (0..3).map(|k| 77.0 + k as f64 * PERIOD).collect();
     for k in 0..3 {
         let found = (k > 0).then(|| film.pair(later[k - 1], later[k], &mut random));
-        continuous.push(found.as_deref().map(|grid| Found { grid, flow: None }), later[k], PERIOD);
+        continuous.push(found.as_deref().map(|grid| PairMeasurement { grid, flow: None }), later[k], PERIOD);
     }
     let motions: Vec<_> = (0..3).map(|_| continuous.settle()).collect();
     let first = motions[0].as_ref().unwrap();
@@ -359,7 +359,7 @@ fn each_side_of_a_gap_is_solved_by_itself() {
     for k in 0..10 {
         // Nothing joins frame 4 to 5, and frame 9 to 8.
         let found = (k % 5 != 0 && k < 9).then(|| film.pair(stamps[k - 1], stamps[k], &mut random));
-        continuous.push(found.as_deref().map(|grid| Found { grid, flow: None }), stamps[k], PERIOD);
+        continuous.push(found.as_deref().map(|grid| PairMeasurement { grid, flow: None }), stamps[k], PERIOD);
     }
     let motions: Vec<_> = (0..10).map(|_| continuous.settle()).collect();
     let worst = film.worst(&motions[..9], &stamps, 0);
@@ -371,7 +371,7 @@ fn each_side_of_a_gap_is_solved_by_itself() {
 fn fed(camera: Camera, found: &[Correspondence], stamps: &[f64]) -> Vec<Option<Motion>> {
     let mut continuous = Continuous::new(camera, SIZE[0], SIZE[1], 1.0);
     for (k, &stamp) in stamps.iter().enumerate() {
-        continuous.push((k > 0).then_some(Found { grid: found, flow: None }), stamp, PERIOD);
+        continuous.push((k > 0).then_some(PairMeasurement { grid: found, flow: None }), stamp, PERIOD);
         let expected = continuous.expected(Vector2::new(10.0, 400.0));
         assert!(expected.iter().all(|coordinate| coordinate.is_finite()));
     }

@@ -2,8 +2,8 @@
 //!
 //! A point off the depth for which the path stands is left over by it, and in the next pair again:
 //! r = (λ − 1)·w + noise, λ its inverse depth over that of the path, w what the path's translations move it by.
-//! Over one pair nothing tells that from an error of the path; over two, λ is the same. So a residual is held against
-//! what the one before lets expect:
+//! Over one pair nothing tells that from an error of the path; over two, λ is the same. So a residual is
+//! compared with its prediction from the pair before:
 //!
 //! e = rᵢ − B·rⱼ, B = Cᵢⱼ·Cⱼⱼ⁻¹, with covariance V = Cᵢᵢ − B·Cⱼᵢ,
 //!
@@ -11,7 +11,7 @@
 //! chain of residuals, each given the one before. A camera that moves before a scene of any depth thus says
 //! as much of its path and its shutter as one that turns.
 
-use super::left::{Left, Leg};
+use super::residuals::{Leg, PairResiduals};
 use crate::solve::median::{MEDIAN_TO_VARIANCE, median};
 use nalgebra::{Matrix2, Vector2};
 
@@ -89,12 +89,17 @@ impl Joint {
 
 impl Scatter {
     /// Tells the noise of a pair, at least `least` px², from its parallax; all is noise where that has no say.
-    pub fn of(left: &Left, least: f64, squares: &mut Vec<f64>) -> Self {
-        let all = left.sigma * left.sigma;
+    pub fn of(residuals: &PairResiduals, least: f64, squares: &mut Vec<f64>) -> Self {
+        let all = residuals.sigma * residuals.sigma;
         let mut scatter = Self { noise: all, depths: 0.0 };
-        let Some(parallax) = left.parallax else { return scatter };
-        let both =
-            || left.legs.iter().zip(&left.before).filter_map(|(now, before)| Some((now, before.as_ref()?)));
+        let Some(parallax) = residuals.parallax else { return scatter };
+        let both = || {
+            residuals
+                .legs
+                .iter()
+                .zip(&residuals.before)
+                .filter_map(|(now, before)| Some((now, before.as_ref()?)))
+        };
         // Were the residuals the same from pair to pair, their difference would be noise, twice.
         squares.clear();
         squares.extend(both().map(|(now, before)| (now.residual - before.residual).norm_squared()));
@@ -195,9 +200,9 @@ mod tests {
     }
 
     /// Points whose residuals are (λ − 1)·w and noise.
-    fn scene(spread: f64, noise: f64, parallax: f64) -> Left {
+    fn scene(spread: f64, noise: f64, parallax: f64) -> PairResiduals {
         let mut random = Random(5);
-        let mut left = Left::default();
+        let mut residuals = PairResiduals::default();
         let mut squares = Vec::new();
         for _ in 0..400 {
             let depth = spread * random.normal();
@@ -207,18 +212,18 @@ mod tests {
             let before = see([0.9 * parallax, 0.2 * parallax], [3.6, 0.8]);
             let now = see([parallax, 0.0], [4.0, 0.0]);
             squares.push(now.residual.norm_squared());
-            left.legs.push(now);
-            left.before.push(Some(before));
+            residuals.legs.push(now);
+            residuals.before.push(Some(before));
         }
-        left.sigma = (median(&mut squares) * MEDIAN_TO_VARIANCE).sqrt();
-        left
+        residuals.sigma = (median(&mut squares) * MEDIAN_TO_VARIANCE).sqrt();
+        residuals
     }
 
     /// Noise and parallax of a scene, of which at least 0.01 px are noise.
-    fn told(mut left: Left) -> Scatter {
-        let both = left.legs.iter().zip(left.before.iter().map(Option::as_ref));
-        left.parallax = parallax(both, left.sigma * left.sigma - 1e-4, &mut Vec::new());
-        Scatter::of(&left, 1e-4, &mut Vec::new())
+    fn told(mut residuals: PairResiduals) -> Scatter {
+        let both = residuals.legs.iter().zip(residuals.before.iter().map(Option::as_ref));
+        residuals.parallax = parallax(both, residuals.sigma * residuals.sigma - 1e-4, &mut Vec::new());
+        Scatter::of(&residuals, 1e-4, &mut Vec::new())
     }
 
     #[test]
@@ -231,9 +236,9 @@ mod tests {
     #[test]
     fn what_cannot_be_parallax_is_noise() {
         // The path's translation explains a tenth of what the points do.
-        let left = scene(0.4, 0.1, 0.4);
-        let all = left.sigma * left.sigma;
-        let scatter = told(left);
+        let residuals = scene(0.4, 0.1, 0.4);
+        let all = residuals.sigma * residuals.sigma;
+        let scatter = told(residuals);
         assert_eq!((scatter.noise, scatter.depths), (all, 0.0));
         let mut lost = scene(0.4, 0.1, 4.0);
         lost.before.iter_mut().step_by(3).for_each(|before| *before = None);

@@ -1,12 +1,12 @@
 //! The pairs that a path is fitted to.
 
-use super::pair::{Pair, Reading};
-use super::solver::Tempo;
+use super::pair::{Pair, ScanAxis};
+use super::solver::KnotDensity;
 use crate::solve::median::median;
 
 /// Pairs that tell one readout from another.
 const FEWEST_PAIRS: usize = 4;
-/// Pairs, at least, that a vibration is looked for in, and those that tell one reading axis from another: as many as
+/// Pairs, at least, that a vibration is looked for in, and those that tell one scan axis from another: as many as
 /// there are with the usual frames ahead.
 const VIBRATING_PAIRS: usize = 10;
 const QUESTIONED_PAIRS: usize = 8;
@@ -15,27 +15,27 @@ const LINES: usize = 16;
 
 /// Pairs that follow one another, around a frame.
 #[derive(Clone, Copy)]
-pub(super) struct Stretch<'a> {
+pub(super) struct PairWindow<'a> {
     pub pairs: &'a [&'a Pair],
     /// Number of those before the frame.
     pub past: usize,
-    /// Whether the reading axis is still in question.
+    /// Whether the scan axis is still in question.
     pub in_question: bool,
 }
 
-impl<'a> Stretch<'a> {
-    /// The part of it that a path of this tempo is fitted to.
+impl<'a> PairWindow<'a> {
+    /// The part of it that a path of this knot density is fitted to.
     ///
     /// Where few frames are known ahead, more before it are taken in for what shows in many pairs only: how a vibration
     /// goes on, and which way the sensor is read. Else they are of no use, for a shake is soon another one.
-    pub fn of_tempo(self, tempo: Tempo) -> Self {
-        let least = match (tempo, self.in_question) {
-            (Tempo::Vibrating, _) => VIBRATING_PAIRS,
-            (Tempo::Calm, true) => QUESTIONED_PAIRS,
-            (Tempo::Calm, false) => 0,
+    pub fn for_density(self, density: KnotDensity) -> Self {
+        let least = match (density, self.in_question) {
+            (KnotDensity::Vibrating, _) => VIBRATING_PAIRS,
+            (KnotDensity::Usual, true) => QUESTIONED_PAIRS,
+            (KnotDensity::Usual, false) => 0,
         };
         let ahead = self.pairs.len().saturating_sub(self.past);
-        let skipped = self.past.saturating_sub(tempo.past().max(least.saturating_sub(ahead)));
+        let skipped = self.past.saturating_sub(density.past().max(least.saturating_sub(ahead)));
         let pairs = self.pairs.get(skipped..).unwrap_or_default();
         Self { pairs, past: self.past - skipped, ..self }
     }
@@ -62,7 +62,7 @@ impl<'a> Stretch<'a> {
         self.own_pairs().map(Pair::moved).fold(0.0, f64::max)
     }
 
-    /// Share of the matches that go their own way at the frame.
+    /// Share of the matches at the frame that do not follow the dominant motion.
     pub fn apart(self) -> f64 {
         self.own_pairs().map(Pair::apart).fold(0.0, f64::max)
     }
@@ -82,10 +82,10 @@ impl<'a> Stretch<'a> {
 
 /// Whether a pair shows enough of the picture's lines to tell a shutter from a thing that moves on its own: 0 up to a
 /// quarter of them, 1 from a half on.
-pub(super) fn breadth(pair: &Pair, reading: Reading) -> f64 {
+pub(super) fn breadth(pair: &Pair, scan_axis: ScanAxis) -> f64 {
     let mut shown = [false; LINES];
     for one in &pair.matches {
-        let line = reading.place(one.from) * LINES as f64;
+        let line = scan_axis.place(one.from) * LINES as f64;
         shown[line.clamp(0.0, LINES as f64 - 1.0) as usize] = true;
     }
     let share = shown.iter().filter(|shown| **shown).count() as f64 / LINES as f64;

@@ -33,7 +33,7 @@ const ROUNDS: usize = 4;
 
 /// Where the picture is fixed to the frame.
 #[derive(Debug)]
-pub(super) struct Fixed {
+pub(super) struct StaticOverlay {
     /// Pixels from cell to cell.
     cell: f64,
     /// Logarithms of the odds that a cell is fixed, row by row.
@@ -42,7 +42,7 @@ pub(super) struct Fixed {
     spread: f64,
 }
 
-impl Fixed {
+impl StaticOverlay {
     /// For frames of `width` × `height` pixels, whose points have this standard deviation in pixels.
     pub fn new(width: usize, height: usize, noise: f64) -> Self {
         let cell =
@@ -156,8 +156,8 @@ mod tests {
     const HEIGHT: f64 = 600.0;
     const NOISE: f64 = 0.03;
 
-    fn fixed() -> Fixed {
-        Fixed::new(WIDTH as usize, HEIGHT as usize, NOISE)
+    fn fixed() -> StaticOverlay {
+        StaticOverlay::new(WIDTH as usize, HEIGHT as usize, NOISE)
     }
 
     /// A pair of frames in which each point of a grid moves as `motion` says, and a little at random.
@@ -179,7 +179,7 @@ mod tests {
 
     /// How many matches of those that are at rest, and of the others, are taken for the scene's.
     fn kept(
-        fixed: &mut Fixed,
+        fixed: &mut StaticOverlay,
         found: &[Correspondence],
         at_rest: impl Fn(Vector2<f64>) -> bool,
     ) -> [usize; 2] {

@@ -1,16 +1,16 @@
-//! The pairs of a window, held against the path.
+//! The pairs of a window, evaluated against the path.
 //!
-//! What a pair leaves and says is kept as long as nothing that it depends on changes: where the evidence of a window
-//! was asked for, the next window, a frame later, finds all but its first and last pairs done.
+//! Residuals and normal equations of a pair are kept as long as nothing that they depend on changes: where the evidence of
+//! a window was asked for, the next window, a frame later, finds all but its first and last pairs done.
 
-use super::left::{Left, View};
 use super::normal::Normal;
 use super::pair::Pair;
 use super::path::SplinePath;
+use super::residuals::{PairResiduals, View};
 use nalgebra::Vector2;
 use rayon::prelude::*;
 
-/// What the sums of a pair depend on, beside the path.
+/// On what the normal equations of a pair depend, beside the path.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Seen {
     stamps: [f64; 2],
@@ -23,10 +23,10 @@ struct Seen {
     scene_alone: bool,
 }
 
-/// A pair that was held against the path.
+/// A pair that was evaluated against the path.
 #[derive(Clone, Debug, Default)]
-pub(super) struct Held {
-    pub left: Left,
+pub(super) struct EvaluatedPair {
+    pub residuals: PairResiduals,
     pub normal: Normal,
     /// `None` where the path has changed since.
     seen: Option<Seen>,
@@ -35,12 +35,12 @@ pub(super) struct Held {
 }
 
 /// Marks all as done before the path changed.
-pub(super) fn forget(held: &mut [Held]) {
-    held.iter_mut().for_each(|held| held.seen = None);
+pub(super) fn invalidate(evaluated: &mut [EvaluatedPair]) {
+    evaluated.iter_mut().for_each(|evaluated| evaluated.seen = None);
 }
 
 /// Holds pairs that follow one another against a path; those that were are not again.
-pub(super) fn hold(held: &mut Vec<Held>, pairs: &[&Pair], view: &View<'_>) {
+pub(super) fn evaluate(evaluated: &mut Vec<EvaluatedPair>, pairs: &[&Pair], view: &View<'_>) {
     let wanted = |(index, pair): (usize, &&Pair)| Seen {
         stamps: pair.stamps,
         first: pair.matches.first().map(|m| m.to),
@@ -50,25 +50,27 @@ pub(super) fn hold(held: &mut Vec<Held>, pairs: &[&Pair], view: &View<'_>) {
         scene_alone: view.scene_alone,
     };
     let wanted: Vec<Seen> = pairs.iter().enumerate().map(wanted).collect();
-    held.iter_mut().for_each(|held| held.move_to(view.path));
-    // What is wanted in its place, the rest wherever there is room.
-    held.resize_with(pairs.len().max(held.len()), Held::default);
+    evaluated.iter_mut().for_each(|evaluated| evaluated.move_to(view.path));
+    // Each pair that is wanted in its place, the others behind.
+    evaluated.resize_with(pairs.len().max(evaluated.len()), EvaluatedPair::default);
     for (index, wanted) in wanted.iter().enumerate() {
-        if let Some(found) = held.iter().skip(index).position(|held| held.seen == Some(*wanted)) {
-            held.swap(index, index + found);
+        if let Some(found) =
+            evaluated.iter().skip(index).position(|evaluated| evaluated.seen == Some(*wanted))
+        {
+            evaluated.swap(index, index + found);
         }
     }
-    held.truncate(pairs.len());
-    held.par_iter_mut().zip(pairs).zip(&wanted).for_each(|((held, pair), wanted)| {
-        if held.seen != Some(*wanted) {
-            view.left(pair, wanted.tracks, &mut held.left);
-            view.normal(&held.left, &mut held.normal);
-            (held.seen, held.base) = (Some(*wanted), view.path.base);
+    evaluated.truncate(pairs.len());
+    evaluated.par_iter_mut().zip(pairs).zip(&wanted).for_each(|((evaluated, pair), wanted)| {
+        if evaluated.seen != Some(*wanted) {
+            view.residuals(pair, wanted.tracks, &mut evaluated.residuals);
+            view.normal(&evaluated.residuals, &mut evaluated.normal);
+            (evaluated.seen, evaluated.base) = (Some(*wanted), view.path.base);
         }
     });
 }
 
-impl Held {
+impl EvaluatedPair {
     /// Goes on with a path that begins at another block.
     fn move_to(&mut self, path: &SplinePath) {
         if self.base != path.base && !self.normal.equations.shift(path.base - self.base, path) {
@@ -81,7 +83,7 @@ impl Held {
 #[cfg(test)]
 mod tests {
     use super::super::flow::Flow;
-    use super::super::pair::Reading;
+    use super::super::pair::ScanAxis;
     use super::super::path::{BLOCK, ratio};
     use super::*;
     use crate::correspond::Correspondence;
@@ -115,18 +117,18 @@ mod tests {
         Pair::new(&found, Vector2::zeros(), RADIUS, [stamp, stamp + 1.0], None).unwrap()
     }
 
-    fn hold_against(held: &mut Vec<Held>, pairs: &[&Pair], path: &SplinePath) {
+    fn evaluate_against(evaluated: &mut Vec<EvaluatedPair>, pairs: &[&Pair], path: &SplinePath) {
         let mut flow = Flow::default();
         flow.follow(path, [path.base as f64, path.base as f64 + 6.0], RADIUS);
-        let reading = Reading { by_rows: true, length: 1.5 };
-        hold(
-            held,
+        let scan_axis = ScanAxis { by_rows: true, length: 1.5 };
+        evaluate(
+            evaluated,
             pairs,
             &View {
                 path,
                 flow: &flow,
-                reading,
-                tempo: 1.0,
+                scan_axis,
+                density: 1.0,
                 readout: 0.7,
                 radius: RADIUS,
                 noise: 0.1,
@@ -136,22 +138,23 @@ mod tests {
     }
 
     /// Place and value of all entries of a pair's matrix, and what is left of the pair.
-    fn sums(held: &Held) -> (Vec<usize>, Vec<f64>, f64) {
-        let equations = &held.normal.equations;
+    fn sums(evaluated: &EvaluatedPair) -> (Vec<usize>, Vec<f64>, f64) {
+        let equations = &evaluated.normal.equations;
         let size = equations.places.len();
         let entries = (0..size * size).map(|k| equations.entry(k / size, k % size)).collect();
-        (equations.places.clone(), entries, held.left.sigma)
+        (equations.places.clone(), entries, evaluated.residuals.sigma)
     }
 
-    fn assert_same(held: &[Held], fresh: &[Held]) {
-        assert_eq!(held.len(), fresh.len());
-        for (held, fresh) in held.iter().map(sums).zip(fresh.iter().map(sums)) {
-            assert_eq!(held.0, fresh.0);
+    fn assert_same(evaluated: &[EvaluatedPair], fresh: &[EvaluatedPair]) {
+        assert_eq!(evaluated.len(), fresh.len());
+        for (evaluated, fresh) in evaluated.iter().map(sums).zip(fresh.iter().map(sums)) {
+            assert_eq!(evaluated.0, fresh.0);
             let largest = fresh.1.iter().fold(0.0, |most: f64, value| most.max(value.abs()));
             assert!(
-                held.1.iter().zip(&fresh.1).all(|(a, b)| (a - b).abs() < 1e-9 * largest) && largest > 0.0
+                evaluated.1.iter().zip(&fresh.1).all(|(a, b)| (a - b).abs() < 1e-9 * largest)
+                    && largest > 0.0
             );
-            assert!((held.2 - fresh.2).abs() < 1e-9);
+            assert!((evaluated.2 - fresh.2).abs() < 1e-9);
         }
     }
 
@@ -159,25 +162,25 @@ mod tests {
     fn the_next_window_finds_what_the_one_before_left() {
         let pairs: Vec<Pair> = [0.0, 1.0, 2.0, 3.0, 4.0].map(pair).into();
         let windows: [Vec<&Pair>; 2] = [pairs[..4].iter().collect(), pairs[1..].iter().collect()];
-        let (mut held, mut fresh) = (Vec::new(), Vec::new());
-        hold_against(&mut held, &windows[0], &path(-1, 2.0));
-        hold_against(&mut held, &windows[1], &path(0, 2.0));
-        hold_against(&mut fresh, &windows[1], &path(0, 2.0));
-        assert_same(&held, &fresh);
+        let (mut evaluated, mut fresh) = (Vec::new(), Vec::new());
+        evaluate_against(&mut evaluated, &windows[0], &path(-1, 2.0));
+        evaluate_against(&mut evaluated, &windows[1], &path(0, 2.0));
+        evaluate_against(&mut fresh, &windows[1], &path(0, 2.0));
+        assert_same(&evaluated, &fresh);
     }
 
     #[test]
     fn nothing_is_done_again_before_the_path_changes() {
         let pairs: Vec<Pair> = [0.0, 1.0, 2.0].map(pair).into();
         let pairs: Vec<&Pair> = pairs.iter().collect();
-        let (mut held, mut fresh) = (Vec::new(), Vec::new());
-        hold_against(&mut held, &pairs, &path(-1, 2.0));
-        hold_against(&mut fresh, &pairs, &path(-1, 5.0));
-        let before: Vec<_> = held.iter().map(sums).collect();
-        hold_against(&mut held, &pairs, &path(-1, 5.0));
-        assert_eq!(held.iter().map(sums).collect::<Vec<_>>(), before);
-        forget(&mut held);
-        hold_against(&mut held, &pairs, &path(-1, 5.0));
-        assert_same(&held, &fresh);
+        let (mut evaluated, mut fresh) = (Vec::new(), Vec::new());
+        evaluate_against(&mut evaluated, &pairs, &path(-1, 2.0));
+        evaluate_against(&mut fresh, &pairs, &path(-1, 5.0));
+        let before: Vec<_> = evaluated.iter().map(sums).collect();
+        evaluate_against(&mut evaluated, &pairs, &path(-1, 5.0));
+        assert_eq!(evaluated.iter().map(sums).collect::<Vec<_>>(), before);
+        invalidate(&mut evaluated);
+        evaluate_against(&mut evaluated, &pairs, &path(-1, 5.0));
+        assert_same(&evaluated, &fresh);
     }
 }

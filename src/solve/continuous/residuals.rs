@@ -1,7 +1,7 @@
-//! What a path leaves of a pair.
+//! The residuals of a pair: what a path does not explain of its matches.
 
 use super::flow::Flow;
-use super::pair::{Match, Pair, Reading, Track};
+use super::pair::{Match, Pair, ScanAxis, Track};
 use super::path::SplinePath;
 use super::tracks;
 use crate::motion::generators::{GENERATORS, TURNS, fields};
@@ -13,25 +13,25 @@ const OTHERS: usize = GENERATORS - TURNS;
 
 /// Bands of lines in which residuals are alike if a motion is faster than the path.
 const LINES: usize = 16;
-/// Rounds in which errors of measurement are told from what the path leaves.
+/// Rounds in which errors of measurement are told from errors of the path.
 const ROUNDS: usize = 4;
 /// Matches that tell whether those of a line have anything in common.
 const FEWEST: f64 = 4.0;
 
-/// What a pair is held against.
+/// The estimate at which a pair is evaluated.
 pub(super) struct View<'a> {
     pub path: &'a SplinePath,
     pub flow: &'a Flow,
-    pub reading: Reading,
+    pub scan_axis: ScanAxis,
     /// Blocks to a frame period.
-    pub tempo: f64,
+    pub density: f64,
     /// Signed readout time in frame periods.
     pub readout: f64,
     /// Pixels to the unit of points.
     pub radius: f64,
     /// Least standard deviation of a coordinate in pixels.
     pub noise: f64,
-    /// Whether what goes its own way in the pair is left out.
+    /// Whether matches that do not follow the pair's dominant motion are left out.
     pub scene_alone: bool,
 }
 
@@ -41,7 +41,7 @@ pub(super) struct Leg {
     pub m: Match,
     /// Blocks at which both ends are exposed.
     pub times: [f64; 2],
-    /// What the path leaves of it, in pixels.
+    /// Its residual x′ − F(x) in pixels.
     pub residual: Vector2<f64>,
     /// What the generators other than the turns move it by, in pixels: at twice the inverse depth, so much again.
     pub parallax: Vector2<f64>,
@@ -76,9 +76,9 @@ fn inverse_root(matrix: Matrix2<f64>) -> Matrix2<f64> {
     inverse.filter(|inverse| inverse.iter().all(|value| value.is_finite())).unwrap_or_else(Matrix2::identity)
 }
 
-/// What the path leaves of a pair.
+/// The residuals of a pair.
 #[derive(Clone, Debug, Default)]
-pub(super) struct Left {
+pub(super) struct PairResiduals {
     /// Match by match.
     pub legs: Vec<Leg>,
     /// The matches of the pair before that they continue, where they are of use.
@@ -93,7 +93,7 @@ pub(super) struct Left {
     squares: Vec<f64>,
 }
 
-impl Left {
+impl PairResiduals {
     /// Variance, at least `least`, of what the path leaves of a coordinate beside the errors of measurement: the fixed
     /// point of σ² = median over the matches of |r|²·σ²/(σ² + s²), s² their variance, as that of a normal distribution.
     fn misfit(&mut self, least: f64) -> f64 {
@@ -110,12 +110,12 @@ impl Left {
     /// Share of the residuals' square sum that is the same, or a turn, along a line of the sensor, 0 to 1: a motion faster
     /// than the path does the same to all that is exposed at the same time; depth, and things with motions of their
     /// own, do not.
-    pub fn share_by_line(&self, reading: Reading) -> f64 {
+    pub fn share_by_line(&self, scan_axis: ScanAxis) -> f64 {
         let mut lines = vec![Line::default(); LINES];
         let most = 2.0 * 9.0 * self.sigma * self.sigma;
         for leg in self.legs.iter().filter(|leg| leg.residual.norm_squared() < most) {
-            let place = (reading.place(leg.m.from) * LINES as f64).clamp(0.0, (LINES - 1) as f64);
-            let along = if reading.by_rows { leg.m.from.x } else { leg.m.from.y };
+            let place = (scan_axis.place(leg.m.from) * LINES as f64).clamp(0.0, (LINES - 1) as f64);
+            let along = if scan_axis.by_rows { leg.m.from.x } else { leg.m.from.y };
             if let Some(line) = lines.get_mut(place as usize) {
                 line.add(along, leg.residual);
             }
@@ -167,14 +167,14 @@ impl Line {
 impl View<'_> {
     /// Blocks at which both ends of a match are exposed.
     pub fn times(&self, stamps: [f64; 2], m: &Match) -> [f64; 2] {
-        let places = [self.reading.place(m.from), self.reading.place(m.to)];
-        [0, 1].map(|end| self.tempo * (stamps[end] + self.readout * places[end]))
+        let places = [self.scan_axis.place(m.from), self.scan_axis.place(m.to)];
+        [0, 1].map(|end| self.density * (stamps[end] + self.readout * places[end]))
     }
 
     fn leg(&self, stamps: [f64; 2], m: &Match) -> Option<Leg> {
         let times = self.times(stamps, m);
         let (from, to) = (self.flow.at(times[0])?, self.flow.at(times[1])?);
-        let places = [m.from, m.to].map(|point| self.reading.place(point) * self.tempo);
+        let places = [m.from, m.to].map(|point| self.scan_axis.place(point) * self.density);
         let (rates, values) = ([from.rates(), to.rates()], [from.values(), to.values()]);
         let rates =
             SVector::<f64, GENERATORS>::from_fn(|j, _| rates[1][j] * places[1] - rates[0][j] * places[0]);
@@ -195,7 +195,7 @@ impl View<'_> {
 
     /// Follows the path along a pair, and along the tracks that it continues if that is wanted and they may
     /// tell its parallax from its noise.
-    pub fn left(&self, pair: &Pair, tracks: bool, out: &mut Left) {
+    pub fn residuals(&self, pair: &Pair, tracks: bool, out: &mut PairResiduals) {
         out.legs.clear();
         let followed = || pair.followed(self.scene_alone);
         out.legs.extend(followed().filter_map(|(m, _)| self.leg(pair.stamps, m)));
@@ -218,7 +218,7 @@ impl View<'_> {
     }
 
     /// Follows the path along the tracks that a pair continues.
-    pub fn legs_before(&self, pair: &Pair, out: &mut Left) {
+    pub fn legs_before(&self, pair: &Pair, out: &mut PairResiduals) {
         let variance = out.sigma * out.sigma;
         let leg = |track: &Track| {
             let mut leg = self.leg(track.stamps, &track.before)?;
@@ -236,7 +236,7 @@ mod tests {
     use crate::solve::random::Random;
 
     /// What a path leaves of a grid of points, as it is given for each.
-    fn left(residual: impl FnMut(Vector2<f64>) -> Vector2<f64>) -> Left {
+    fn residuals(residual: impl FnMut(Vector2<f64>) -> Vector2<f64>) -> PairResiduals {
         let points =
             (0..384).map(|k| Vector2::new((k % 24) as f64 / 12.0 - 0.96, (k / 24) as f64 / 11.0 - 0.68));
         let mut residual = residual;
@@ -249,17 +249,17 @@ mod tests {
             by_kappa: Vector2::zeros(),
             whitening: Matrix2::identity(),
         };
-        Left { legs: points.map(leg).collect(), sigma: 1.0, ..Left::default() }
+        PairResiduals { legs: points.map(leg).collect(), sigma: 1.0, ..PairResiduals::default() }
     }
 
-    const ROWS: Reading = Reading { by_rows: true, length: 1.5 };
-    const COLUMNS: Reading = Reading { by_rows: false, length: 2.0 };
+    const ROWS: ScanAxis = ScanAxis { by_rows: true, length: 1.5 };
+    const COLUMNS: ScanAxis = ScanAxis { by_rows: false, length: 2.0 };
 
     #[test]
     fn a_whitened_residual_is_as_uncertain_as_the_others() {
         let covariance = Matrix2::new(0.5, 0.2, 0.2, 0.3);
-        let mut left = left(|_| Vector2::new(1.0, 0.0));
-        let leg = &mut left.legs[0];
+        let mut residuals = residuals(|_| Vector2::new(1.0, 0.0));
+        let leg = &mut residuals.legs[0];
         (leg.m.covariance, leg.parallax) = (covariance, Vector2::new(0.0, 2.0));
         leg.whiten(0.04);
         // W·(σ²·I + C)·Wᵀ = σ²·I.
@@ -269,7 +269,7 @@ mod tests {
         assert_eq!(leg.residual, leg.whitening.column(0));
         assert!((leg.parallax - leg.whitening.column(1) * 2.0).norm() < 1e-12);
         for strange in [f64::NAN, f64::INFINITY, -1.0] {
-            let mut leg = left.legs[1];
+            let mut leg = residuals.legs[1];
             leg.m.covariance = Matrix2::identity() * strange;
             leg.whiten(0.04);
             assert!(leg.residual.iter().all(|value| value.is_finite()), "{strange}: {}", leg.residual);
@@ -280,23 +280,23 @@ mod tests {
     fn errors_of_measurement_are_told_from_what_the_path_leaves() {
         // Two thirds of the matches are measured with a deviation of 0.5 px, the others exactly; the path leaves 0.2 px.
         let mut random = Random(8);
-        let mut left = left(|_| Vector2::zeros());
-        for (index, leg) in left.legs.iter_mut().enumerate() {
+        let mut residuals = residuals(|_| Vector2::zeros());
+        for (index, leg) in residuals.legs.iter_mut().enumerate() {
             let deviation = if index % 3 == 0 { 0.0 } else { 0.5 };
             leg.m.covariance = Matrix2::identity() * (deviation * deviation);
             let spread = deviation.hypot(0.2);
             leg.residual = Vector2::new(random.normal(), random.normal()) * spread;
         }
-        let found = left.misfit(1e-4).sqrt();
+        let found = residuals.misfit(1e-4).sqrt();
         assert!((0.16..0.24).contains(&found), "{found}");
-        left.legs.iter_mut().for_each(|leg| leg.residual = Vector2::zeros());
-        assert_eq!(left.misfit(1e-4), 1e-4);
+        residuals.legs.iter_mut().for_each(|leg| leg.residual = Vector2::zeros());
+        assert_eq!(residuals.misfit(1e-4), 1e-4);
     }
 
     #[test]
     fn a_vibration_is_common_to_the_lines_that_it_is_read_along() {
         // A shift and a roll, twice to and fro while the rows are read.
-        let vibrating = left(|at| Vector2::new((9.0 * at.y).sin(), at.x * (9.0 * at.y).cos()));
+        let vibrating = residuals(|at| Vector2::new((9.0 * at.y).sin(), at.x * (9.0 * at.y).cos()));
         assert!(vibrating.share_by_line(ROWS) > 0.9, "{}", vibrating.share_by_line(ROWS));
         assert!(vibrating.share_by_line(COLUMNS) < 0.3, "{}", vibrating.share_by_line(COLUMNS));
     }
@@ -304,11 +304,11 @@ mod tests {
     #[test]
     fn noise_and_things_of_their_own_are_common_to_no_line() {
         let mut random = Random(3);
-        let noise = left(|_| Vector2::new(random.normal(), random.normal()) * 0.5);
+        let noise = residuals(|_| Vector2::new(random.normal(), random.normal()) * 0.5);
         assert!(noise.share_by_line(ROWS) < 0.15, "{}", noise.share_by_line(ROWS));
-        let thing = left(|at| Vector2::new(f64::from(u8::from(at.norm() < 0.4)), 0.0));
+        let thing = residuals(|at| Vector2::new(f64::from(u8::from(at.norm() < 0.4)), 0.0));
         assert!(thing.share_by_line(ROWS) < 0.5, "{}", thing.share_by_line(ROWS));
-        assert_eq!(left(|_| Vector2::zeros()).share_by_line(ROWS), 0.0);
-        assert_eq!(Left::default().share_by_line(ROWS), 0.0);
+        assert_eq!(residuals(|_| Vector2::zeros()).share_by_line(ROWS), 0.0);
+        assert_eq!(PairResiduals::default().share_by_line(ROWS), 0.0);
     }
 }
