@@ -94,7 +94,7 @@ pub(super) struct Search<'a, C: Cpu> {
     pub(super) y: usize,
 }
 
-/// A displacement in pixels, and what it leaves.
+/// A displacement in pixels, and its residual.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Best {
     shift: [f32; 2],
@@ -116,7 +116,7 @@ impl Best {
 }
 
 impl<C: Cpu> Search<'_, C> {
-    /// What a displacement leaves.
+    /// The residual of a displacement.
     #[inline(always)]
     pub(super) fn at(&self, shift: [f32; 2]) -> Option<Best> {
         let corner = [self.x as f32 + shift[0], self.y as f32 + shift[1]];

@@ -13,7 +13,7 @@ const NOTICEABLE: f64 = 4.0;
 const FORESIGHT_STEPS: [usize; 2] = [36, 3];
 /// A path that leaves more than goes with this trust is not foreseen.
 const FORESEEABLE: f64 = 0.5;
-/// A path is tried at another knot density where more than this share of what it leaves is common to the matches of a line.
+/// A path is tried at another knot density where more than this share of its residuals is common to the matches of a line.
 const BY_LINE: f64 = 0.7;
 /// Readout ratios from which a vibration is looked for where the readout is unknown.
 const READOUTS: [f64; 4] = [0.9, 0.5, -0.5, -0.9];
@@ -158,7 +158,7 @@ impl Hypothesis {
         self.settled = found.unwrap_or_else(|| self.follow(window));
     }
 
-    /// Tries the other knot density where that is `free` to be asked, and adds what the window says to the beliefs if γ has come
+    /// Tries the other knot density where that is `free` to be asked, and adds the window's estimate to the beliefs if γ has come
     /// to rest.
     pub fn conclude(&mut self, window: PairWindow<'_>, starts: bool, free: bool) {
         if window.pairs.is_empty() || self.knows_little(window) {
@@ -257,7 +257,7 @@ impl Hypothesis {
         self.rests && ranked.all(|(other, solver)| !apart(&solver) || evidence - other > TOLD)
     }
 
-    /// Adds what a window says to the beliefs, as far as it is worth anything, once for each of its pairs.
+    /// Adds a window's estimate to the beliefs, weighed by its trust and divided by its number of pairs.
     fn remember(&mut self, window: PairWindow<'_>) {
         let seen = window.for_density(self.solver.density);
         self.solver.remember(self.weight(window) / seen.pairs.len() as f64);
