@@ -11,7 +11,6 @@ use rsrectify::flow::{Cell, FlowField};
 use rsrectify::motion::Model;
 use rsrectify::motion::image_centre;
 use rsrectify::readout::{Readout, ReadoutDirection, ReadoutTime};
-use rsrectify::solve::ShutterEstimator;
 use rsrectify::solve::continuous::{Camera, Continuous, PairMeasurement};
 use rsrectify::solve::residual::{FrameFlow, ResidualSolver, Still};
 use std::f64::consts::TAU;
@@ -138,15 +137,6 @@ fn bench(criterion: &mut Criterion) {
             bencher.iter(|| pool.install(|| residual.solve(&readout, &flows, &Still).velocities[0]))
         });
     }
-    let mut shutter = ShutterEstimator::new(WIDTH, HEIGHT);
-    let mut frame = 0;
-    let mut push = |shutter: &mut ShutterEstimator| {
-        shutter.push(&pairs[frame % CYCLE], PERIOD);
-        frame += 1;
-    };
-    (0..BEFORE).for_each(|_| push(&mut shutter));
-    criterion.bench_function("shutter, push", |bencher| bencher.iter(|| push(&mut shutter)));
-    criterion.bench_function("shutter, estimate", |bencher| bencher.iter(|| shutter.estimate()));
 }
 
 criterion_group!(benches, bench);

@@ -2,11 +2,14 @@
 //! the readout that they end with is wrong, whether they say so, and what they do to a picture.
 
 use crate::footage::Footage;
+use crate::methods::Corrections;
 use crate::methods::product::{self, Delay};
 use crate::metrics::displacement;
 use crate::metrics::readout::{error, signed_ratio};
+use crate::recorded::{self, Recording};
 use anyhow::{Context, Result};
 use rayon::prelude::*;
+use rsrectify::readout::Readout;
 use rsrectify::rectifier::Estimator;
 
 /// Frames of a run.
@@ -18,14 +21,18 @@ const LOOKAHEADS: [usize; 6] = [0, 1, 2, 3, 4, 8];
 const WRONG: f64 = 0.05;
 /// A run that is off by more than so many of the deviations that it states is sure and wrong.
 const SURE: f64 = 3.0;
+/// A frame whose RMS displacement is above its input's by more pixels is bent.
+const HARM: f64 = 0.3;
+/// Standard deviations to either side in which 95 of 100 normal errors lie.
+const INTERVAL: f64 = 1.96;
 
 /// Frames that a sequence needs for all runs.
 pub const NEEDED_FRAMES: usize = STARTS[STARTS.len() - 1] + FRAMES;
 
 /// The heading of the rows of [`Blind::row`].
 pub const HEADING: &str = "| sequence | seed | runs | wrong axis | wrong edge | off by more than 0.05 | these: sure | \
-                           error, median | left, median | left, worst | worst frame above its input px |\n\
-                           |---|---|---|---|---|---|---|---|---|---|---|";
+                           error, median | inside the 95 % interval | left, median | left, worst | worst frame above its input px |\n\
+                           |---|---|---|---|---|---|---|---|---|---|---|---|";
 
 /// What became of one run.
 #[derive(Clone, Copy, Debug)]
@@ -39,6 +46,8 @@ struct Run {
     is_edge_right: bool,
     /// Of the readout ratio, in frame periods.
     error: f64,
+    /// Share of the frames whose true readout ratio lies within the stated 95 % interval.
+    covered: f64,
     /// Displacement left, RMS, as a share of the uncorrected one.
     left: f64,
     /// By how much the RMS displacement of a frame is above that of its input, in pixels, at most.
@@ -58,10 +67,23 @@ impl Blind {
     /// # Errors
     /// If the rectifier refuses a frame, or there are too few.
     pub fn of(footage: &Footage) -> Result<Self> {
+        Self::with(footage, |start, lookahead| run(footage, start, lookahead))
+    }
+
+    /// The same from measurements that are made once, by which estimators are compared on the same data.
+    ///
+    /// # Errors
+    /// If there are too few frames.
+    pub fn recorded(footage: &Footage) -> Result<Self> {
+        let recording = Recording::of(footage)?;
+        Self::with(footage, |start, lookahead| replay(footage, &recording, start, lookahead))
+    }
+
+    fn with(footage: &Footage, run: impl Fn(usize, usize) -> Result<Run> + Sync) -> Result<Self> {
         let cases: Vec<[usize; 2]> =
             STARTS.iter().flat_map(|start| LOOKAHEADS.map(|lookahead| [*start, lookahead])).collect();
         let runs: Result<Vec<Run>> =
-            cases.into_par_iter().map(|[start, lookahead]| run(footage, start, lookahead)).collect();
+            cases.into_par_iter().map(|[start, lookahead]| run(start, lookahead)).collect();
         let settings = footage.settings();
         Ok(Self { name: settings.name.clone(), seed: settings.seed, runs: runs? })
     }
@@ -75,9 +97,10 @@ impl Blind {
             values
         };
         let (errors, left, harm) = (sorted(|run| run.error), sorted(|run| run.left), sorted(|run| run.harm));
+        let covered = self.runs.iter().map(|run| run.covered).sum::<f64>() / self.runs.len() as f64;
         let [middle, last] = [self.runs.len() / 2, self.runs.len() - 1];
         format!(
-            "| {} | {} | {} | {} | {} | {} | {} | {:.3} | {:.1} % | {:.1} % | {:+.2} |",
+            "| {} | {} | {} | {} | {} | {} | {} | {:.3} | {:.0} % | {:.1} % | {:.1} % | {:+.2} |",
             self.name,
             self.seed,
             self.runs.len(),
@@ -86,15 +109,16 @@ impl Blind {
             count(&Run::is_wrong),
             count(&|run| run.is_wrong() && run.is_sure()),
             errors[middle],
+            100.0 * covered,
             100.0 * left[middle],
             100.0 * left[last],
             harm[last],
         )
     }
 
-    /// A line for each run that ends with a wrong readout.
+    /// A line for each run that ends with a wrong readout, or that bends a frame.
     pub fn wrong(&self) -> impl Iterator<Item = String> {
-        self.runs.iter().filter(|run| run.is_wrong()).map(|run| {
+        self.runs.iter().filter(|run| run.is_wrong() || run.harm > HARM).map(|run| {
             format!(
                 "  from frame {}, lookahead {}: {:+.3} ± {:.3}{}, left {:.1} %, worst frame {:+.2} px",
                 run.start,
@@ -120,16 +144,35 @@ impl Run {
 }
 
 fn run(footage: &Footage, start: usize, lookahead: usize) -> Result<Run> {
-    let settings = footage.settings();
-    let frames = start..start + FRAMES;
-    let truths = footage.truth.get(frames.clone()).context("a sequence is shorter than its runs")?;
-    let period = 1.0 / settings.delivered_fps();
-    let told = product::settings(settings, Delay::Unknown, Estimator::Continuous, lookahead);
-    let solutions = product::solve_frames(footage, frames, told)?;
-    let last = solutions.last().context("a run needs a frame")?;
-    let (readout, truth) = (*last.motion.readout(), footage.readout());
-    let deviation = last.readout_deviation;
-    let corrections = product::corrections(solutions);
+    let told = product::settings(footage.settings(), Delay::Unknown, Estimator::Continuous, lookahead);
+    let solutions = product::solve_frames(footage, start..start + FRAMES, told)?;
+    let stated = solutions.iter().map(|solution| (*solution.motion.readout(), solution.readout_deviation));
+    let stated = stated.collect();
+    judged(footage, start, lookahead, stated, &product::corrections(solutions))
+}
+
+fn replay(footage: &Footage, recording: &Recording, start: usize, lookahead: usize) -> Result<Run> {
+    let told = product::settings(footage.settings(), Delay::Unknown, Estimator::Continuous, lookahead);
+    let estimates = recording.estimate(start..start + FRAMES, &told)?;
+    let stated = estimates.iter().map(|estimate| (estimate.readout, estimate.readout_deviation)).collect();
+    judged(footage, start, lookahead, stated, &recorded::corrections(estimates))
+}
+
+/// Judges a run by the shutters stated with each frame and their deviations, and by its corrections.
+fn judged(
+    footage: &Footage,
+    start: usize,
+    lookahead: usize,
+    stated: Vec<(Readout, f64)>,
+    corrections: &Corrections,
+) -> Result<Run> {
+    let truths = footage.truth.get(start..start + FRAMES).context("a sequence is shorter than its runs")?;
+    let period = 1.0 / footage.settings().delivered_fps();
+    let truth = footage.readout();
+    let is_covered =
+        |(readout, deviation): &&(Readout, f64)| error(readout, &truth, period) <= INTERVAL * deviation;
+    let covered = stated.iter().filter(is_covered).count() as f64 / stated.len().max(1) as f64;
+    let (readout, deviation) = *stated.last().context("a run needs a frame")?;
     let uncorrected =
         displacement::uncorrected(truths.iter().flat_map(|truth| truth.samples.iter().copied()));
     Ok(Run {
@@ -140,8 +183,9 @@ fn run(footage: &Footage, start: usize, lookahead: usize) -> Result<Run> {
         is_axis_right: readout.direction().is_by_rows() == truth.direction().is_by_rows(),
         is_edge_right: readout.direction() == truth.direction(),
         error: error(&readout, &truth, period),
-        left: displacement::left(truths, &corrections).share_of(&uncorrected).unwrap_or(0.0),
-        harm: displacement::worst_above_input(truths, &corrections),
+        covered,
+        left: displacement::left(truths, corrections).share_of(&uncorrected).unwrap_or(0.0),
+        harm: displacement::worst_above_input(truths, corrections),
     })
 }
 
@@ -159,6 +203,7 @@ mod tests {
             is_axis_right: true,
             is_edge_right: ratio > 0.0,
             error,
+            covered: 1.0,
             left: 0.1,
             harm: -1.0,
         }

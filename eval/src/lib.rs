@@ -33,6 +33,7 @@ pub mod methods;
 pub mod metrics;
 pub mod pairs;
 pub mod readout;
+pub mod recorded;
 pub mod report;
 pub mod scene;
 pub mod sequence;

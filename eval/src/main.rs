@@ -81,6 +81,9 @@ enum Command {
     /// Runs the library without a word about the camera, from several frames on and with several lookaheads, and counts
     /// the wrong readouts. Without names, of all sequences that a rolling shutter distorts.
     Blind {
+        /// Measures each sequence once and runs only the estimator: quicker, and on the same data whatever estimates.
+        #[arg(long)]
+        recorded: bool,
         #[command(flatten)]
         chosen: Chosen,
     },
@@ -247,7 +250,7 @@ fn main() -> Result<()> {
         }
         Command::Readout { clip: Some(file), .. } => readout_of_clip(&file),
         Command::Readout { clip: None, chosen } => chosen.print(readout::HEADING, readout::row),
-        Command::Blind { chosen } => blind(&chosen),
+        Command::Blind { recorded, chosen } => blind(&chosen, recorded),
         Command::Flow { export: Some(folder), chosen, .. } => {
             let export = |settings| dense::export(&chosen.footage(settings)?, &folder);
             chosen.settings()?.into_iter().try_for_each(export)
@@ -290,13 +293,14 @@ fn render(settings: Settings, out: &std::path::Path) -> Result<()> {
     video::write(out, size, fps, Sequence::new(settings).frames()?)
 }
 
-fn blind(chosen: &Chosen) -> Result<()> {
+fn blind(chosen: &Chosen, recorded: bool) -> Result<()> {
     let all = || sequence::catalogue().into_iter().chain(sequence::hard());
     let distorted =
         || all().filter(|settings| settings.readout_ratio > 0.0 && settings.width < 1000).collect();
     println!("{}", blind::HEADING);
     for settings in if chosen.sequence.is_empty() { distorted() } else { chosen.settings()? } {
-        let blind = Blind::of(&chosen.footage(Settings { frames: blind::NEEDED_FRAMES, ..settings })?)?;
+        let footage = chosen.footage(Settings { frames: blind::NEEDED_FRAMES, ..settings })?;
+        let blind = if recorded { Blind::recorded(&footage)? } else { Blind::of(&footage)? };
         println!("{}", blind.row());
         blind.wrong().for_each(|line| eprintln!("{line}"));
     }
@@ -305,9 +309,8 @@ fn blind(chosen: &Chosen) -> Result<()> {
 
 fn readout_of_clip(file: &std::path::Path) -> Result<()> {
     let clip = media::decode(file)?;
-    let size = [clip.width, clip.height];
     let found = readout::of_clip(&clip)?;
-    println!("{}", found.map_or("nothing is known".into(), |found| readout::cells(&found, size, clip.fps)));
+    println!("{}", readout::cells(&found, clip.fps));
     Ok(())
 }
 

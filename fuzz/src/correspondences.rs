@@ -10,7 +10,7 @@ use rsrectify::readout::Readout;
 use rsrectify::solve::continuous::{Camera, Continuous, Motion, PairMeasurement};
 use rsrectify::solve::link::{Known, Scratch};
 use rsrectify::solve::residual::{FrameFlow, ResidualSolver, Still};
-use rsrectify::solve::{Link, ShutterEstimator, Window};
+use rsrectify::solve::{Link, Window};
 
 const WIDTH: usize = 640;
 const HEIGHT: usize = 480;
@@ -37,7 +37,6 @@ fn window(u: &mut Unstructured<'_>) -> Result<()> {
     };
     let mut continuous = Continuous::new(camera, WIDTH, HEIGHT, 1.0);
     let mut sequential = Window::default();
-    let mut shutter = ShutterEstimator::new(WIDTH, HEIGHT);
     let mut residual = ResidualSolver::default();
     let direction = *u.choose(&DIRECTIONS)?;
     let (mut time, mut waiting) = (0.0, 0);
@@ -67,10 +66,6 @@ fn window(u: &mut Unstructured<'_>) -> Result<()> {
             assert!(settled.is_none_or(|settled| settled.fit.twist.is_finite()), "{settled:?}");
         }
 
-        shutter.push(&pair, interval);
-        if let Some(estimate) = shutter.estimate() {
-            assert!(estimate.time.is_finite() && estimate.confidence.is_finite(), "{estimate:?}");
-        }
         let [there, back] = &fields;
         let flows = [FrameFlow { field: there, interval }, FrameFlow { field: back, interval: -interval }];
         let cells = residual.solve(&readout, &flows, &Still);

@@ -5,7 +5,7 @@
 //! | [`measurement`] | measurement constraint 25.4 and its sparse Levenberg–Marquardt |
 //! | `start` | (a start that survives outliers; the paper has none) |
 //! | [`link`] | one pair: uniform rotation 25.6, sequential steps 25.7–25.10 |
-//! | [`shutter`] | (readout time and direction from the picture; the paper takes them as known) |
+//! | [`continuous`] | (a path through all frames of a window, and with it readout time and direction; the paper takes these as known) |
 //! | [`residual`] | (what parallax adds to the global path; the paper has none) |
 //! | [`window`] | least E over the window, both directions, final choice 25.4.1.3 |
 //!
@@ -19,12 +19,10 @@ mod median;
 #[cfg(test)]
 mod random;
 pub mod residual;
-pub mod shutter;
 mod start;
 pub mod window;
 
 pub use link::{Fit, Link};
-pub use shutter::{ReadoutEstimate, ShutterEstimator, Verdict};
 pub use window::{Candidate, Origin, Window};
 
 #[cfg(test)]

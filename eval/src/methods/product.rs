@@ -6,7 +6,7 @@ use crate::scene::Frame;
 use crate::sequence;
 use anyhow::{Context, Result};
 use nalgebra::Vector2;
-use rsrectify::motion::image_centre;
+use rsrectify::motion::{FrameMotion, image_centre};
 use rsrectify::plane::{Luma, Plane, PlaneLayout, SampleFormat};
 use rsrectify::readout::ReadoutTime;
 use rsrectify::rectifier::{Duplicate, Estimator, FrameSolution, Rectifier, Settings};
@@ -90,18 +90,23 @@ pub fn corrections(solutions: Vec<FrameSolution>) -> Corrections {
 
 /// Where a solution takes a pixel: to the middle of the readout, as far as it is applied.
 pub fn corrected(solution: &FrameSolution, pixel: Vector2<f64>) -> Vector2<f64> {
-    let (readout, path) = (solution.motion.readout(), solution.motion.path());
+    carried(&solution.motion, pixel)
+}
+
+/// Where a motion takes a pixel: to the middle of the readout, as far as it is applied.
+pub fn carried(motion: &FrameMotion, pixel: Vector2<f64>) -> Vector2<f64> {
+    let (readout, path) = (motion.readout(), motion.path());
     let centre = image_centre(readout.width(), readout.height());
     let share = readout.share(pixel.x, pixel.y);
     let carried = path.carry(pixel - centre, share, 0.5) + centre;
-    pixel + (carried - pixel) * solution.motion.weight()
+    pixel + (carried - pixel) * motion.weight()
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::sequence::Sequence;
-    use rsrectify::motion::{FrameMotion, MotionPath, Twist};
+    use rsrectify::motion::{MotionPath, Twist};
     use rsrectify::readout::{Readout, ReadoutDirection};
 
     #[test]

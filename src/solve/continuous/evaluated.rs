@@ -20,7 +20,6 @@ struct Seen {
     kappa: f64,
     /// Whether the path reaches to the pair before.
     tracks: bool,
-    scene_alone: bool,
 }
 
 /// A pair that was evaluated against the path.
@@ -47,7 +46,6 @@ pub(super) fn evaluate(evaluated: &mut Vec<EvaluatedPair>, pairs: &[&Pair], view
         readout: view.readout,
         kappa: view.path.kappa,
         tracks: index > 0,
-        scene_alone: view.scene_alone,
     };
     let wanted: Vec<Seen> = pairs.iter().enumerate().map(wanted).collect();
     evaluated.iter_mut().for_each(|evaluated| evaluated.move_to(view.path));
@@ -124,16 +122,7 @@ mod tests {
         evaluate(
             evaluated,
             pairs,
-            &View {
-                path,
-                flow: &flow,
-                scan_axis,
-                density: 1.0,
-                readout: 0.7,
-                radius: RADIUS,
-                noise: 0.1,
-                scene_alone: false,
-            },
+            &View { path, flow: &flow, scan_axis, density: 1.0, readout: 0.7, radius: RADIUS, noise: 0.1 },
         );
     }
 

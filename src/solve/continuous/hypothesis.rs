@@ -1,10 +1,13 @@
 //! One way in which the sensor may be read, with a solver of its own.
 
+use super::evidence::EvidenceRecord;
 use super::pair_window::{PairWindow, breadth};
 use super::search::{STEPS, Search, TOLD, VAGUE, iterate};
 use super::solver::{KnotDensity, Solver};
 use crate::readout::ReadoutDirection;
 
+/// Logarithm of the odds that a camera vibrates faster than the usual knots follow.
+const VIBRATES: f64 = -5.0;
 /// Residuals below this many times the noise floor count as noise.
 const NOTICEABLE: f64 = 4.0;
 /// Steps, at most, where it is learnt how a vibration goes on, to the first path and to each one after it: that needs
@@ -15,15 +18,15 @@ const FORESIGHT_STEPS: [usize; 2] = [36, 3];
 const FORESEEABLE: f64 = 0.5;
 /// A path is tried at another knot density where more than this share of its residuals is common to the matches of a line.
 const BY_LINE: f64 = 0.7;
-/// Readout ratios from which a vibration is looked for where the readout is unknown.
-const READOUTS: [f64; 4] = [0.9, 0.5, -0.5, -0.9];
+/// Readout ratios, by the direction of a hypothesis, from which a vibration is looked for where the readout is unknown.
+const READOUTS: [f64; 2] = [0.9, 0.5];
 /// Size of the readout ratio beside the one in hand from which a vague one is sought.
 const END: f64 = 0.9;
 /// A readout ratio that is known as well as this, or that is so many deviations from none, may be relied upon.
 const WELL_KNOWN: f64 = 0.02;
 const EVIDENT: f64 = 4.0;
 /// Frames from one trial of another knot density, or search for the readout, to the next.
-pub(super) const TRIAL: usize = 15;
+const TRIAL: usize = 15;
 
 /// Pairs to which a fit is begun while more are to come.
 const LEAST_PAIRS: usize = 2;
@@ -39,11 +42,12 @@ pub(super) struct Hypothesis {
     /// The least and the greatest γ, in intervals between frames.
     pub signs: [f64; 2],
     pub solver: Solver,
-    /// Logarithm of its likelihood, up to a constant.
+    /// Logarithm of its probability before anything was seen, and by what was, up to a constant.
+    pub prior: f64,
     pub score: f64,
-    /// The same by the rough estimate.
-    pub rough: f64,
-    /// Frames since another knot density was tried.
+    /// How well it explains the windows so far.
+    pub evidence: EvidenceRecord,
+    /// Frames since the other knot density was tried.
     since_trial: usize,
     /// Frames since γ was sought from several starts, if ever.
     since_sought: Option<usize>,
@@ -67,8 +71,9 @@ impl Hypothesis {
             direction,
             signs,
             solver,
+            prior: 0.0,
             score: 0.0,
-            rough: 0.0,
+            evidence: EvidenceRecord::default(),
             since_trial: TRIAL,
             since_sought: None,
             rests: true,
@@ -80,15 +85,16 @@ impl Hypothesis {
         }
     }
 
-    /// Logarithm of the likelihood, up to a constant.
-    pub fn likelihood(&self) -> f64 {
-        self.score + self.rough
-    }
-
     /// Whether γ is known, be it that there is none.
     pub fn knows_readout(&self) -> bool {
         let deviation = self.solver.readout_deviation();
         deviation < WELL_KNOWN || self.solver.shared[0].abs() > EVIDENT * deviation
+    }
+
+    /// Whether its path vibrates, or is tried for that.
+    pub fn looks_for_vibration(&self) -> bool {
+        let is_vibrating = |solver: &Solver| solver.density == KnotDensity::Vibrating;
+        is_vibrating(&self.solver) || self.trial.is_some() && !is_vibrating(&self.solver)
     }
 
     /// Whether the readout ratio is too uncertain to be reached from any start.
@@ -101,7 +107,7 @@ impl Hypothesis {
         let [low, high] = self.solver.limits[0];
         let is_same_axis = self.direction.is_by_rows() == other.direction.is_by_rows();
         let distance = (self.solver.shared[0] - other.solver.shared[0]).abs();
-        low < high && is_same_axis && distance < VAGUE
+        low < high && is_same_axis && distance < VAGUE && self.solver.density == other.solver.density
     }
 
     /// Readout ratios from which a fit is begun: the one in hand and, where that is vague, the end of its direction. What
@@ -120,13 +126,6 @@ impl Hypothesis {
         let starts = self.starts(self.is_vague());
         let search = self.prepared.get_or_insert_with(|| Search::new(&self.solver, &starts));
         search.prepare(window, prepared_steps(window), &self.solver);
-    }
-
-    /// Goes on along another path.
-    pub fn go_over(&mut self, other: &Self) {
-        self.drop_searches();
-        self.solver = other.solver.clone();
-        (self.rests, self.settled, self.since_sought) = (other.rests, other.settled, other.since_sought);
     }
 
     /// Drops the fits beside the one in hand.
@@ -158,18 +157,11 @@ impl Hypothesis {
         self.settled = found.unwrap_or_else(|| self.follow(window));
     }
 
-    /// Tries the other knot density where that is `free` to be asked, and adds the window's estimate to the beliefs if γ has come
-    /// to rest.
-    pub fn conclude(&mut self, window: PairWindow<'_>, starts: bool, free: bool) {
-        if window.pairs.is_empty() || self.knows_little(window) {
-            return;
-        }
+    /// Adds the window's estimate to the beliefs if γ has come to rest.
+    pub fn conclude(&mut self, window: PairWindow<'_>) {
         self.since_trial += 1;
-        if let Some(rests) = free.then(|| self.try_density(window, starts)).flatten() {
-            self.settled = rests;
-        }
-        if self.settled {
-            self.remember(window);
+        if self.settled && !window.pairs.is_empty() && !self.knows_little(window) {
+            self.solver.remember(self.weight(window) / window.pairs.len() as f64);
         }
     }
 
@@ -230,15 +222,15 @@ impl Hypothesis {
     /// Share of what a window says that counts: as much as the path explains at its frame, and none where so few lines
     /// show anything that a thing of its own may be all that moves.
     pub fn weight(&self, window: PairWindow<'_>) -> f64 {
-        let window = window.for_density(self.solver.density);
         let innovation_deviation =
             window.beside().filter_map(|index| self.solver.innovation_deviation(index)).fold(0.0, f64::max);
         self.breadth(window) * self.solver.explained(innovation_deviation, window.moved())
     }
 
-    /// Logarithm of the evidence of a pair of the window, up to a constant.
-    pub fn evidence(&mut self, window: PairWindow<'_>) -> Option<f64> {
-        evidence(&mut self.solver, window)
+    /// Logarithm of the evidence of a window for each of its pairs, up to a constant.
+    pub fn log_evidence(&mut self, window: PairWindow<'_>) -> Option<f64> {
+        let evidence = self.solver.evidence(window.pairs)?;
+        Some(evidence / window.pairs.len().max(1) as f64)
     }
 
     /// Goes on from the likeliest of the fits; whether γ came to rest where no other one is nearly as likely. Later
@@ -251,21 +243,14 @@ impl Hypothesis {
         let Some((_, best)) = ranked.next() else { return false };
         self.solver = best;
         self.rests = iterate(&mut self.solver, window, steps);
-        let pairs = window.for_density(self.solver.density).pairs;
-        let Some(evidence) = self.solver.evidence(pairs) else { return false };
+        let Some(evidence) = self.solver.evidence(window.pairs) else { return false };
         let apart = |solver: &Solver| (solver.shared[0] - self.solver.shared[0]).abs() > VAGUE;
         self.rests && ranked.all(|(other, solver)| !apart(&solver) || evidence - other > TOLD)
     }
 
-    /// Adds a window's estimate to the beliefs, weighed by its trust and divided by its number of pairs.
-    fn remember(&mut self, window: PairWindow<'_>) {
-        let seen = window.for_density(self.solver.density);
-        self.solver.remember(self.weight(window) / seen.pairs.len() as f64);
-    }
-
     /// Whether the path leaves what one of the other knot density may explain.
     fn wants_other_density(&self, window: PairWindow<'_>) -> bool {
-        let own = window.for_density(self.solver.density).own();
+        let own = window.own();
         let is_noticed = self
             .solver
             .innovation_deviation(own)
@@ -275,54 +260,45 @@ impl Hypothesis {
         is_noticed && self.moves(window) && is_wanted()
     }
 
-    /// Goes over to the other knot density where that is worth it; whether γ came to rest there.
-    fn try_density(&mut self, window: PairWindow<'_>, starts: bool) -> Option<bool> {
+    /// A hypothesis of the other knot density where the path leaves what that may explain, once it has been fitted.
+    pub fn challenger(&mut self, window: PairWindow<'_>, starts: bool) -> Option<Self> {
+        if window.pairs.is_empty() || self.knows_little(window) {
+            return None;
+        }
         if self.trial.is_none() && self.since_trial >= TRIAL && self.wants_other_density(window) {
             self.since_trial = 0;
             let density = self.solver.density.other();
-            let readouts =
-                if density == KnotDensity::Vibrating && self.is_vague() { &READOUTS[..] } else { &[] };
-            self.trial = Some(Search::with_density(&self.solver, density, readouts));
+            let is_sought = density == KnotDensity::Vibrating && self.is_vague();
+            let sign = if self.direction.is_reversed() { -1.0 } else { 1.0 };
+            let readouts = if is_sought { READOUTS.map(|ratio| sign * ratio).to_vec() } else { Vec::new() };
+            self.trial = Some(Search::with_density(&self.solver, density, &readouts));
         }
         let trial = self.trial.as_mut()?;
         let steps = if starts { STEPS[0] } else { trial.pace(window, false) };
         trial.advance(window, steps, &self.solver);
         let trial = self.trial.take_if(|trial| trial.is_done())?;
-        let (_, mut other) = trial.ranked(window).into_iter().next()?;
-        let others = evidence(&mut other, window)?;
-        let own = evidence(&mut self.solver.clone(), window)?;
-        // Per pair: the two knot densities look at different numbers of them.
-        let pairs = window.for_density(KnotDensity::Usual).pairs.len() as f64;
-        let trust = self.solver.trust_in_evidence().max(other.trust_in_evidence());
-        if trust * pairs * (others - own) <= TOLD {
-            return None;
-        }
+        let (_, mut solver) = trial.ranked(window).into_iter().next()?;
         // What things of their own do is no vibration, and does not go on as one; and what has only a past says too
         // little of how it goes on.
         let is_ahead = window.pairs.len() > window.past;
-        other.foresees =
-            is_ahead && other.density == KnotDensity::Vibrating && other.trust_in_evidence() > FORESEEABLE;
-        self.solver = other;
-        // Its paths are of the knot density that was.
-        self.search = None;
-        self.foresight = 0;
-        let steps = match (self.solver.is_foreseeing(), starts) {
-            (true, true) => self.foresight_steps(FORESIGHT_STEPS[0]),
-            (true, false) => self.foresight_steps(STEPS[0]),
+        let is_explained = solver.trust_in_evidence() > FORESEEABLE;
+        solver.foresees = is_ahead && solver.density == KnotDensity::Vibrating && is_explained;
+        let mut other = Self::new(self.direction, self.signs, solver);
+        let odds = if other.solver.density == KnotDensity::Vibrating { VIBRATES } else { -VIBRATES };
+        (other.prior, other.since_trial, other.since_sought) = (self.prior + odds, 0, self.since_sought);
+        other.score = other.prior;
+        let steps = match (other.solver.is_foreseeing(), starts) {
+            (true, true) => other.foresight_steps(FORESIGHT_STEPS[0]),
+            (true, false) => other.foresight_steps(STEPS[0]),
             (false, true) => FORESIGHT_STEPS[0],
             (false, false) => STEPS[0],
         };
-        Some(iterate(&mut self.solver, window, steps))
+        other.settled = iterate(&mut other.solver, window, steps);
+        Some(other)
     }
 }
 
 /// Steps of the fits from several starts with a pair that comes before the first frame is due.
-pub(super) fn prepared_steps(window: PairWindow<'_>) -> usize {
+fn prepared_steps(window: PairWindow<'_>) -> usize {
     PREPARED_STEPS[usize::from(!window.is_short())]
-}
-
-/// Logarithm of the evidence of a pair of a window, up to a constant.
-fn evidence(solver: &mut Solver, window: PairWindow<'_>) -> Option<f64> {
-    let pairs = window.for_density(solver.density).pairs;
-    solver.evidence(pairs).map(|evidence| evidence / pairs.len().max(1) as f64)
 }

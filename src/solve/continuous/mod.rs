@@ -22,7 +22,8 @@
 //! | `search` | fits from several starts, side by side |
 //! | `pair_window` | the pairs that a path is fitted to |
 //! | `hypothesis` | one edge that may be read first: a solver, its knot density, its likelihood |
-//! | `scene` | whether the path stands for the scene alone |
+//! | `bank` | the hypotheses about the camera: its posterior, what is stated and applied of it |
+//! | `evidence` | which of two hypotheses the frames so far speak for |
 //! | `camera` | what is known of the camera, and believed of the rest |
 //! | `stream` | frames in, motions out: window, choice of the axis, confidence, residual field |
 //!
@@ -37,10 +38,12 @@
 //! The equations, one by one, are in `docs/method.md`.
 
 mod banded;
+mod bank;
 mod camera;
 mod dominant;
 mod equations;
 mod evaluated;
+mod evidence;
 mod flow;
 mod hypothesis;
 mod normal;
@@ -52,7 +55,6 @@ mod pixels;
 mod prediction;
 mod residuals;
 mod running;
-mod scene;
 mod search;
 mod smoothness;
 mod solver;

@@ -22,10 +22,6 @@ use nalgebra::{Matrix2, SMatrix, SVector};
 const BANDS: usize = 24;
 /// Degrees of freedom of Student's t, as which residuals are distributed.
 const FREEDOM: f64 = 4.0;
-/// Share of the matches that belong to nothing that a path stands for: they lie anywhere within …
-const OUTLIERS: f64 = 0.1;
-/// … this distance in radii, the farthest that the flow is searched.
-const FARTHEST: f64 = 0.5;
 /// However many correspondences a pair has, they are worth no more than so many independent ones of equal weight: what the
 /// path does not explain is alike in neighbours.
 const INDEPENDENT_MATCHES: f64 = 25.0;
@@ -45,7 +41,7 @@ pub(super) struct Normal {
     /// Sum of the correspondences' weights.
     weight: f64,
     bands: Vec<Band>,
-    squares: Vec<f64>,
+    squares: Vec<(f64, f64)>,
 }
 
 impl Normal {
@@ -55,32 +51,37 @@ impl Normal {
     }
 
     /// Logarithm of the likelihood of what is new in the pair, up to a constant, for as many matches as are
-    /// independent; `radius` in pixels.
-    pub fn log_likelihood(&self, residuals: &PairResiduals, radius: f64) -> f64 {
+    /// independent.
+    pub fn log_likelihood(&self, residuals: &PairResiduals) -> f64 {
         let likely = residuals.legs.iter().zip(&residuals.before).map(|(leg, before)| {
             let new = self.scatter.innovation(leg, before.as_ref());
-            let inverse_scale = new.weight.determinant() * leg.whitening.determinant().powi(2);
-            density(new.square(), inverse_scale, radius).ln()
+            let [scene, other] = densities_of(&new, leg, residuals.others);
+            (scene + other).ln()
         });
         independent_share(residuals) * likely.filter(|likely| likely.is_finite()).sum::<f64>()
     }
 }
 
-/// Density of a match, up to a constant, at a squared distance in units of its scale, with the determinant of its inverse
-/// scale.
+/// Densities of a match as one of the scene and as anything else, each times its prior probability, up to a constant.
 ///
-/// It is of Student's t about the path or, as an outlier, anywhere: with the tails of t alone a path that fits two thirds
-/// of the matches well is as likely as one that fits all of them badly.
-fn density(square: f64, determinant: f64, radius: f64) -> f64 {
-    let student = (1.0 + square / FREEDOM).powf(-(FREEDOM + 2.0) / 2.0) * determinant.sqrt();
-    // Uniform over a disc, times the 2π that t lacks as well.
-    student + 2.0 * OUTLIERS / (FARTHEST * radius).powi(2)
+/// The scene's are distributed as Student's t about the path, all others about evenly over as far as points move in the
+/// pair, `others` being their variance: with the tails of t alone a path that fits two thirds of the matches well is as likely
+/// as one that fits all of them badly.
+fn densities(prior: f64, square: f64, inverse_scale: f64, others: f64) -> [f64; 2] {
+    let student = (1.0 + square / FREEDOM).powf(-(FREEDOM + 2.0) / 2.0) * inverse_scale;
+    [prior * student, (1.0 - prior) / others]
+}
+
+/// Of what is new in a match.
+fn densities_of(new: &Innovation, leg: &Leg, others: f64) -> [f64; 2] {
+    let inverse_scale = new.weight.determinant().sqrt() * leg.whitening.determinant();
+    densities(leg.prior, new.square(), inverse_scale, others)
 }
 
 /// How many independent matches one is worth: of weights w, there are as many as (Σw)²/Σw² equal ones (L. Kish, *Survey
 /// Sampling*, 1965).
 fn independent_share(residuals: &PairResiduals) -> f64 {
-    let weights = residuals.legs.iter().map(|leg| leg.whitening.norm_squared());
+    let weights = residuals.legs.iter().map(|leg| leg.prior * leg.whitening.norm_squared());
     let [sum, squares] = weights.fold([0.0; 2], |[sum, squares], w| [sum + w, squares + w * w]);
     if sum > 0.0 { (INDEPENDENT_MATCHES * squares / (sum * sum)).min(1.0) } else { 0.0 }
 }
@@ -102,7 +103,8 @@ impl View<'_> {
         out.shared_right = SVector::zeros();
         for (leg, before) in residuals.legs.iter().zip(&residuals.before) {
             let mut new = scatter.innovation(leg, before.as_ref());
-            new.weight *= independent * (FREEDOM + 2.0) / (FREEDOM + new.square());
+            let [scene, other] = densities_of(&new, leg, residuals.others);
+            new.weight *= independent * (FREEDOM + 2.0) / (FREEDOM + new.square()) * scene / (scene + other);
             if !new.weight.iter().all(|weight| weight.is_finite()) {
                 continue;
             }

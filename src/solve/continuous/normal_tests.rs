@@ -49,7 +49,6 @@ impl Setting {
             readout: self.readout,
             radius: RADIUS,
             noise: NOISE,
-            scene_alone: false,
         })
     }
 
@@ -182,11 +181,13 @@ fn the_normal_equations_are_those_of_the_residuals() {
         let pair = setting.pair(1.0);
         let (evaluated, normal) = setting.sums(&pair);
         let residuals = setting.residuals(&pair);
-        // Student's t with four degrees of freedom: weight (4 + 2)/(4 + r²/σ²)/σ², a pair being worth 25.
+        // Student's t with four degrees of freedom: weight (4 + 2)/(4 + r²/σ²)/σ², a pair being worth 25, times the
+        // probability that a match shows the scene.
         let variance = evaluated.sigma * evaluated.sigma;
         let weight = |r: &Vector2<f64>| {
             let square = r.norm_squared() / variance;
-            25.0 / 300.0 / variance * 6.0 / (4.0 + square)
+            let [scene, other] = densities(0.9, square, variance.recip(), evaluated.others);
+            25.0 / 300.0 / variance * 6.0 / (4.0 + square) * scene / (scene + other)
         };
         let sum = |a: &[Vector2<f64>], b: &[Vector2<f64>]| -> f64 {
             residuals.iter().zip(a.iter().zip(b)).map(|(r, (a, b))| weight(r) * a.dot(b)).sum()
@@ -249,7 +250,13 @@ fn the_normal_equations_of_tracks_are_those_of_what_is_new() {
     };
     let weighted = |a: &[Vector2<f64>], b: &[Vector2<f64>]| -> f64 {
         // All residuals are next to nothing: 6/4 of Student's t, a pair being worth 25.
-        let terms = a.iter().zip(b).zip(&innovations).map(|((a, b), new)| a.dot(&(new.weight * b)));
+        let probable = |new: &Innovation, leg: &Leg| {
+            let [scene, other] = densities_of(new, leg, residuals.others);
+            scene / (scene + other)
+        };
+        let weighted =
+            innovations.iter().zip(&residuals.legs).map(|(new, leg)| new.weight * probable(new, leg));
+        let terms = a.iter().zip(b).zip(weighted).map(|((a, b), weight)| a.dot(&(weight * b)));
         25.0 / 300.0 * 1.5 * terms.sum::<f64>()
     };
     for a in DIRECTIONS {
@@ -321,7 +328,9 @@ fn a_place_along_the_axis_is_its_line_s_share_of_the_readout() {
 
 #[test]
 fn to_fit_two_thirds_of_the_matches_well_is_likelier_than_to_fit_all_badly() {
-    let log = |distance: f64, sigma: f64| density((distance / sigma).powi(2), sigma.powi(-4), 320.0).ln();
+    let log = |distance: f64, sigma: f64| {
+        densities(0.9, (distance / sigma).powi(2), sigma.powi(-2), 100.0).iter().sum::<f64>().ln()
+    };
     // Two thirds of them within 0.2 px, the others 20 px off; or all of them 3 px off.
     let two_thirds = (2.0 * log(0.2, 0.2) + log(20.0, 0.2)) / 3.0;
     assert!(two_thirds > log(3.0, 3.0) + 0.5, "{two_thirds}");

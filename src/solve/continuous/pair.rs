@@ -4,6 +4,8 @@ use super::dominant::Dominant;
 use crate::correspond::Correspondence;
 use nalgebra::{Matrix2, Vector2};
 
+/// How probable it is that a match shows the scene if it shares the dominant motion, and that it does not if it does not.
+const SCENE: f64 = 0.9;
 /// More matches than this are thinned out.
 const MOST_MATCHES: usize = 400;
 /// Fewer say nothing.
@@ -49,7 +51,7 @@ pub(super) struct Track {
     pub before: Match,
     /// Timestamps of that pair in frame periods.
     pub stamps: [f64; 2],
-    /// Whether it shared the motion of most of them.
+    /// Whether it shared the dominant motion.
     pub is_scene: bool,
 }
 
@@ -59,8 +61,8 @@ pub(super) struct Pair {
     pub matches: Vec<Match>,
     /// The track that each of them continues, where there is one.
     pub tracks: Vec<Option<Track>>,
-    /// Which of them share the motion of most.
-    pub scene: Vec<bool>,
+    /// How probably each of them shows the scene, not something that moves on its own, before any path is known.
+    pub scene: Vec<f64>,
     pub stamps: [f64; 2],
     /// Correspondences that were measured, those that the path does not stand for too.
     pub measured: usize,
@@ -100,7 +102,8 @@ impl Pair {
         let tracks = before.map_or_else(|| vec![None; matches.len()], |before| before.continued(&matches));
         let votes: Vec<bool> = tracks.iter().map(|track| track.as_ref().is_none_or(|t| t.is_scene)).collect();
         let dominant = Dominant::of(&matches, &votes);
-        let scene = matches.iter().map(|m| dominant.holds(m)).collect();
+        let prior = |m: &Match| if dominant.holds(m) { SCENE } else { 1.0 - SCENE };
+        let scene = matches.iter().map(prior).collect();
         found.sort_by(|a, b| a.to.y.total_cmp(&b.to.y));
         Some(Self { tracks, matches, scene, stamps, measured, dominant, found })
     }
@@ -117,20 +120,6 @@ impl Pair {
             (distance < reach * reach).then_some(track)
         };
         next.iter().map(|m| nearest(m.from)).collect()
-    }
-
-    /// The matches, each with the track that it continues; of the scene alone, those that share the motion of most, and
-    /// shared it before.
-    pub fn followed(&self, scene_alone: bool) -> impl Iterator<Item = (&Match, Option<&Track>)> {
-        let all = self.matches.iter().zip(&self.tracks).zip(&self.scene);
-        let chosen = all.filter(move |(_, is_scene)| !scene_alone || **is_scene);
-        chosen.map(move |((m, track), _)| (m, track.as_ref().filter(|track| !scene_alone || track.is_scene)))
-    }
-
-    /// Share of the matches that do not follow the dominant motion.
-    pub fn apart(&self) -> f64 {
-        let apart = self.scene.iter().filter(|is_scene| !**is_scene).count();
-        apart as f64 / self.scene.len().max(1) as f64
     }
 
     /// How far the points that were found are apart where they arrive.

@@ -19,17 +19,16 @@ pub(super) struct PairWindow<'a> {
     pub pairs: &'a [&'a Pair],
     /// Number of those before the frame.
     pub past: usize,
-    /// Whether the scan axis is still in question.
-    pub in_question: bool,
 }
 
 impl<'a> PairWindow<'a> {
-    /// The part of it that a path of this knot density is fitted to.
+    /// The part of it that paths are fitted to.
     ///
-    /// Where few frames are known ahead, more before it are taken in for what shows in many pairs only: how a vibration
-    /// goes on, and which way the sensor is read. Else they are of no use, for a shake is soon another one.
-    pub fn for_density(self, density: KnotDensity) -> Self {
-        let least = match (density, self.in_question) {
+    /// Where few frames are known ahead, more before it are taken in for what shows in many pairs only: which way the
+    /// sensor is read, while that is in question, and how a vibration goes on. Else they are of no use, for a shake is soon
+    /// another one.
+    pub fn recent(self, density: KnotDensity, is_in_question: bool) -> Self {
+        let least = match (density, is_in_question) {
             (KnotDensity::Vibrating, _) => VIBRATING_PAIRS,
             (KnotDensity::Usual, true) => QUESTIONED_PAIRS,
             (KnotDensity::Usual, false) => 0,
@@ -37,7 +36,7 @@ impl<'a> PairWindow<'a> {
         let ahead = self.pairs.len().saturating_sub(self.past);
         let skipped = self.past.saturating_sub(density.past().max(least.saturating_sub(ahead)));
         let pairs = self.pairs.get(skipped..).unwrap_or_default();
-        Self { pairs, past: self.past - skipped, ..self }
+        Self { pairs, past: self.past - skipped }
     }
 
     /// Indices of the pairs that the frame is in.
@@ -60,11 +59,6 @@ impl<'a> PairWindow<'a> {
     /// Mean square distance by which points moved in the pairs that the frame is in, in squared units of the radius.
     pub fn moved(self) -> f64 {
         self.own_pairs().map(Pair::moved).fold(0.0, f64::max)
-    }
-
-    /// Share of the matches at the frame that do not follow the dominant motion.
-    pub fn apart(self) -> f64 {
-        self.own_pairs().map(Pair::apart).fold(0.0, f64::max)
     }
 
     /// Index of the pair that the frame begins; without lookahead, of the one that it ends.

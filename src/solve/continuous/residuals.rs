@@ -5,7 +5,7 @@ use super::pair::{Match, Pair, ScanAxis, Track};
 use super::path::SplinePath;
 use super::tracks;
 use crate::motion::generators::{GENERATORS, TURNS, fields};
-use crate::solve::median::{MEDIAN_TO_VARIANCE, median};
+use crate::solve::median::{MEDIAN_TO_VARIANCE, weighted_median};
 use nalgebra::{Matrix2, SVector, Vector2};
 
 /// Generators other than the turns.
@@ -31,14 +31,14 @@ pub(super) struct View<'a> {
     pub radius: f64,
     /// Least standard deviation of a coordinate in pixels.
     pub noise: f64,
-    /// Whether matches that do not follow the pair's dominant motion are left out.
-    pub scene_alone: bool,
 }
 
 /// A match as the path sees it.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Leg {
     pub m: Match,
+    /// How probably it shows the scene, before its residual is known.
+    pub prior: f64,
     /// Blocks at which both ends are exposed.
     pub times: [f64; 2],
     /// Its residual x′ − F(x) in pixels.
@@ -85,12 +85,14 @@ pub(super) struct PairResiduals {
     pub before: Vec<Option<Leg>>,
     /// Standard deviation of a coordinate of the residuals in pixels, by their median.
     pub sigma: f64,
-    /// Correspondences within three of them.
+    /// Variance in px² of a coordinate of what does not show the scene.
+    pub others: f64,
+    /// Correspondences within three deviations.
     pub inliers: usize,
     /// Usual square of what the generators other than the turns move a coordinate by, in px²; `None` where
     /// that has no say.
     pub parallax: Option<f64>,
-    squares: Vec<f64>,
+    squares: Vec<(f64, f64)>,
 }
 
 impl PairResiduals {
@@ -101,8 +103,9 @@ impl PairResiduals {
         for _ in 0..ROUNDS {
             let share = |leg: &Leg| (1.0 + 0.5 * leg.m.covariance.trace() / variance).recip();
             self.squares.clear();
-            self.squares.extend(self.legs.iter().map(|leg| leg.residual.norm_squared() * share(leg)));
-            variance = (median(&mut self.squares) * MEDIAN_TO_VARIANCE).max(least);
+            self.squares
+                .extend(self.legs.iter().map(|leg| (leg.residual.norm_squared() * share(leg), leg.prior)));
+            variance = (weighted_median(&mut self.squares) * MEDIAN_TO_VARIANCE).max(least);
         }
         variance
     }
@@ -171,7 +174,7 @@ impl View<'_> {
         [0, 1].map(|end| self.density * (stamps[end] + self.readout * places[end]))
     }
 
-    fn leg(&self, stamps: [f64; 2], m: &Match) -> Option<Leg> {
+    fn leg(&self, stamps: [f64; 2], m: &Match, prior: f64) -> Option<Leg> {
         let times = self.times(stamps, m);
         let (from, to) = (self.flow.at(times[0])?, self.flow.at(times[1])?);
         let places = [m.from, m.to].map(|point| self.scan_axis.place(point) * self.density);
@@ -184,6 +187,7 @@ impl View<'_> {
         let (turns, others) = (fields.fixed_columns::<TURNS>(0), fields.fixed_columns::<OTHERS>(TURNS));
         Some(Leg {
             m: *m,
+            prior,
             times,
             residual: (m.to - from.carry(m.from, to)) * self.radius,
             parallax: others * moved.fixed_rows::<OTHERS>(TURNS),
@@ -197,17 +201,16 @@ impl View<'_> {
     /// tell its parallax from its noise.
     pub fn residuals(&self, pair: &Pair, tracks: bool, out: &mut PairResiduals) {
         out.legs.clear();
-        let followed = || pair.followed(self.scene_alone);
-        out.legs.extend(followed().filter_map(|(m, _)| self.leg(pair.stamps, m)));
+        let matches = pair.matches.iter().zip(&pair.scene);
+        out.legs.extend(matches.filter_map(|(m, prior)| self.leg(pair.stamps, m, *prior)));
         let least = self.noise * self.noise;
         let variance = out.misfit(least);
         out.sigma = variance.sqrt();
+        out.others = variance + 0.5 * pair.moved() * self.radius * self.radius;
         out.legs.iter_mut().for_each(|leg| leg.whiten(variance));
-        out.squares.clear();
-        out.squares.extend(out.legs.iter().map(|leg| leg.residual.norm_squared()));
-        let near = out.squares.iter().filter(|square| **square < 2.0 * 9.0 * variance).count();
+        let near = out.legs.iter().filter(|leg| leg.residual.norm_squared() < 2.0 * 9.0 * variance).count();
         out.inliers = near * pair.count() / pair.matches.len().max(1);
-        let tracks = followed().map(|(_, track)| track.filter(|_| tracks));
+        let tracks = pair.tracks.iter().map(|track| track.as_ref().filter(|_| tracks));
         out.parallax = tracks::parallax(out.legs.iter().zip(tracks), variance - least, &mut out.squares);
         if out.parallax.is_some() {
             self.legs_before(pair, out);
@@ -221,12 +224,12 @@ impl View<'_> {
     pub fn legs_before(&self, pair: &Pair, out: &mut PairResiduals) {
         let variance = out.sigma * out.sigma;
         let leg = |track: &Track| {
-            let mut leg = self.leg(track.stamps, &track.before)?;
+            let mut leg = self.leg(track.stamps, &track.before, 1.0)?;
             leg.whiten(variance);
             Some(leg)
         };
         out.before.clear();
-        out.before.extend(pair.followed(self.scene_alone).map(|(_, track)| track.and_then(leg)));
+        out.before.extend(pair.tracks.iter().map(|track| track.as_ref().and_then(leg)));
     }
 }
 
@@ -242,6 +245,7 @@ mod tests {
         let mut residual = residual;
         let leg = |from| Leg {
             m: Match { from, to: from, covariance: Matrix2::zeros() },
+            prior: 1.0,
             times: [0.0; 2],
             residual: residual(from),
             parallax: Vector2::zeros(),

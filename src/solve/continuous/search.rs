@@ -20,10 +20,6 @@ const SETTLED_READOUT: f64 = 0.01;
 /// What a window says of γ is believed where the last step moved points by less than they scatter, and γ by
 /// no more than this share of what is uncertain of it anyway.
 const UNCERTAIN: f64 = 0.5;
-/// Steps after which a path that starts from a turning camera is compared with one that starts from a moving one.
-const ROUND: usize = 3;
-/// Residuals that are those of measurement to this degree need no other explanation.
-pub(super) const TRUSTED: f64 = 0.5;
 
 /// Pairs times steps that are taken a frame: when the first frame is due, as many as the path in hand takes, four steps
 /// over eight pairs; later, when that one takes no first steps, half as many more.
@@ -41,12 +37,8 @@ struct Candidate {
     solver: Solver,
     /// The readout ratio that it started from.
     start: f64,
-    /// Steps so far, and those on windows that are long enough to count.
-    taken: usize,
+    /// Steps so far on windows that are long enough to count.
     steps: usize,
-    /// Whether it is to be compared with one for a camera that moves, or is that.
-    is_turning: bool,
-    is_moving: bool,
 }
 
 /// Paths that are fitted from several starts.
@@ -65,7 +57,7 @@ impl Search {
             let mut solver = solver.clone();
             solver.restart();
             solver.shared[0] = start;
-            Candidate { solver, start, taken: 0, steps: 0, is_turning: true, is_moving: false }
+            Candidate { solver, start, steps: 0 }
         };
         Self { candidates: starts.iter().map(candidate).collect(), is_narrowed: false }
     }
@@ -76,7 +68,7 @@ impl Search {
         let candidate = |start: f64| {
             let mut solver = solver.with_density(density);
             solver.shared[0] = start;
-            Candidate { solver, start, taken: 0, steps: 0, is_turning: false, is_moving: false }
+            Candidate { solver, start, steps: 0 }
         };
         let readouts = readouts.iter().map(|readout| readout.clamp(low, high));
         let candidates = readouts.chain([solver.shared[0]]).map(candidate).collect();
@@ -109,7 +101,7 @@ impl Search {
         self.advance(window, steps, camera);
         if window.is_short() {
             // A pair or two do not tell which generators are needed.
-            self.candidates.iter_mut().for_each(|one| one.solver.smoothness.presume(one.is_moving));
+            self.candidates.iter_mut().for_each(|one| one.solver.smoothness.restart());
         }
         if window.pairs.len() >= SHOWN_PAIRS && !self.is_narrowed {
             self.is_narrowed = true;
@@ -118,10 +110,6 @@ impl Search {
     }
 
     /// Goes so many steps further with each, with what the path in hand knows of the camera.
-    ///
-    /// In one pair a camera that moves does much the same to a picture as one that turns, and at first it is presumed to
-    /// turn. But only what moves it has a parallax, and unless that is known for what it is, it weighs as noise and holds
-    /// the path where it is. So where a path leaves more than noise, another one is begun for a camera that moves.
     pub fn advance(&mut self, window: PairWindow<'_>, steps: usize, camera: &Solver) {
         let fit = |candidate: &mut Candidate| {
             let Candidate { solver, start, .. } = candidate;
@@ -131,32 +119,16 @@ impl Search {
             }
             iterate(solver, window, steps);
             solver.limits = camera.limits;
-            candidate.taken += steps;
             candidate.steps += if window.is_short() { 0 } else { steps };
         };
         self.candidates.par_iter_mut().for_each(fit);
-        let moving = |candidate: &mut Candidate| {
-            let is_due =
-                candidate.is_turning && candidate.taken >= ROUND && candidate.solver.trust() < TRUSTED;
-            is_due.then(|| {
-                candidate.is_turning = false;
-                let mut other = Candidate { taken: 0, steps: 0, is_moving: true, ..candidate.clone() };
-                other.solver.restart();
-                other.solver.smoothness.presume(true);
-                other.solver.shared[0] = other.start;
-                other
-            })
-        };
-        let mut moving: Vec<Candidate> = self.candidates.iter_mut().filter_map(moving).collect();
-        moving.par_iter_mut().for_each(fit);
-        self.candidates.extend(moving);
     }
 
     /// Goes on only with the likeliest, and with those that say something else and are nearly as likely.
     fn narrow(&mut self, window: PairWindow<'_>) {
         let evidence = |candidate: &mut Candidate| {
             let solver = &mut candidate.solver;
-            let evidence = solver.evidence(window.for_density(solver.density).pairs);
+            let evidence = solver.evidence(window.pairs);
             (evidence.unwrap_or(f64::NEG_INFINITY), candidate.solver.shared[0])
         };
         let seen: Vec<(f64, f64)> = self.candidates.par_iter_mut().map(evidence).collect();
@@ -171,13 +143,10 @@ impl Search {
 
     /// The paths with the logarithm of their evidence, the likeliest first.
     pub fn ranked(self, window: PairWindow<'_>) -> Vec<(f64, Solver)> {
-        // A pair or two are explained by a camera that moves as well as by one that turns.
-        let is_told = |candidate: &Candidate| !(candidate.is_moving && window.is_short());
-        let ranked =
-            self.candidates.into_par_iter().filter(is_told).filter_map(|Candidate { mut solver, .. }| {
-                let evidence = solver.evidence(window.for_density(solver.density).pairs)?;
-                Some((evidence, solver))
-            });
+        let ranked = self.candidates.into_par_iter().filter_map(|Candidate { mut solver, .. }| {
+            let evidence = solver.evidence(window.pairs)?;
+            Some((evidence, solver))
+        });
         let mut ranked: Vec<(f64, Solver)> = ranked.collect();
         ranked.sort_by(|a, b| b.0.total_cmp(&a.0));
         ranked
@@ -186,7 +155,6 @@ impl Search {
 
 /// Steps until nothing changes any more at the frame, at most so many; whether γ came to rest.
 pub(super) fn iterate(solver: &mut Solver, window: PairWindow<'_>, steps: usize) -> bool {
-    let window = window.for_density(solver.density);
     let mut rests = false;
     for _ in 0..steps {
         let before = solver.shared[0];

@@ -14,8 +14,6 @@ use crate::motion::generators::{GENERATORS, TURNS};
 
 /// Variance with which the other generators start.
 const OTHERS_START: f64 = 0.01;
-/// Variance with which turns start where the camera is presumed to move.
-const UNTURNED: f64 = 1e-4;
 /// What a variance may become.
 const LIMITS: [f64; 2] = [1e-7, 1e4];
 /// The most that a variance may change at once.
@@ -66,15 +64,6 @@ impl Smoothness {
     /// Forgets what was learnt.
     pub fn restart(&mut self) {
         *self = Self::new(self.active, self.turns);
-    }
-
-    /// Forgets what was learnt, and presumes a camera that moves, or else one that turns.
-    pub fn presume(&mut self, is_moving: bool) {
-        self.restart();
-        if is_moving {
-            let turns = self.turns;
-            self.variance = std::array::from_fn(|j| if j < TURNS { UNTURNED } else { turns });
-        }
     }
 
     /// Places of a generator's coefficients.

@@ -24,8 +24,6 @@ const MARGIN: f64 = 0.25;
 const TRACKED: f64 = 10.0;
 /// Correlation that what the path leaves may have with what γ and κ do.
 const ERROR_CORRELATION: f64 = 0.1;
-/// Estimates of γ so many deviations apart contradict each other.
-const CONTRADICTION: f64 = 4.0;
 /// Steps from knot to knot, at most, from which the next one of a vibration is told: those of one and a half
 /// frame periods, enough for eight sinusoids.
 const ORDER: usize = 16;
@@ -90,18 +88,12 @@ pub(super) struct Solver {
     pub radius: f64,
     /// Least standard deviation of a coordinate in pixels.
     pub noise: f64,
-    /// Whether the path stands for what shares the motion of most, and for nothing else.
-    pub scene_alone: bool,
     pub path: SplinePath,
     pub smoothness: Smoothness,
     /// Whether it may learn how the turns go on, not just how much they bend.
     pub foresees: bool,
     /// Beliefs from all windows so far: γ, the signed readout time in frame periods, and κ.
     pub beliefs: [Running; SHARED],
-    /// Whether the belief in γ began anew because it was contradicted.
-    reopened: bool,
-    /// Mean and information of what is known of γ from elsewhere.
-    pub hint: Option<(f64, f64)>,
     /// What γ and κ may be.
     pub limits: [[f64; 2]; SHARED],
     /// γ and κ of this window.
@@ -132,14 +124,11 @@ impl Solver {
             density,
             radius,
             noise,
-            scene_alone: false,
             path: SplinePath::default(),
             smoothness,
             foresees: false,
             shared: beliefs.map(|belief| belief.mean),
             beliefs,
-            reopened: false,
-            hint: None,
             limits,
             seen: [None; SHARED],
             flow: Flow::default(),
@@ -164,9 +153,7 @@ impl Solver {
             self.beliefs,
             self.limits,
         );
-        other.scene_alone = self.scene_alone;
         other.shared = self.shared;
-        other.hint = self.hint;
         other
     }
 
@@ -180,8 +167,7 @@ impl Solver {
 
     /// Takes what another one knows of the camera.
     pub fn learn_camera(&mut self, other: &Self) {
-        (self.beliefs, self.hint, self.limits) = (other.beliefs, other.hint, other.limits);
-        self.reopened = other.reopened;
+        (self.beliefs, self.limits) = (other.beliefs, other.limits);
     }
 
     /// Takes γ as known.
@@ -189,22 +175,6 @@ impl Solver {
         self.shared[0] = belief.mean;
         self.limits[0] = [belief.mean; 2];
         self.beliefs[0] = belief;
-    }
-
-    /// Takes what is known of γ from elsewhere. Where a belief contradicts it, one of the two is wrong: the belief
-    /// may have settled in a wrong place while the windows told little, so it begins anew from there, once. If it
-    /// comes back, the hint was wrong, and it counts for no more than its distance allows.
-    pub fn take_hint(&mut self, mean: f64, variance: f64) {
-        let belief = self.beliefs[0];
-        let distance = (mean - belief.mean).powi(2);
-        let contradicts = distance > CONTRADICTION.powi(2) * (variance + 1.0 / belief.information());
-        if contradicts && !self.reopened {
-            self.reopened = true;
-            self.shared[0] = mean.clamp(self.limits[0][0], self.limits[0][1]);
-            self.beliefs[0] = Running::new(self.shared[0], distance.sqrt());
-        }
-        let doubt = if contradicts { distance } else { 0.0 };
-        self.hint = Some((mean, 1.0 / (variance + doubt)));
     }
 
     /// Goes on with frame periods that are shorter by `factor`.
@@ -272,7 +242,6 @@ impl Solver {
             readout: self.shared[0],
             radius: self.radius,
             noise: self.noise,
-            scene_alone: self.scene_alone,
         };
         evaluated::evaluate(&mut self.evaluated, pairs, &view);
     }
@@ -363,10 +332,6 @@ impl Solver {
             all[(p, p)] += belief.information();
             all_side[p] += belief.information() * (belief.mean - self.shared[p]);
         }
-        if let Some((mean, known)) = self.hint {
-            all[(0, 0)] += known;
-            all_side[0] += known * (mean - self.shared[0]);
-        }
         for p in 0..SHARED {
             // The other one is as uncertain as the belief in it.
             let q = 1 - p;
@@ -403,7 +368,7 @@ impl Solver {
             return None;
         }
         let likelihood: f64 =
-            self.evaluated.iter().map(|held| held.normal.log_likelihood(&held.residuals, self.radius)).sum();
+            self.evaluated.iter().map(|held| held.normal.log_likelihood(&held.residuals)).sum();
         // The prior's right side is −Pc.
         let energy: f64 = self.path.coefficients.iter().zip(&side).map(|(value, side)| -value * side).sum();
         let log_volume = prior.half_log_determinant() - self.matrix.half_log_determinant();
@@ -432,8 +397,7 @@ impl Solver {
 
     /// Standard deviation of γ by all that is known.
     pub fn readout_deviation(&self) -> f64 {
-        let information = self.beliefs[0].information() + self.hint.map_or(0.0, |(_, known)| known);
-        information.sqrt().recip()
+        self.beliefs[0].information().sqrt().recip()
     }
 
     /// Steps of the turns from which the next one is told, at most.

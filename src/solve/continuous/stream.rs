@@ -4,24 +4,21 @@
 //! Which edge of the sensor is read first is a hypothesis: each has a solver of its own, and the likeliest
 //! one speaks. Vibrations, too fast for the usual knots, are a hypothesis within each.
 
-use super::camera::{Camera, KAPPA_LIMITS, KNOWN, READOUT_BELIEF};
+use super::bank::Bank;
+use super::camera::{Camera, KNOWN};
 use super::hypothesis::Hypothesis;
 use super::overlay::StaticOverlay;
-use super::pair::{Pair, ScanAxis};
-use super::pair_window::{PairWindow, breadth};
+use super::pair::Pair;
+use super::pair_window::PairWindow;
 use super::pixels::PixelPath;
 use super::running::Running;
-use super::scene::SceneTrial;
-use super::smoothness::Smoothness;
-use super::solver::{KnotDensity, Solver};
-use crate::correspond::{Correspondence, certain};
+use super::solver::Solver;
+use crate::correspond::Correspondence;
 use crate::flow::FlowField;
 use crate::motion::{ResidualField, ResidualMesh, image_centre};
 use crate::readout::{Readout, ReadoutDirection};
 use crate::solve::residual::{FrameFlow, ResidualSolver};
-use crate::solve::shutter::{ShutterEstimator, Verdict};
 use nalgebra::{Matrix3, Vector2};
-use rayon::prelude::*;
 use std::collections::VecDeque;
 
 /// Frames before the one that is settled that are remembered.
@@ -32,19 +29,9 @@ const AHEAD: usize = 12;
 const NOISE: f64 = 0.03;
 /// Shares of the readout at which the homographies of a frame are given out, less one.
 const SHARES: usize = 32;
-/// A γ of up to so many deviations is not acted upon; one of three times as many is beyond doubt.
-const DOUBTFUL: f64 = 2.0;
 /// The longest readout that is obeyed, in frame periods: a converter may have put frames between those of the
 /// camera, and a path costs as much as the readout is long.
 const LONGEST_READOUT: f64 = 8.0;
-/// The least deviation that is believed of an estimated γ.
-const LEAST_DEVIATION: f64 = 0.01;
-/// A hypothesis whose likelihood is greater than another's by a factor of e to this power is taken to be right.
-const CERTAIN: f64 = 5.0;
-/// Pairs from one rough estimate of the readout to the next.
-const HINT_EVERY: usize = 4;
-/// A hypothesis whose likelihood is less than another's by a factor of e to this power is given up.
-const DECISIVE: f64 = 40.0;
 
 /// The motion of a frame.
 #[derive(Clone, Debug)]
@@ -100,10 +87,7 @@ pub struct Continuous {
     size: [usize; 2],
     centre: Vector2<f64>,
     radius: f64,
-    /// Pixels to an analysed one.
-    pixel_scale: f64,
-    /// The one that is believed first.
-    hypotheses: Vec<Hypothesis>,
+    bank: Bank,
     frames: VecDeque<Entry>,
     /// Frames at the front that are settled.
     settled: usize,
@@ -111,20 +95,14 @@ pub struct Continuous {
     clock: Option<(f64, f64)>,
     /// Seconds to a frame period before the last restart.
     unit_before: Option<f64>,
+    /// Whether anything was settled yet.
+    has_settled: bool,
     /// Whether the first frame that waits follows a settled one.
     continues: bool,
-    /// Finds the readout where it is not known: roughly, but from whatever start.
-    shutter: Option<ShutterEstimator>,
-    /// Pairs that it has taken in.
-    taken: usize,
     residual: ResidualSolver,
-    /// Whether the path should stand for the scene alone.
-    scene_trial: SceneTrial,
     /// Where the picture is fixed to the frame, and the last pair's correspondences elsewhere.
     fixed: StaticOverlay,
     scene: Vec<Correspondence>,
-    /// Those of them that the rough estimate is made of.
-    certain: Vec<Correspondence>,
     /// Memory for flow.
     spare: Vec<[FlowField; 2]>,
 }
@@ -134,49 +112,21 @@ impl Continuous {
     pub fn new(camera: Camera, width: usize, height: usize, pixel_scale: f64) -> Self {
         let noise = NOISE * pixel_scale;
         let radius = width.max(1) as f64 / 2.0;
-        let hypothesis = |direction: ReadoutDirection| {
-            let lines = if direction.is_by_rows() { height } else { width } as f64;
-            let scan_axis = ScanAxis { by_rows: direction.is_by_rows(), length: lines.max(1.0) / radius };
-            let smoothness = Smoothness::new(camera.model.generators(), KnotDensity::Usual.start_variance());
-            let signs = match (camera.direction, direction.is_reversed()) {
-                (None, _) => [-1.0, 1.0],
-                (Some(_), false) => [0.0, 1.0],
-                (Some(_), true) => [-1.0, 0.0],
-            };
-            let beliefs = [READOUT_BELIEF, camera.kappa_belief()]
-                .map(|(mean, deviation)| Running::new(mean, deviation));
-            let solver = Solver::new(
-                scan_axis,
-                KnotDensity::Usual,
-                radius,
-                noise,
-                smoothness,
-                beliefs,
-                [signs, KAPPA_LIMITS],
-            );
-            let mut hypothesis = Hypothesis::new(direction, signs, solver);
-            hypothesis.score = Camera::log_prior(direction, width, height);
-            hypothesis
-        };
         Self {
             camera,
             size: [width, height],
             centre: image_centre(width, height),
             radius,
-            pixel_scale,
-            hypotheses: camera.directions().iter().copied().map(hypothesis).collect(),
+            bank: Bank::new(camera, [width, height], noise),
             frames: VecDeque::new(),
             settled: 0,
             clock: None,
             unit_before: None,
+            has_settled: false,
             continues: false,
-            shutter: (!camera.is_known()).then(|| ShutterEstimator::new(width, height)),
-            taken: 0,
             residual: ResidualSolver::default(),
-            scene_trial: SceneTrial::new(),
             fixed: StaticOverlay::new(width, height, noise),
             scene: Vec::new(),
-            certain: Vec::new(),
             spare: Vec::new(),
         }
     }
@@ -199,21 +149,6 @@ impl Continuous {
             if let Some(flow) = found.flow {
                 last.flows.iter_mut().zip(flow).for_each(|(own, flow)| own.clone_from(flow));
             }
-            let is_broad = |pair: &Pair| {
-                let readings = self.hypotheses.iter().map(|hypothesis| hypothesis.solver.scan_axis);
-                readings.map(|scan_axis| breadth(pair, scan_axis)).all(|breadth| breadth > 0.0)
-            };
-            let is_scene = last.to_next.as_ref().is_some_and(is_broad);
-            if let Some(shutter) = self.shutter.as_mut().filter(|_| is_scene) {
-                certain(&self.scene, self.pixel_scale, &mut self.certain);
-                shutter.push(&self.certain, (stamp - last.stamp) * unit);
-                self.taken += 1;
-                if self.taken.is_multiple_of(HINT_EVERY) {
-                    self.take_hint(unit);
-                }
-            }
-        } else if let Some(shutter) = &mut self.shutter {
-            shutter.reset_pair();
         }
         let mut flows = self.spare.pop().unwrap_or_default();
         flows.iter_mut().for_each(FlowField::clear);
@@ -231,39 +166,14 @@ impl Continuous {
         }
         let pairs: Vec<&Pair> =
             self.frames.iter().skip(first).map_while(|entry| entry.to_next.as_ref()).take(AHEAD).collect();
-        let window = PairWindow { pairs: &pairs, past: 0, in_question: self.hypotheses.len() > 1 };
-        self.hypotheses.par_iter_mut().for_each(|hypothesis| hypothesis.prepare(window));
-        if first == 0 && pairs.len() > 1 {
-            self.scene_trial.prepare(&self.hypotheses, window);
-        }
-    }
-
-    /// Takes what the rough estimate says into each hypothesis: γ if only its axis is read along, and how
-    /// well that fits.
-    fn take_hint(&mut self, unit: f64) {
-        let Some(estimate) = self.shutter.as_mut().and_then(ShutterEstimator::estimate) else { return };
-        if estimate.verdict == Verdict::Unknown {
-            return;
-        }
-        let (times, covariance) = (estimate.times / unit, estimate.covariance / (unit * unit));
-        for hypothesis in &mut self.hypotheses {
-            let own = usize::from(hypothesis.direction.is_by_rows());
-            let other = 1 - own;
-            let coupling = covariance[(own, other)] / covariance[(other, other)];
-            let mean = times[own] - coupling * times[other];
-            let variance = covariance[(own, own)] - coupling * covariance[(own, other)];
-            if mean.is_finite() && variance.is_finite() && variance > 0.0 {
-                hypothesis.solver.take_hint(mean, variance);
-                hypothesis.rough = -0.5 * times[other] * times[other] / covariance[(other, other)];
-            }
-        }
+        self.bank.prepare(PairWindow { pairs: &pairs, past: 0 });
     }
 
     /// Starts the clock.
     fn start(&mut self, period: f64, time: f64) -> (f64, f64) {
         let [width, height] = self.size;
         let time_known = self.camera.readout_time;
-        for hypothesis in &mut self.hypotheses {
+        for hypothesis in self.bank.iter_mut() {
             if self.camera.is_known() {
                 let readout = Readout::resolved(width, height, hypothesis.direction, time_known, period);
                 let sign = if hypothesis.direction.is_reversed() { -1.0 } else { 1.0 };
@@ -279,7 +189,7 @@ impl Continuous {
 
     /// Where a point (pixels) of the last frame is expected in the next: it goes on as from the one before.
     pub fn expected(&self, pixel: Vector2<f64>) -> Vector2<f64> {
-        let solver = &self.hypotheses[0].solver;
+        let solver = &self.bank.leading().solver;
         let last = self.frames.iter().rev().nth(1).and_then(|entry| entry.to_next.as_ref());
         let Some([before, after]) = last.map(|pair| pair.stamps) else { return pixel };
         let point = (pixel - self.centre) / self.radius;
@@ -306,25 +216,13 @@ impl Continuous {
             .filter_map(|entry| entry.to_next.as_ref())
             .collect();
         let stamp = self.frames.get(own)?.stamp;
-        let window = PairWindow { pairs: &pairs, past, in_question: self.hypotheses.len() > 1 };
         let starts = past == 0 || !self.continues;
-        let longest = window.usual_interval();
-        let is_known = self.camera.is_known();
-        self.hypotheses.par_iter_mut().for_each(|hypothesis| {
-            if !is_known {
-                hypothesis.solver.limits[0] = hypothesis.signs.map(|sign| sign * longest);
-            }
-            hypothesis.settle(window, starts);
-        });
-        if starts && own > 0 {
-            self.scene_trial.stop();
+        if starts && self.has_settled {
+            self.bank.reopen();
         }
-        self.scene_trial.settle(&mut self.hypotheses, window, starts);
-        // What moves on its own may pass for a vibration.
-        let free = !self.scene_trial.is_going_on();
-        self.hypotheses.par_iter_mut().for_each(|hypothesis| hypothesis.conclude(window, starts, free));
-        weigh(&mut self.hypotheses, window);
-        choose(&mut self.hypotheses);
+        self.has_settled |= !pairs.is_empty();
+        let window = self.bank.window(PairWindow { pairs: &pairs, past });
+        self.bank.settle(window, starts);
         self.continues = !pairs.is_empty();
         let moved = window.moved();
         let motion = (!pairs.is_empty()).then(|| self.motion(window, stamp, moved));
@@ -333,8 +231,7 @@ impl Continuous {
             motion.field = self.field(own, past > 0, &motion.readout);
             // What the residual field explains is explained.
             let left = motion.sigma.min(self.residual.left());
-            let solver = &self.hypotheses[0].solver;
-            motion.confidence = self.confidence(solver, solver.explained(left, moved));
+            motion.confidence = self.bank.share(stamp) * self.bank.leading().solver.explained(left, moved);
         }
         self.settled += 1;
         if self.settled > PAST {
@@ -354,14 +251,12 @@ impl Continuous {
         self.settled = 0;
         self.unit_before = self.clock.take().map(|(unit, _)| unit).or(self.unit_before);
         self.continues = false;
-        self.hypotheses.iter_mut().for_each(Hypothesis::drop_searches);
-        self.scene_trial.stop();
+        self.bank.iter_mut().for_each(Hypothesis::drop_searches);
     }
 
     /// The motion of the frame in a window, whose points moved by this much (mean square, squared radii).
     fn motion(&self, window: PairWindow<'_>, stamp: f64, moved: f64) -> Motion {
-        let solver = &self.hypotheses[0].solver;
-        let window = window.for_density(solver.density);
+        let solver = &self.bank.leading().solver;
         let readout = self.readout(solver);
         let reversed = readout.direction.is_reversed();
         let scale = Matrix3::new_nonuniform_scaling(&Vector2::new(self.radius, self.radius));
@@ -380,19 +275,19 @@ impl Continuous {
         Motion {
             readout,
             homographies: (0..=SHARES).map(homography).collect(),
-            confidence: self.confidence(solver, solver.explained(sigma, moved)),
+            confidence: self.bank.share(stamp) * solver.explained(sigma, moved),
             field: None,
             correspondences,
             inliers,
             sigma,
-            readout_deviation: self.readout_deviation(solver),
+            readout_deviation: self.readout_deviation(),
         }
     }
 
     /// What parts of frame `own` do beside the motion of the whole.
     fn field(&mut self, own: usize, follows: bool, readout: &Readout) -> Option<ResidualField> {
         let (unit, _) = self.clock?;
-        let solver = &self.hypotheses.first()?.solver;
+        let solver = &self.bank.leading().solver;
         let frame = self.frames.get(own)?;
         let interval = |entry: &Entry| (entry.stamp - frame.stamp) * unit;
         let before = own.checked_sub(1).and_then(|index| self.frames.get(index)).filter(|_| follows);
@@ -413,29 +308,16 @@ impl Continuous {
         ResidualField::new(mesh, cells.velocities.clone()).ok()
     }
 
-    fn confidence(&self, solver: &Solver, explained: f64) -> f64 {
-        if self.camera.is_known() {
-            return explained;
-        }
-        // Nothing up to so many deviations from no rolling shutter at all.
-        let deviation = solver.readout_deviation().max(LEAST_DEVIATION);
-        let doubt = self.hypotheses.split_first().map_or(0.0, |(first, others)| {
-            let rival = others.iter().find(|other| !first.agrees_with(other));
-            rival.map_or(1.0, |rival| ((first.likelihood() - rival.likelihood()) / CERTAIN).clamp(0.0, 1.0))
-        });
-        let certain = (solver.shared[0].abs() / deviation / DOUBTFUL - 1.0).clamp(0.0, 2.0) / 2.0;
-        explained * doubt * certain
-    }
-
     /// The shutter as far as it is known, and the standard deviation of its readout ratio.
     pub fn belief(&self) -> (Readout, f64) {
-        let solver = &self.hypotheses[0].solver;
-        (self.readout(solver), self.readout_deviation(solver))
+        let solver = &self.bank.leading().solver;
+        (self.readout(solver), self.readout_deviation())
     }
 
-    /// Standard deviation of the readout ratio that a solver found; 0 where it was given.
-    fn readout_deviation(&self, solver: &Solver) -> f64 {
-        if self.camera.is_known() { 0.0 } else { solver.readout_deviation() }
+    /// Standard deviation of the readout ratio that was found; 0 where it was given.
+    fn readout_deviation(&self) -> f64 {
+        let is_given = self.camera.is_known() && !self.bank.is_in_question();
+        if is_given { 0.0 } else { self.bank.readout_deviation() }
     }
 
     /// The shutter that a solver found.
@@ -450,50 +332,6 @@ impl Continuous {
         let [width, height] = self.size;
         Readout { width, height, direction, time: solver.shared[0].abs() * unit }
     }
-}
-
-/// Adds what a window says for and against each hypothesis, as far as its residuals are noise of measurement, and it is
-/// worth anything, in the one that fits best.
-fn weigh(hypotheses: &mut [Hypothesis], window: PairWindow<'_>) {
-    if hypotheses.len() < 2 || hypotheses.iter().any(|hypothesis| hypothesis.knows_little(window)) {
-        return;
-    }
-    let evidence: Option<Vec<f64>> = hypotheses.par_iter_mut().map(|h| h.evidence(window)).collect();
-    let trust =
-        hypotheses.iter().map(|h| h.solver.trust_in_evidence() * h.weight(window)).fold(0.0, f64::max);
-    for (hypothesis, evidence) in hypotheses.iter_mut().zip(evidence.into_iter().flatten()) {
-        hypothesis.score += trust * evidence;
-    }
-}
-
-/// Puts the likeliest first and gives up those that are far less likely, once the first knows its γ: until then it may
-/// have fared well for another reason, and the other one badly because it was not found yet.
-fn choose(hypotheses: &mut Vec<Hypothesis>) {
-    let likelihood = Hypothesis::likelihood;
-    hypotheses.sort_by(|a, b| likelihood(b).total_cmp(&likelihood(a)));
-    let Some(first) = hypotheses.first() else { return };
-    let least = likelihood(first) - DECISIVE;
-    if first.knows_readout() {
-        hypotheses.retain(|hypothesis| likelihood(hypothesis) > least);
-    }
-    drop_twins(hypotheses);
-    for hypothesis in hypotheses {
-        hypothesis.score = hypothesis.score.max(least - hypothesis.rough);
-    }
-}
-
-/// Of hypotheses that have come to the same answer from different starts, keeps the likeliest.
-fn drop_twins(hypotheses: &mut Vec<Hypothesis>) {
-    let mut kept: Vec<Hypothesis> = Vec::with_capacity(hypotheses.len());
-    for hypothesis in hypotheses.drain(..) {
-        let is_twin = |other: &Hypothesis| {
-            other.settled && hypothesis.settled && !other.is_vague() && other.agrees_with(&hypothesis)
-        };
-        if !kept.iter().any(is_twin) {
-            kept.push(hypothesis);
-        }
-    }
-    *hypotheses = kept;
 }
 
 #[cfg(test)]

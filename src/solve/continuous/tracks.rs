@@ -12,15 +12,13 @@
 //! as much of its path and its shutter as one that turns.
 
 use super::residuals::{Leg, PairResiduals};
-use crate::solve::median::{MEDIAN_TO_VARIANCE, median};
+use crate::solve::median::{MEDIAN_TO_VARIANCE, weighted_median};
 use nalgebra::{Matrix2, Vector2};
 
 /// Standard deviation τ of λ at most: inverse depths spread by half of what is usual in the scene.
 const DEPTHS: f64 = 0.5;
 /// What λ may be.
 const NEAREST: f64 = 3.0;
-/// Residuals of so many times the variance that parallax lets expect are something else: what moves on its own.
-const PLAUSIBLE: f64 = 4.0;
 /// Rounds in which the noise is told from the parallax.
 const ROUNDS: usize = 3;
 
@@ -51,7 +49,7 @@ pub(super) struct Innovation {
 pub(super) fn parallax<'a, T>(
     legs: impl Iterator<Item = (&'a Leg, Option<T>)>,
     excess: f64,
-    squares: &mut Vec<f64>,
+    squares: &mut Vec<(f64, f64)>,
 ) -> Option<f64> {
     if excess <= 0.0 {
         return None;
@@ -59,10 +57,10 @@ pub(super) fn parallax<'a, T>(
     let mut count = 0;
     let linked = legs.inspect(|_| count += 1).filter_map(|(leg, track)| track.map(|_| leg));
     squares.clear();
-    squares.extend(linked.map(|leg| leg.parallax.norm_squared()));
+    squares.extend(linked.map(|leg| (leg.parallax.norm_squared(), leg.prior)));
     let known = 2 * squares.len() >= count && !squares.is_empty();
-    let parallax = (median(squares) / 2.0).max(f64::MIN_POSITIVE);
-    (known && excess <= PLAUSIBLE * DEPTHS * DEPTHS * parallax).then_some(parallax)
+    let parallax = (weighted_median(squares) / 2.0).max(f64::MIN_POSITIVE);
+    known.then_some(parallax)
 }
 
 /// What (wᵀr)² and |w|² are, r and w being residual and parallax of a match, or of both that a track joins.
@@ -89,7 +87,7 @@ impl Joint {
 
 impl Scatter {
     /// Tells the noise of a pair, at least `least` px², from its parallax; all is noise where that has no say.
-    pub fn of(residuals: &PairResiduals, least: f64, squares: &mut Vec<f64>) -> Self {
+    pub fn of(residuals: &PairResiduals, least: f64, squares: &mut Vec<(f64, f64)>) -> Self {
         let all = residuals.sigma * residuals.sigma;
         let mut scatter = Self { noise: all, depths: 0.0 };
         let Some(parallax) = residuals.parallax else { return scatter };
@@ -102,13 +100,14 @@ impl Scatter {
         };
         // Were the residuals the same from pair to pair, their difference would be noise, twice.
         squares.clear();
-        squares.extend(both().map(|(now, before)| (now.residual - before.residual).norm_squared()));
-        scatter.noise = (median(squares) * MEDIAN_TO_VARIANCE / 2.0).min(all).max(least);
+        squares
+            .extend(both().map(|(now, before)| ((now.residual - before.residual).norm_squared(), now.prior)));
+        scatter.noise = (weighted_median(squares) * MEDIAN_TO_VARIANCE / 2.0).min(all).max(least);
         for _ in 0..ROUNDS {
             scatter.depths = ((all - scatter.noise) / parallax).min(DEPTHS * DEPTHS);
             squares.clear();
-            squares.extend(both().map(|(now, before)| scatter.square(now, before)));
-            scatter.noise = (median(squares) * MEDIAN_TO_VARIANCE).min(all).max(least);
+            squares.extend(both().map(|(now, before)| (scatter.square(now, before), now.prior)));
+            scatter.noise = (weighted_median(squares) * MEDIAN_TO_VARIANCE).min(all).max(least);
         }
         scatter
     }
@@ -165,6 +164,7 @@ mod tests {
         let m = Match { from: Vector2::zeros(), to: Vector2::zeros(), covariance: Matrix2::zeros() };
         Leg {
             m,
+            prior: 1.0,
             times: [0.0, 1.0],
             residual: residual.into(),
             parallax: parallax.into(),
@@ -211,11 +211,11 @@ mod tests {
             };
             let before = see([0.9 * parallax, 0.2 * parallax], [3.6, 0.8]);
             let now = see([parallax, 0.0], [4.0, 0.0]);
-            squares.push(now.residual.norm_squared());
+            squares.push((now.residual.norm_squared(), 1.0));
             residuals.legs.push(now);
             residuals.before.push(Some(before));
         }
-        residuals.sigma = (median(&mut squares) * MEDIAN_TO_VARIANCE).sqrt();
+        residuals.sigma = (weighted_median(&mut squares) * MEDIAN_TO_VARIANCE).sqrt();
         residuals
     }
 
@@ -235,11 +235,11 @@ mod tests {
 
     #[test]
     fn what_cannot_be_parallax_is_noise() {
-        // The path's translation explains a tenth of what the points do.
+        // The path's translation explains a tenth of what the points do, and depths spread by half at most.
         let residuals = scene(0.4, 0.1, 0.4);
         let all = residuals.sigma * residuals.sigma;
         let scatter = told(residuals);
-        assert_eq!((scatter.noise, scatter.depths), (all, 0.0));
+        assert!(scatter.noise > 0.75 * all && scatter.depths == DEPTHS * DEPTHS, "{scatter:?} of {all}");
         let mut lost = scene(0.4, 0.1, 4.0);
         lost.before.iter_mut().step_by(3).for_each(|before| *before = None);
         assert!(told(lost.clone()).depths > 0.0, "two thirds of the tracks are enough");

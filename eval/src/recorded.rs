@@ -1,0 +1,157 @@
+//! Measurements of a sequence, recorded once, from which estimators are run: all see the same correspondences and flow.
+
+use crate::footage::Footage;
+use crate::methods::Corrections;
+use crate::methods::product::{self, Delay};
+use anyhow::{Context, Result};
+use rsrectify::correspond::{Correspondence, Pyramid, Sampler};
+use rsrectify::flow::FlowField;
+use rsrectify::motion::{FrameMotion, MotionPath, SampledPath};
+use rsrectify::plane::{Luma, Plane, PlaneLayout, SampleFormat};
+use rsrectify::readout::Readout;
+use rsrectify::rectifier::{Estimator, Settings};
+use rsrectify::solve::continuous::{Camera, Continuous, Motion, PairMeasurement};
+use std::ops::Range;
+use std::time::Instant;
+
+/// What was measured between a frame and the next.
+struct Pair {
+    grid: Vec<Correspondence>,
+    flow: [FlowField; 2],
+}
+
+/// The measurements of successive frames.
+pub struct Recording {
+    size: [usize; 2],
+    pixel_scale: f64,
+    period: f64,
+    /// Seconds.
+    stamps: Vec<f64>,
+    pairs: Vec<Pair>,
+}
+
+/// A frame as an estimator sees it.
+pub struct Estimate {
+    /// Its motion; `None` where nothing is known of it.
+    pub motion: Option<FrameMotion>,
+    /// The shutter as far as it is known.
+    pub readout: Readout,
+    /// Standard deviation that is stated of the readout ratio.
+    pub readout_deviation: f64,
+    /// Seconds that the frame took.
+    pub seconds: f64,
+}
+
+impl Recording {
+    /// Measures a sequence, with the true readout known, which predicts where points go.
+    ///
+    /// # Errors
+    /// If a frame is not of the sequence's size.
+    pub fn of(footage: &Footage) -> Result<Self> {
+        let settings = footage.settings();
+        let (width, height) = (settings.width, settings.height);
+        let told = product::settings(settings, Delay::True, Estimator::Continuous, 0);
+        let mut sampler = Sampler::new(width, height, told.grid_columns, told.grid_rows);
+        let pixel_scale = sampler.pixel_scale();
+        let period = 1.0 / settings.delivered_fps();
+        let mut recording = Self {
+            size: [width, height],
+            pixel_scale,
+            period,
+            stamps: footage.stamps.clone(),
+            pairs: Vec::new(),
+        };
+        let mut estimator = recording.estimator(&told);
+        let (mut before, mut now) = (Pyramid::default(), Pyramid::default());
+        for (frame, stamp) in footage.frames.iter().zip(&footage.stamps) {
+            let luma = frame.luma();
+            let layout = PlaneLayout::packed(width, height, SampleFormat::U8);
+            sampler.build(&Luma::from(Plane::new(&luma, layout)?), &mut now);
+            let pair = (!before.is_empty()).then(|| {
+                let mut grid = Vec::new();
+                sampler.correspond(&before, &now, |pixel| estimator.expected(pixel), &mut grid);
+                let flow = sampler.flow();
+                Pair { grid, flow: [flow.forward().clone(), flow.backward().clone()] }
+            });
+            estimator.push(pair.as_ref().map(Pair::measurement), *stamp, period);
+            estimator.settle();
+            recording.pairs.extend(pair);
+            std::mem::swap(&mut before, &mut now);
+        }
+        Ok(recording)
+    }
+
+    fn estimator(&self, settings: &Settings) -> Continuous {
+        let camera = Camera {
+            model: settings.model,
+            direction: settings.direction,
+            readout_time: settings.readout_time,
+            focal_length: settings.focal_length,
+        };
+        Continuous::new(camera, self.size[0], self.size[1], self.pixel_scale)
+    }
+
+    /// Estimates the motion of some of the frames, as if there were no others.
+    ///
+    /// # Errors
+    /// If there are too few.
+    pub fn estimate(&self, frames: Range<usize>, settings: &Settings) -> Result<Vec<Estimate>> {
+        let mut estimator = self.estimator(settings);
+        let nodes = (settings.grid_columns * settings.grid_rows) as f64;
+        let mut estimates = Vec::new();
+        for index in frames.clone() {
+            let started = Instant::now();
+            let stamp = *self.stamps.get(index).context("too few frames were recorded")?;
+            let pair = index.checked_sub(1).filter(|before| *before >= frames.start);
+            let pair = pair.and_then(|before| self.pairs.get(before));
+            estimator.push(pair.map(Pair::measurement), stamp, self.period);
+            if index - frames.start >= settings.lookahead {
+                estimates.push(estimate(&mut estimator, nodes, started));
+            }
+        }
+        while estimates.len() < frames.len() {
+            estimates.push(estimate(&mut estimator, nodes, Instant::now()));
+        }
+        Ok(estimates)
+    }
+}
+
+impl Pair {
+    fn measurement(&self) -> PairMeasurement<'_> {
+        PairMeasurement { grid: &self.grid, flow: Some([&self.flow[0], &self.flow[1]]) }
+    }
+}
+
+fn estimate(estimator: &mut Continuous, nodes: f64, started: Instant) -> Estimate {
+    let settled = estimator.settle();
+    let seconds = started.elapsed().as_secs_f64();
+    let (readout, readout_deviation) = estimator.belief();
+    Estimate {
+        motion: settled.and_then(|motion| frame_motion(motion, nodes)),
+        readout,
+        readout_deviation,
+        seconds,
+    }
+}
+
+/// The motion that the rectifier makes of an estimate.
+fn frame_motion(motion: Motion, nodes: f64) -> Option<FrameMotion> {
+    let path = MotionPath::from(SampledPath::new(&motion.homographies, motion.readout.time()).ok()?);
+    let path = match motion.field {
+        Some(field) => path.with_residual(field),
+        None => path,
+    };
+    let coverage = (motion.inliers as f64 / (0.1 * nodes)).min(1.0);
+    Some(FrameMotion::new(motion.readout, path).with_weight(2.0 * motion.confidence * coverage))
+}
+
+/// The corrections that estimates stand for.
+pub fn corrections(estimates: Vec<Estimate>) -> Corrections {
+    let correction = |estimate: Estimate| -> Box<dyn crate::methods::Correction> {
+        match estimate.motion {
+            Some(motion) => Box::new(move |pixel| product::carried(&motion, pixel)),
+            None => Box::new(|pixel| pixel),
+        }
+    };
+    estimates.into_iter().map(correction).collect()
+}

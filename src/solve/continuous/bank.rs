@@ -1,0 +1,293 @@
+//! The bank of hypotheses about the camera: which edge of the sensor is read first, each with a fit of its own.
+//!
+//! Together they are the camera's posterior: a mixture of Gaussians of the signed readout ratio γ along either axis. A
+//! hypothesis is weighed by the evidence of the same pairs as all others, the softmax of the sums being their
+//! probabilities. What the bank states and applies is that of the mixture: the deviation of the readout counts the
+//! rivals, and a correction is applied as far as they agree on it.
+
+use super::camera::{Camera, KAPPA_LIMITS, READOUT_BELIEF};
+use super::evidence::Window;
+use super::hypothesis::Hypothesis;
+use super::pair::ScanAxis;
+use super::pair_window::PairWindow;
+use super::running::Running;
+use super::smoothness::Smoothness;
+use super::solver::{KnotDensity, Solver};
+use crate::readout::ReadoutDirection;
+use nalgebra::Vector2;
+use rayon::prelude::*;
+
+/// A hypothesis that is less likely than another one by a factor of e to this power is given up.
+const DECISIVE: f64 = 12.0;
+/// Logarithm of the probability that another camera took the frames after a cut.
+const OTHER_CAMERA: f64 = -3.0;
+/// Frames after which a direction that was given up is tried again, and the logarithm of its probability then.
+const RETRIAL: (usize, f64) = (90, -15.0);
+/// Columns and rows of points at which corrections are compared.
+const PROBES: [usize; 2] = [6, 5];
+/// Up to so many deviations from no rolling shutter nothing is done.
+const CAUTION: f64 = 2.0;
+/// The least deviation that is believed of an estimated γ.
+const LEAST_DEVIATION: f64 = 0.01;
+
+/// The hypotheses about the camera of a stream.
+#[derive(Debug)]
+pub(super) struct Bank {
+    camera: Camera,
+    size: [usize; 2],
+    /// Least standard deviation of a coordinate in pixels.
+    noise: f64,
+    /// The likeliest first; never empty.
+    pub hypotheses: Vec<Hypothesis>,
+    /// Frames since a direction was tried again.
+    since_retrial: usize,
+}
+
+impl Bank {
+    /// For frames of `width` × `height` pixels, whose points have this deviation at least.
+    pub fn new(camera: Camera, [width, height]: [usize; 2], noise: f64) -> Self {
+        let mut bank =
+            Self { camera, size: [width, height], noise, hypotheses: Vec::new(), since_retrial: 0 };
+        bank.hypotheses = camera.directions().into_iter().map(|direction| bank.fresh(direction)).collect();
+        bank
+    }
+
+    /// A hypothesis that nothing was seen for or against yet.
+    fn fresh(&self, direction: ReadoutDirection) -> Hypothesis {
+        let [width, height] = self.size;
+        let camera = &self.camera;
+        let radius = width.max(1) as f64 / 2.0;
+        let lines = if direction.is_by_rows() { height } else { width } as f64;
+        let scan_axis = ScanAxis { by_rows: direction.is_by_rows(), length: lines.max(1.0) / radius };
+        let smoothness = Smoothness::new(camera.model.generators(), KnotDensity::Usual.start_variance());
+        let signs = match (camera.direction, direction.is_reversed()) {
+            (None, _) => [-1.0, 1.0],
+            (Some(_), false) => [0.0, 1.0],
+            (Some(_), true) => [-1.0, 0.0],
+        };
+        let beliefs =
+            [READOUT_BELIEF, camera.kappa_belief()].map(|(mean, deviation)| Running::new(mean, deviation));
+        let limits = [signs, KAPPA_LIMITS];
+        let solver =
+            Solver::new(scan_axis, KnotDensity::Usual, radius, self.noise, smoothness, beliefs, limits);
+        let mut hypothesis = Hypothesis::new(direction, signs, solver);
+        hypothesis.prior = Camera::log_prior(direction, width, height);
+        hypothesis.score = hypothesis.prior;
+        hypothesis
+    }
+
+    /// The likeliest hypothesis.
+    pub fn leading(&self) -> &Hypothesis {
+        &self.hypotheses[0]
+    }
+
+    /// Every hypothesis.
+    pub fn iter_mut(&mut self) -> impl Iterator<Item = &mut Hypothesis> {
+        self.hypotheses.iter_mut()
+    }
+
+    /// Whether more than one is left.
+    pub fn is_in_question(&self) -> bool {
+        self.hypotheses.len() > 1
+    }
+
+    /// Goes on with fits to the pairs that have come so far, before the first one of them is due.
+    pub fn prepare(&mut self, window: PairWindow<'_>) {
+        self.hypotheses.par_iter_mut().for_each(|hypothesis| hypothesis.prepare(window));
+    }
+
+    /// Fits each hypothesis to the window of a frame and weighs them; `starts` after a start, a gap or a cut.
+    pub fn settle(&mut self, window: PairWindow<'_>, starts: bool) {
+        let longest = window.usual_interval();
+        let is_known = self.camera.is_known();
+        self.hypotheses.par_iter_mut().for_each(|hypothesis| {
+            if !is_known {
+                hypothesis.solver.limits[0] = hypothesis.signs.map(|sign| sign * longest);
+            }
+            hypothesis.settle(window, starts);
+        });
+        self.challenge(window, starts);
+        self.hypotheses.par_iter_mut().for_each(|hypothesis| hypothesis.conclude(window));
+        self.weigh(window);
+        self.sort();
+        self.try_again();
+    }
+
+    /// The part of a window that the hypotheses are fitted to: the same for all, so that their evidence can be compared.
+    pub fn window<'a>(&self, window: PairWindow<'a>) -> PairWindow<'a> {
+        let is_vibrating = self.hypotheses.iter().any(Hypothesis::looks_for_vibration);
+        let density = if is_vibrating { KnotDensity::Vibrating } else { KnotDensity::Usual };
+        window.recent(density, self.is_in_question())
+    }
+
+    /// Adds hypotheses of the other knot density where the path leaves what that may explain.
+    fn challenge(&mut self, window: PairWindow<'_>, starts: bool) {
+        let directions: Vec<ReadoutDirection> =
+            self.hypotheses.iter().map(|hypothesis| hypothesis.direction).collect();
+        let is_alone =
+            |one: &Hypothesis| directions.iter().filter(|other| **other == one.direction).count() == 1;
+        let challengers = self.hypotheses.par_iter_mut().filter(|hypothesis| is_alone(hypothesis));
+        let found: Vec<Hypothesis> =
+            challengers.filter_map(|hypothesis| hypothesis.challenger(window, starts)).collect();
+        self.hypotheses.extend(found);
+    }
+
+    /// Takes the possibility into account that another camera took what comes.
+    pub fn reopen(&mut self) {
+        if !self.camera.is_known() {
+            self.add_fresh(OTHER_CAMERA, |_| true);
+        }
+    }
+
+    /// Adds fresh hypotheses of the directions for which `is_wanted`, with this logarithm of their probability together.
+    fn add_fresh(&mut self, log_probability: f64, is_wanted: impl Fn(ReadoutDirection) -> bool) {
+        let first = self.leading().prior;
+        for direction in self.camera.directions().into_iter().filter(|direction| is_wanted(*direction)) {
+            let mut fresh = self.fresh(direction);
+            fresh.prior += first + log_probability;
+            fresh.score = fresh.prior;
+            self.hypotheses.push(fresh);
+        }
+    }
+
+    /// Now and then tries the directions that were given up.
+    fn try_again(&mut self) {
+        self.since_retrial += 1;
+        if self.is_in_question() || self.camera.is_known() {
+            self.since_retrial = 0;
+        } else if self.since_retrial >= RETRIAL.0 {
+            self.since_retrial = 0;
+            let own = self.leading().direction;
+            self.add_fresh(RETRIAL.1, |direction| direction != own);
+        }
+    }
+
+    /// Compares the hypotheses by the evidence of the same windows.
+    fn weigh(&mut self, window: PairWindow<'_>) {
+        let hypotheses = &mut self.hypotheses;
+        if hypotheses.len() < 2 || hypotheses.iter().any(|hypothesis| hypothesis.knows_little(window)) {
+            return;
+        }
+        let weight = hypotheses.iter().map(|hypothesis| hypothesis.weight(window)).fold(0.0, f64::max);
+        let trust = hypotheses.iter().map(|one| one.solver.trust_in_evidence()).fold(0.0, f64::max);
+        let evidence: Option<Vec<f64>> = hypotheses.par_iter_mut().map(|h| h.log_evidence(window)).collect();
+        for (hypothesis, evidence) in hypotheses.iter_mut().zip(evidence.into_iter().flatten()) {
+            hypothesis.evidence.add(Window { weight, trust, evidence, pairs: window.pairs.len() });
+        }
+        let Some(likeliest) = hypotheses.iter().reduce(|best, other| {
+            let odds = other.prior - best.prior + other.evidence.log_odds(&best.evidence);
+            if odds > 0.0 { other } else { best }
+        }) else {
+            return;
+        };
+        let evidence = likeliest.evidence.clone();
+        for hypothesis in hypotheses {
+            hypothesis.score = hypothesis.prior + hypothesis.evidence.log_odds(&evidence);
+        }
+    }
+
+    /// Puts the likeliest first and gives up those that are far less likely, once the first knows its γ: until then it may
+    /// have fared well for another reason, and the other one badly because it was not found yet.
+    fn sort(&mut self) {
+        self.hypotheses.sort_by(|a, b| b.score.total_cmp(&a.score));
+        let first = self.leading();
+        let least = first.score - DECISIVE;
+        if first.knows_readout() {
+            self.hypotheses.retain(|hypothesis| hypothesis.score > least);
+        }
+        drop_twins(&mut self.hypotheses);
+    }
+
+    /// The probability of each hypothesis.
+    fn probabilities(&self) -> Vec<f64> {
+        let first = self.leading().score;
+        let weights: Vec<f64> = self.hypotheses.iter().map(|other| (other.score - first).exp()).collect();
+        let sum: f64 = weights.iter().sum();
+        weights.into_iter().map(|weight| weight / sum).collect()
+    }
+
+    /// Standard deviation of γ about that of the likeliest hypothesis: of the mixture, by either axis.
+    pub fn readout_deviation(&self) -> f64 {
+        let gradient = |hypothesis: &Hypothesis| {
+            let gamma = hypothesis.solver.shared[0];
+            if hypothesis.direction.is_by_rows() {
+                Vector2::new(0.0, gamma)
+            } else {
+                Vector2::new(gamma, 0.0)
+            }
+        };
+        let own = gradient(self.leading());
+        let variance = |hypothesis: &Hypothesis| {
+            (gradient(hypothesis) - own).norm_squared() + hypothesis.solver.readout_deviation().powi(2)
+        };
+        let parts = self.probabilities().into_iter().zip(&self.hypotheses);
+        parts.map(|(probability, hypothesis)| probability * variance(hypothesis)).sum::<f64>().sqrt()
+    }
+
+    /// Share of the likeliest hypothesis' correction of a frame that is expected to be right, 0 to 1.
+    ///
+    /// Of the corrections d of all hypotheses, with their probabilities p, the share of the first that minimises the
+    /// expected square error is Σ p·(d·d₁)/(d₁·d₁).
+    pub fn share(&self, stamp: f64) -> f64 {
+        if self.camera.is_known() && !self.is_in_question() {
+            return 1.0;
+        }
+        let share = |solver: &Solver| {
+            if self.camera.is_known() {
+                return 1.0;
+            }
+            certain(solver.beliefs[0].mean, solver.readout_deviation().max(LEAST_DEVIATION))
+        };
+        let own = self.correction(&self.leading().solver, stamp);
+        let product = |other: &[Vector2<f64>]| own.iter().zip(other).map(|(a, b)| a.dot(b)).sum::<f64>();
+        let square = product(&own);
+        if square <= 0.0 {
+            return 0.0;
+        }
+        let parts = self.probabilities().into_iter().zip(&self.hypotheses).enumerate();
+        let shares = parts.map(|(index, (probability, hypothesis))| {
+            let agreement = match index {
+                0 => 1.0,
+                _ if probability < 1e-3 => 0.0,
+                _ => product(&self.correction(&hypothesis.solver, stamp)) / square,
+            };
+            probability * share(&hypothesis.solver) * agreement.min(1.0)
+        });
+        shares.sum::<f64>().clamp(0.0, 1.0)
+    }
+
+    /// Where a solver takes points of a frame, less where they are seen.
+    fn correction(&self, solver: &Solver, stamp: f64) -> Vec<Vector2<f64>> {
+        let [columns, rows] = PROBES;
+        let [across, down] = [1.0, self.size[1] as f64 / self.size[0].max(1) as f64];
+        let place = |index: usize, count: usize| (2 * index + 1) as f64 / count as f64 - 1.0;
+        let points = (0..columns * rows)
+            .map(|k| Vector2::new(across * place(k % columns, columns), down * place(k / columns, rows)));
+        let middle = solver.time(stamp, 0.5);
+        let correction = |point: Vector2<f64>| {
+            let seen = solver.time(stamp, solver.scan_axis.place(point));
+            solver.flow.carry(point, seen, middle) - point
+        };
+        points.map(correction).collect()
+    }
+}
+
+/// Share of a correction that is applied where γ is known with this deviation: the Wiener filter's γ²/(γ² + σ²) to first
+/// order, with more than one deviation for σ, so that hardly a frame is bent.
+fn certain(gamma: f64, deviation: f64) -> f64 {
+    (1.0 - (CAUTION * deviation / gamma).powi(2)).max(0.0)
+}
+
+/// Of hypotheses that have come to the same answer from different starts, keeps the likeliest.
+fn drop_twins(hypotheses: &mut Vec<Hypothesis>) {
+    let mut kept: Vec<Hypothesis> = Vec::with_capacity(hypotheses.len());
+    for hypothesis in hypotheses.drain(..) {
+        let is_twin = |other: &Hypothesis| {
+            other.settled && hypothesis.settled && !other.is_vague() && other.agrees_with(&hypothesis)
+        };
+        if !kept.iter().any(is_twin) {
+            kept.push(hypothesis);
+        }
+    }
+    *hypotheses = kept;
+}
