@@ -1,4 +1,4 @@
-//! One way in which the sensor may be read, with a solver of its own.
+//! One way in which the sensor may be read and the camera may move, with a fit of its own.
 
 use super::evidence::EvidenceRecord;
 use super::pair_window::{PairWindow, breadth};

@@ -1,4 +1,4 @@
-//! Which path fits, where a fit may end in the wrong place: several starts, fitted side by side.
+//! Fits from several starts side by side, as one of them may end in the wrong place.
 //!
 //! A start costs as many steps as a window has iterations, and there are several of them. They go on with each frame
 //! that comes, so that no frame takes much longer than another: what was fitted to a few pairs is near the path of one

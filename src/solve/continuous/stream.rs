@@ -1,8 +1,8 @@
 //! Frames as they come → the motion of each, a few frames later.
 //!
 //! A frame is settled over the pairs of a few frames before it and of all that have come after it.
-//! Which edge of the sensor is read first is a hypothesis: each has a solver of its own, and the likeliest
-//! one speaks. Vibrations, too fast for the usual knots, are a hypothesis within each.
+//! What is not known of the camera is a bank of hypotheses, each with a fit of its own; the motion given out is that of
+//! the likeliest one.
 
 use super::bank::Bank;
 use super::camera::{Camera, KNOWN};
