@@ -143,9 +143,7 @@ impl Bank {
     fn add_fresh(&mut self, log_probability: f64, is_wanted: impl Fn(ReadoutDirection) -> bool) {
         let first = self.leading().prior;
         for direction in self.camera.directions().into_iter().filter(|direction| is_wanted(*direction)) {
-            let mut fresh = self.fresh(direction);
-            fresh.prior += first + log_probability;
-            fresh.score = fresh.prior;
+            let fresh = self.fresh(direction).joining(first + log_probability);
             self.hypotheses.push(fresh);
         }
     }
@@ -165,7 +163,10 @@ impl Bank {
     /// Compares the hypotheses by the evidence of the same windows.
     fn weigh(&mut self, window: PairWindow<'_>) {
         let hypotheses = &mut self.hypotheses;
-        if hypotheses.len() < 2 || hypotheses.iter().any(|hypothesis| hypothesis.knows_little(window)) {
+        if hypotheses.len() < 2
+            || window.pairs.is_empty()
+            || hypotheses.iter().any(|hypothesis| hypothesis.knows_little(window))
+        {
             return;
         }
         let weight = hypotheses.iter().map(|hypothesis| hypothesis.weight(window)).fold(0.0, f64::max);
@@ -193,7 +194,9 @@ impl Bank {
         let first = self.leading();
         let least = first.score - DECISIVE;
         if first.knows_readout() {
-            self.hypotheses.retain(|hypothesis| hypothesis.score > least);
+            // The first one stays, whatever numbers a broken window brought about.
+            let mut is_first = true;
+            self.hypotheses.retain(|hypothesis| std::mem::take(&mut is_first) || hypothesis.score > least);
         }
         drop_twins(&mut self.hypotheses);
     }

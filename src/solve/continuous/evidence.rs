@@ -45,8 +45,12 @@ pub(super) struct EvidenceRecord {
 }
 
 impl EvidenceRecord {
-    /// Adds a window.
+    /// Adds a window; one without pairs or with numbers that are none says nothing.
     pub fn add(&mut self, window: Window) {
+        let numbers = [window.weight, window.trust, window.evidence];
+        if window.pairs == 0 || !numbers.iter().all(|number| number.is_finite()) {
+            return;
+        }
         self.windows.push_front(window);
         self.windows.truncate(REMEMBERED);
     }
@@ -114,6 +118,8 @@ mod tests {
         assert!(long.log_odds(&record([0.0; 200])) < -20.0);
         let worthless: EvidenceRecord = {
             let mut record = EvidenceRecord::default();
+            record.add(Window { weight: 1.0, trust: 1.0, evidence: 70.0, pairs: 0 });
+            record.add(Window { weight: 1.0, trust: 1.0, evidence: f64::NAN, pairs: 4 });
             record.add(Window { weight: 0.0, trust: 1.0, evidence: 70.0, pairs: 4 });
             record
         };

@@ -57,6 +57,8 @@ pub(super) struct Hypothesis {
     pub settled: bool,
     /// Steps so far in which it was learnt how a vibration goes on.
     foresight: usize,
+    /// Whether it has just joined others that are further, and may take its time.
+    joins: bool,
     /// The fits from several starts that are going on; for the frames after a gap or a cut while those before it are
     /// settled; and at the other knot density.
     pub search: Option<Search>,
@@ -79,10 +81,18 @@ impl Hypothesis {
             rests: true,
             settled: false,
             foresight: 0,
+            joins: false,
             search: None,
             prepared: None,
             trial: None,
         }
+    }
+
+    /// The same for one that joins others in a stream that goes on, with this logarithm of its probability beside its own.
+    pub fn joining(mut self, log_probability: f64) -> Self {
+        self.prior += log_probability;
+        (self.score, self.since_sought, self.joins) = (self.prior, Some(TRIAL), true);
+        self
     }
 
     /// Whether γ is known, be it that there is none.
@@ -93,8 +103,7 @@ impl Hypothesis {
 
     /// Whether its path vibrates, or is tried for that.
     pub fn looks_for_vibration(&self) -> bool {
-        let is_vibrating = |solver: &Solver| solver.density == KnotDensity::Vibrating;
-        is_vibrating(&self.solver) || self.trial.is_some() && !is_vibrating(&self.solver)
+        self.solver.density == KnotDensity::Vibrating || self.trial.is_some()
     }
 
     /// Whether the readout ratio is too uncertain to be reached from any start.
@@ -135,6 +144,7 @@ impl Hypothesis {
 
     /// Fits the path to a window, of the knot density in hand.
     pub fn settle(&mut self, window: PairWindow<'_>, starts: bool) {
+        let starts = starts && !std::mem::take(&mut self.joins);
         if starts {
             self.solver.restart();
             // What was fitted to a pair or two is no better start than none.
