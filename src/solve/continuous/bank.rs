@@ -19,8 +19,6 @@ use rayon::prelude::*;
 
 /// A hypothesis that is less likely than another one by a factor of e to this power is given up.
 const DECISIVE: f64 = 12.0;
-/// Logarithm of the probability that another camera took the frames after a cut.
-const OTHER_CAMERA: f64 = -3.0;
 /// Frames after which a direction that was given up is tried again, and the logarithm of its probability then.
 const RETRIAL: (usize, f64) = (90, -15.0);
 /// Columns and rows of points at which corrections are compared.
@@ -130,13 +128,6 @@ impl Bank {
         let found: Vec<Hypothesis> =
             challengers.filter_map(|hypothesis| hypothesis.challenger(window, starts)).collect();
         self.hypotheses.extend(found);
-    }
-
-    /// Takes the possibility into account that another camera took what comes.
-    pub fn reopen(&mut self) {
-        if !self.camera.is_known() {
-            self.add_fresh(OTHER_CAMERA, |_| true);
-        }
     }
 
     /// Adds fresh hypotheses of the directions for which `is_wanted`, with this logarithm of their probability together.

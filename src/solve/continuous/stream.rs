@@ -95,8 +95,6 @@ pub struct Continuous {
     clock: Option<(f64, f64)>,
     /// Seconds to a frame period before the last restart.
     unit_before: Option<f64>,
-    /// Whether anything was settled yet.
-    has_settled: bool,
     /// Whether the first frame that waits follows a settled one.
     continues: bool,
     residual: ResidualSolver,
@@ -122,7 +120,6 @@ impl Continuous {
             settled: 0,
             clock: None,
             unit_before: None,
-            has_settled: false,
             continues: false,
             residual: ResidualSolver::default(),
             fixed: StaticOverlay::new(width, height, noise),
@@ -217,10 +214,6 @@ impl Continuous {
             .collect();
         let stamp = self.frames.get(own)?.stamp;
         let starts = past == 0 || !self.continues;
-        if starts && self.has_settled {
-            self.bank.reopen();
-        }
-        self.has_settled |= !pairs.is_empty();
         let window = self.bank.window(PairWindow { pairs: &pairs, past });
         self.bank.settle(window, starts);
         self.continues = !pairs.is_empty();
@@ -316,8 +309,7 @@ impl Continuous {
 
     /// Standard deviation of the readout ratio that was found; 0 where it was given.
     fn readout_deviation(&self) -> f64 {
-        let is_given = self.camera.is_known() && !self.bank.is_in_question();
-        if is_given { 0.0 } else { self.bank.readout_deviation() }
+        if self.camera.is_known() { 0.0 } else { self.bank.readout_deviation() }
     }
 
     /// The shutter that a solver found.
