@@ -1,8 +1,8 @@
-//! The bank of hypotheses about the camera: which edge of the sensor is read first, each with a fit of its own.
+//! The bank of hypotheses about the camera: which edge of the sensor is read first, and how fast it vibrates, each with a fit
+//! of its own.
 //!
-//! Together they are the camera's posterior: a mixture of Gaussians of the signed readout ratio γ along either axis. A
-//! hypothesis is weighed by the evidence of the same pairs as all others, the softmax of the sums being their
-//! probabilities. What the bank states and applies is that of the mixture: the deviation of the readout counts the
+//! Together they are the camera's posterior: a mixture of Gaussians of the signed readout ratio γ along either axis, whose
+//! weights follow from the evidence of the same pairs of frames. What the bank states and applies is that of the mixture: the deviation of the readout counts the
 //! rivals, and a correction is applied as far as they agree on it.
 
 use super::camera::{Camera, KAPPA_LIMITS, READOUT_BELIEF};
@@ -130,7 +130,7 @@ impl Bank {
         self.hypotheses.extend(found);
     }
 
-    /// Adds fresh hypotheses of the directions for which `is_wanted`, with this logarithm of their probability together.
+    /// Adds fresh hypotheses of the directions for which `is_wanted`, each with this logarithm of its probability.
     fn add_fresh(&mut self, log_probability: f64, is_wanted: impl Fn(ReadoutDirection) -> bool) {
         let first = self.leading().prior;
         for direction in self.camera.directions().into_iter().filter(|direction| is_wanted(*direction)) {
