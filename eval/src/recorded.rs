@@ -12,7 +12,6 @@ use rsrectify::readout::Readout;
 use rsrectify::rectifier::{Estimator, Settings};
 use rsrectify::solve::continuous::{Camera, Continuous, Motion, PairMeasurement};
 use std::ops::Range;
-use std::time::Instant;
 
 /// What was measured between a frame and the next.
 struct Pair {
@@ -38,8 +37,6 @@ pub struct Estimate {
     pub readout: Readout,
     /// Standard deviation that is stated of the readout ratio.
     pub readout_deviation: f64,
-    /// Seconds that the frame took.
-    pub seconds: f64,
 }
 
 impl Recording {
@@ -100,17 +97,16 @@ impl Recording {
         let nodes = (settings.grid_columns * settings.grid_rows) as f64;
         let mut estimates = Vec::new();
         for index in frames.clone() {
-            let started = Instant::now();
             let stamp = *self.stamps.get(index).context("too few frames were recorded")?;
             let pair = index.checked_sub(1).filter(|before| *before >= frames.start);
             let pair = pair.and_then(|before| self.pairs.get(before));
             estimator.push(pair.map(Pair::measurement), stamp, self.period);
             if index - frames.start >= settings.lookahead {
-                estimates.push(estimate(&mut estimator, nodes, started));
+                estimates.push(estimate(&mut estimator, nodes));
             }
         }
         while estimates.len() < frames.len() {
-            estimates.push(estimate(&mut estimator, nodes, Instant::now()));
+            estimates.push(estimate(&mut estimator, nodes));
         }
         Ok(estimates)
     }
@@ -122,16 +118,10 @@ impl Pair {
     }
 }
 
-fn estimate(estimator: &mut Continuous, nodes: f64, started: Instant) -> Estimate {
+fn estimate(estimator: &mut Continuous, nodes: f64) -> Estimate {
     let settled = estimator.settle();
-    let seconds = started.elapsed().as_secs_f64();
     let (readout, readout_deviation) = estimator.belief();
-    Estimate {
-        motion: settled.and_then(|motion| frame_motion(motion, nodes)),
-        readout,
-        readout_deviation,
-        seconds,
-    }
+    Estimate { motion: settled.and_then(|motion| frame_motion(motion, nodes)), readout, readout_deviation }
 }
 
 /// The motion that the rectifier makes of an estimate.

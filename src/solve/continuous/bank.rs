@@ -79,11 +79,6 @@ impl Bank {
         &self.hypotheses[0]
     }
 
-    /// Every hypothesis.
-    pub fn iter_mut(&mut self) -> impl Iterator<Item = &mut Hypothesis> {
-        self.hypotheses.iter_mut()
-    }
-
     /// Whether more than one is left.
     pub fn is_in_question(&self) -> bool {
         self.hypotheses.len() > 1

@@ -61,7 +61,7 @@ pub(super) struct Hypothesis {
     joins: bool,
     /// The fits from several starts that are going on; for the frames after a gap or a cut while those before it are
     /// settled; and at the other knot density.
-    pub search: Option<Search>,
+    search: Option<Search>,
     prepared: Option<Search>,
     trial: Option<Search>,
 }
@@ -121,7 +121,7 @@ impl Hypothesis {
 
     /// Readout ratios from which a fit is begun: the one in hand and, where that is vague, the end of its direction. What
     /// is in between is reached; so is what is beyond zero, where the other direction's fit may end in a worse place.
-    pub fn starts(&self, is_vague: bool) -> Vec<f64> {
+    fn starts(&self, is_vague: bool) -> Vec<f64> {
         let end = if self.direction.is_reversed() { -END } else { END };
         std::iter::once(self.solver.shared[0]).chain(is_vague.then_some(end)).collect()
     }
@@ -245,7 +245,7 @@ impl Hypothesis {
 
     /// Goes on from the likeliest of the fits; whether γ came to rest where no other one is nearly as likely. Later
     /// windows go on where it did not.
-    pub fn decide(&mut self, search: Search, window: PairWindow<'_>, steps: usize) -> bool {
+    fn decide(&mut self, search: Search, window: PairWindow<'_>, steps: usize) -> bool {
         if self.moves(window) {
             self.since_sought = Some(0);
         }

@@ -170,7 +170,7 @@ impl Continuous {
     fn start(&mut self, period: f64, time: f64) -> (f64, f64) {
         let [width, height] = self.size;
         let time_known = self.camera.readout_time;
-        for hypothesis in self.bank.iter_mut() {
+        for hypothesis in self.bank.hypotheses.iter_mut() {
             if self.camera.is_known() {
                 let readout = Readout::resolved(width, height, hypothesis.direction, time_known, period);
                 let sign = if hypothesis.direction.is_reversed() { -1.0 } else { 1.0 };
@@ -244,7 +244,7 @@ impl Continuous {
         self.settled = 0;
         self.unit_before = self.clock.take().map(|(unit, _)| unit).or(self.unit_before);
         self.continues = false;
-        self.bank.iter_mut().for_each(Hypothesis::drop_searches);
+        self.bank.hypotheses.iter_mut().for_each(Hypothesis::drop_searches);
     }
 
     /// The motion of the frame in a window, whose points moved by this much (mean square, squared radii).
