@@ -1,4 +1,10 @@
 //! How far each cell is to be trusted.
+//!
+//! > c = E/(E + ρ) · λ₁/(λ₁ + n/2) · 1/(1 + (b/(½ + 0.02·|u|))⁴)
+//!
+//! with E the variance of the patch plus 2n, n the variance of a pixel's noise, ρ the mean squared difference, λ₁ ≥ λ₂ the
+//! eigenvalues of the mean structure tensor, u the displacement and b the distance between start and return. The
+//! eigenvalues of the information are aᵢ/(ρ + n + 0.075²·aᵢ), aᵢ = 64·max(λᵢ − n/2, 0).
 
 use super::direction::Direction;
 use super::field::{Cell, FlowField};

@@ -7,7 +7,11 @@
 //! the picture from both neighbours in time.
 //!
 //! That is a conclusion and no measurement, and counts little: enough to tell two motions from each other that differ by
-//! many pixels.
+//! many pixels, and thus for the residual field to tell on which side of the outline the cell lies.
+//!
+//! Share of the distortion that is left on the rendered selfie: 34 %, and 47 % without this; other sequences change by half
+//! a point. To take the motion that fits the cell's pixels best instead costs five points of `blinds` and `whip_pan`: along
+//! stripes and on a blurred pan it often fits by chance.
 
 use super::direction::Direction;
 use super::field::{Cell, FlowField};

@@ -1,9 +1,10 @@
 //! One patch of 8 × 8 pixels and its comparison with another frame between pixels.
 //!
-//! Inverse compositional (S. Baker, I. Matthews, *Lucas–Kanade 20 Years On*, IJCV 56(3), 2004): the gradients are the
-//! template's, so that their matrix is inverted once. They count without their mean and without what they have in common
-//! with the template, which takes a difference of brightness or of contrast out of the step; the residual is taken about
-//! its mean. Nothing is subtracted from the gradients pixel by pixel: with g′ = g − ḡ − a·(v − v̄) the sums Σ g′·d and
+//! Inverse compositional (S. Baker, I. Matthews, *Lucas–Kanade 20 Years On*, IJCV 56(3), 2004): the gradients g are the
+//! template's, so that their matrix is inverted once. With d the difference of the patches and n the variance of a pixel's
+//! noise the step is δ = −(Σ g·gᵀ + 32n·I)⁻¹·Σ g·d. The gradients count without their mean and without what they have in
+//! common with the template, which takes a difference of brightness or of contrast out of the step; the residual is taken
+//! about its mean. Nothing is subtracted from the gradients pixel by pixel: with g′ = g − ḡ − a·(v − v̄) the sums Σ g′·d and
 //! Σ g′·g′ follow from those of g, v and d.
 //!
 //! A comparison reads 9 rows of 9 samples and takes 64 × 15 additions and multiplications, in 8 × 10 instructions.

@@ -12,8 +12,22 @@
 //!   (k, k + 1) and (k − 1, k), the one of least E as a mean per inlier. E of each is that of the
 //!   pair over which it was solved: (k − 1, k) for forward, (k, k + 1) for backward.
 //!
-//! An error of the known frame is passed on by a factor of about −½ where the readout takes the whole
-//! period and −¼ where it takes 0.42 of it, so what was settled long ago does not matter.
+//! What was settled long ago does not matter: a step passes an error of the known frame on with the
+//! opposite sign and smaller. For a translation the factor is −½ at γ = 1 and −¼ at γ = 0.42, γ = N/N_t.
+//! (Had the *known* frame taken the blank, it would be 1 − 3/(2γ), and the recursion would diverge under
+//! γ = ¾.) Rotation and translation along the rows are coupled, as both shear the picture. The eigenvalues
+//! of a step on a 4 : 3 picture, from its least-squares matrix:
+//!
+//! | γ | slowest | | fastest |
+//! |---|---|---|---|
+//! | 1 | −0.91 | −0.50 | −0.30 |
+//! | 0.92 | −0.91 | −0.49 | −0.28 |
+//! | 0.7 | −0.70 | −0.40 | −0.23 |
+//! | 0.42 | −0.36 | −0.24 | −0.14 |
+//!
+//! Twenty frames leave at most 15 % of an error in the slowest mode, and in practice far less, as the final
+//! choice restarts the recursion: from four starts, motions of some 6 px a frame differ after twenty frames
+//! by less than 0.1 px a frame at the corners.
 
 use super::link::{Fit, Known, Link, Scratch};
 use std::collections::VecDeque;

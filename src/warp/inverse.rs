@@ -4,8 +4,11 @@
 //!
 //! > y = z · (x + α · (carry(x, s, ref) − x))
 //!
-//! with the strength α, the reference share ref and the zoom z; α = 1, z = 1 is 25.11. Two
-//! scalar fields describe the inverse in the form in which the two passes of the warp need it:
+//! with the strength α, the reference share ref and the zoom z; α = 1, z = 1 is 25.11. To carry a point for
+//! a share α of the time instead would not fade a vibration: of 2.3 cycles a frame, α = 0.9 can leave 0.7 of
+//! the amplitude in the first row.
+//!
+//! Two scalar fields describe the inverse in the form in which the two passes of the warp need it:
 //!
 //! * `across`: the x at which the frame shows output pixel (X, Y), less X;
 //! * `down`: the y at which *column* x of the frame shows something of output *row* Y, less Y.

@@ -44,8 +44,9 @@ pub(super) struct Innovation {
 }
 
 /// Usual square of what the generators other than the turns move a coordinate of matches with a track by, in
-/// px². `None` where few tracks are known, where the residuals leave nothing beyond noise (`excess`, px²), or
-/// more than parallax can.
+/// px². `None` where few tracks are known or where the residuals have no variance beyond noise (`excess`, px²). Residuals
+/// beyond what parallax can be stay in the innovation and count as noise: to take all for noise as soon as they were four
+/// times as large made fits jump between two states, and those that began in the wrong one never left it.
 pub(super) fn parallax<'a, T>(
     legs: impl Iterator<Item = (&'a Leg, Option<T>)>,
     excess: f64,
