@@ -19,8 +19,9 @@ use rayon::prelude::*;
 
 /// A hypothesis that is less likely than another one by a factor of e to this power is given up.
 const DECISIVE: f64 = 12.0;
-/// Frames after which a direction that was given up is tried again, and the logarithm of its probability then.
-const RETRIAL: (usize, f64) = (90, -15.0);
+/// Frames with one hypothesis after which the camera may be another one, and the logarithm of the probability that it is,
+/// then or after a cut: one in a thousand.
+const OTHER_CAMERA: (usize, f64) = (90, -7.0);
 /// Columns and rows of points at which corrections are compared.
 const PROBES: [usize; 2] = [6, 5];
 /// Up to so many deviations from no rolling shutter nothing is done.
@@ -37,15 +38,25 @@ pub(super) struct Bank {
     noise: f64,
     /// The likeliest first; never empty.
     pub hypotheses: Vec<Hypothesis>,
-    /// Frames since a direction was tried again.
-    since_retrial: usize,
+    /// Directions that are to be tried again, one after the other, as the camera may be another one.
+    to_try: Vec<ReadoutDirection>,
+    /// Frames since there was one to be tried.
+    since_tried: usize,
+    has_begun: bool,
 }
 
 impl Bank {
     /// For frames of `width` × `height` pixels, whose points have this deviation at least.
     pub fn new(camera: Camera, [width, height]: [usize; 2], noise: f64) -> Self {
-        let mut bank =
-            Self { camera, size: [width, height], noise, hypotheses: Vec::new(), since_retrial: 0 };
+        let mut bank = Self {
+            camera,
+            size: [width, height],
+            noise,
+            hypotheses: Vec::new(),
+            to_try: Vec::new(),
+            since_tried: 0,
+            has_begun: false,
+        };
         bank.hypotheses = camera.directions().into_iter().map(|direction| bank.fresh(direction)).collect();
         bank
     }
@@ -103,7 +114,7 @@ impl Bank {
         self.hypotheses.par_iter_mut().for_each(|hypothesis| hypothesis.conclude(window));
         self.weigh(window);
         self.sort();
-        self.try_again();
+        self.try_other_cameras(window, starts);
     }
 
     /// The part of a window that the hypotheses are fitted to: the same for all, so that their evidence can be compared.
@@ -125,24 +136,29 @@ impl Bank {
         self.hypotheses.extend(found);
     }
 
-    /// Adds fresh hypotheses of the directions for which `is_wanted`, each with this logarithm of its probability.
-    fn add_fresh(&mut self, log_probability: f64, is_wanted: impl Fn(ReadoutDirection) -> bool) {
-        let first = self.leading().prior;
-        for direction in self.camera.directions().into_iter().filter(|direction| is_wanted(*direction)) {
-            let fresh = self.fresh(direction).joining(first + log_probability);
-            self.hypotheses.push(fresh);
+    /// Whether the camera is still the one that is known: now and then, and after a cut (`starts`), each direction is tried
+    /// anew beside the likeliest hypothesis, one at a time, for each costs as much as that one.
+    fn try_other_cameras(&mut self, window: PairWindow<'_>, starts: bool) {
+        self.since_tried += 1;
+        let is_cut = starts && std::mem::replace(&mut self.has_begun, true);
+        if self.camera.is_known() {
+            return;
         }
-    }
-
-    /// Now and then tries the directions that were given up.
-    fn try_again(&mut self) {
-        self.since_retrial += 1;
-        if self.is_in_question() || self.camera.is_known() {
-            self.since_retrial = 0;
-        } else if self.since_retrial >= RETRIAL.0 {
-            self.since_retrial = 0;
-            let own = self.leading().direction;
-            self.add_fresh(RETRIAL.1, |direction| direction != own);
+        if is_cut || self.since_tried >= OTHER_CAMERA.0 {
+            let by_rows = self.leading().direction.is_by_rows();
+            self.to_try = self.camera.directions();
+            // The last one is tried first.
+            self.to_try.sort_by_key(|direction| direction.is_by_rows() == by_rows);
+        }
+        if self.is_in_question() || !self.to_try.is_empty() {
+            self.since_tried = 0;
+        }
+        if !self.is_in_question()
+            && self.leading().moves(window)
+            && let Some(direction) = self.to_try.pop()
+        {
+            let prior = self.leading().prior + OTHER_CAMERA.1;
+            self.hypotheses.push(self.fresh(direction).joining(prior));
         }
     }
 
@@ -151,15 +167,16 @@ impl Bank {
         let hypotheses = &mut self.hypotheses;
         if hypotheses.len() < 2
             || window.pairs.is_empty()
-            || hypotheses.iter().any(|hypothesis| hypothesis.knows_little(window))
+            || hypotheses.iter().any(|hypothesis| hypothesis.joins || hypothesis.knows_little(window))
         {
             return;
         }
         let weight = hypotheses.iter().map(|hypothesis| hypothesis.weight(window)).fold(0.0, f64::max);
-        let trust = hypotheses.iter().map(|one| one.solver.trust_in_evidence()).fold(0.0, f64::max);
+        let design_effects = hypotheses.iter().map(|hypothesis| hypothesis.solver.design_effect());
+        let design_effect = design_effects.fold(f64::INFINITY, f64::min);
         let evidence: Option<Vec<f64>> = hypotheses.par_iter_mut().map(|h| h.log_evidence(window)).collect();
         for (hypothesis, evidence) in hypotheses.iter_mut().zip(evidence.into_iter().flatten()) {
-            hypothesis.evidence.add(Window { weight, trust, evidence, pairs: window.pairs.len() });
+            hypothesis.evidence.add(Window { weight, design_effect, evidence, pairs: window.pairs.len() });
         }
         let Some(likeliest) = hypotheses.iter().reduce(|best, other| {
             let odds = other.prior - best.prior + other.evidence.log_odds(&best.evidence);
@@ -182,7 +199,9 @@ impl Bank {
         if first.knows_readout() {
             // The first one stays, whatever numbers a broken window brought about.
             let mut is_first = true;
-            self.hypotheses.retain(|hypothesis| std::mem::take(&mut is_first) || hypothesis.score > least);
+            self.hypotheses.retain(|hypothesis| {
+                std::mem::take(&mut is_first) || hypothesis.joins || hypothesis.score > least
+            });
         }
         drop_twins(&mut self.hypotheses);
     }

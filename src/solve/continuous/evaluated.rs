@@ -38,7 +38,7 @@ pub(super) fn invalidate(evaluated: &mut [EvaluatedPair]) {
     evaluated.iter_mut().for_each(|evaluated| evaluated.seen = None);
 }
 
-/// Holds pairs that follow one another against a path; those that were are not again.
+/// Evaluates pairs that follow one another against a path; those that were are not again.
 pub(super) fn evaluate(evaluated: &mut Vec<EvaluatedPair>, pairs: &[&Pair], view: &View<'_>) {
     let wanted = |(index, pair): (usize, &&Pair)| Seen {
         stamps: pair.stamps,
@@ -59,13 +59,21 @@ pub(super) fn evaluate(evaluated: &mut Vec<EvaluatedPair>, pairs: &[&Pair], view
         }
     }
     evaluated.truncate(pairs.len());
-    evaluated.par_iter_mut().zip(pairs).zip(&wanted).for_each(|((evaluated, pair), wanted)| {
-        if evaluated.seen != Some(*wanted) {
-            view.residuals(pair, wanted.tracks, &mut evaluated.residuals);
-            view.normal(&evaluated.residuals, &mut evaluated.normal);
-            (evaluated.seen, evaluated.base) = (Some(*wanted), view.path.base);
-        }
+    let mut changed: Vec<bool> =
+        evaluated.iter().zip(&wanted).map(|(evaluated, wanted)| evaluated.seen != Some(*wanted)).collect();
+    let pending = evaluated.par_iter_mut().zip(pairs).zip(&wanted).filter(|((e, _), w)| e.seen != Some(**w));
+    pending.for_each(|((evaluated, pair), wanted)| {
+        view.residuals(pair, wanted.tracks, &mut evaluated.residuals);
+        evaluated.normal.estimate_scatter(&evaluated.residuals, view.noise);
+        (evaluated.seen, evaluated.base) = (Some(*wanted), view.path.base);
     });
+    // Noise is told from parallax over two pairs only: the first one, which follows none, is as noisy as the second.
+    if let ([first, second, ..], [is_changed, ..]) = (evaluated.as_mut_slice(), changed.as_mut_slice()) {
+        *is_changed |= first.normal.scatter != second.normal.scatter;
+        first.normal.scatter = second.normal.scatter;
+    }
+    let changed = evaluated.par_iter_mut().zip(changed).filter(|(_, changed)| *changed);
+    changed.for_each(|(evaluated, _)| view.normal(&evaluated.residuals, &mut evaluated.normal));
 }
 
 impl EvaluatedPair {

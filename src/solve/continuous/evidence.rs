@@ -4,27 +4,27 @@
 //! the splines themselves leave misfits that favour one hypothesis for a while and another one later. So it counts how the
 //! difference of two evidences compares with its own scatter from window to window, as in a test of non-nested models (Q. H.
 //! Vuong, *Likelihood ratio tests for model selection and non-nested hypotheses*, Econometrica 57(2), 1989): the mean
-//! difference over its standard error is a normal deviate z, and ½·z² the logarithm of the odds.
+//! difference over its standard error is a normal deviate z, and ½·z² the logarithm of the odds. Before there are windows
+//! to scatter, errors of the model are expected to add what they do to the variance of γ.
 
 use std::collections::VecDeque;
 
 /// Windows that are remembered: what is older speaks of another part of the scene, or another camera.
-const REMEMBERED: usize = 60;
+pub(super) const REMEMBERED: usize = 60;
 /// Variance in nats² of the difference of two evidences of one pair of frames whose residuals are noise of measurement: some
 /// 25 independent matches that scatter by a nat each.
 const SCATTER: f64 = 25.0;
 /// The difference of the evidences of a window counts up to so many of its deviations: one window must not pass for scatter.
 const MOST: f64 = 10.0;
-/// The least share of residuals that is noise of measurement.
-const LEAST_TRUST: f64 = 1e-3;
 
 /// What a hypothesis says of a window.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Window {
     /// What the window is worth, 0 to 1.
     pub weight: f64,
-    /// Share of the residuals that is noise of measurement, 0 to 1.
-    pub trust: f64,
+    /// By how much greater than by chance the variance of its evidence may be, as errors of the model are alike in its
+    /// pairs; at least 1.
+    pub design_effect: f64,
     /// Log evidence for each of its pairs.
     pub evidence: f64,
     pub pairs: usize,
@@ -33,7 +33,7 @@ pub(super) struct Window {
 impl Window {
     /// Variance in nats² that is expected of the difference of two evidences for each pair.
     fn expected(&self) -> f64 {
-        SCATTER / (self.pairs as f64 * self.trust.max(LEAST_TRUST))
+        SCATTER / self.pairs as f64
     }
 }
 
@@ -47,7 +47,7 @@ pub(super) struct EvidenceRecord {
 impl EvidenceRecord {
     /// Adds a window; one without pairs or with numbers that are none says nothing.
     pub fn add(&mut self, window: Window) {
-        let numbers = [window.weight, window.trust, window.evidence];
+        let numbers = [window.weight, window.design_effect, window.evidence];
         if window.pairs == 0 || !numbers.iter().all(|number| number.is_finite()) {
             return;
         }
@@ -70,8 +70,10 @@ impl EvidenceRecord {
             return 0.0;
         }
         let mean = sum(&|_, difference| difference) / count;
-        let seen = sum(&|_, difference| (difference - mean).powi(2)) / count;
         let expected = sum(&|own, _| own.expected()) / count;
+        // What errors of the model add is as expected at first, for one window, and then as it shows.
+        let errors = sum(&|own, _| own.expected() * (own.design_effect - 1.0)) / count;
+        let seen = (sum(&|_, difference| (difference - mean).powi(2)) + errors) / (count + 1.0);
         // The first window counts whole; each one after it has all but one of its pairs in common with the one before.
         let later = sum(&|own, _| (own.pairs as f64).recip()) * (1.0 - count.recip()).max(0.0);
         let independent = count.min(1.0) + later;
@@ -85,7 +87,7 @@ mod tests {
 
     fn record(evidence: impl IntoIterator<Item = f64>) -> EvidenceRecord {
         let mut record = EvidenceRecord::default();
-        let window = |evidence| Window { weight: 1.0, trust: 1.0, evidence, pairs: 4 };
+        let window = |evidence| Window { weight: 1.0, design_effect: 1.0, evidence, pairs: 4 };
         evidence.into_iter().for_each(|evidence| record.add(window(evidence)));
         record
     }
@@ -118,9 +120,9 @@ mod tests {
         assert!(long.log_odds(&record([0.0; 200])) < -20.0);
         let worthless: EvidenceRecord = {
             let mut record = EvidenceRecord::default();
-            record.add(Window { weight: 1.0, trust: 1.0, evidence: 70.0, pairs: 0 });
-            record.add(Window { weight: 1.0, trust: 1.0, evidence: f64::NAN, pairs: 4 });
-            record.add(Window { weight: 0.0, trust: 1.0, evidence: 70.0, pairs: 4 });
+            record.add(Window { weight: 1.0, design_effect: 1.0, evidence: 70.0, pairs: 0 });
+            record.add(Window { weight: 1.0, design_effect: 1.0, evidence: f64::NAN, pairs: 4 });
+            record.add(Window { weight: 0.0, design_effect: 1.0, evidence: 70.0, pairs: 4 });
             record
         };
         assert_eq!(worthless.log_odds(&record([1.0])), 0.0);

@@ -14,8 +14,6 @@ const NOTICEABLE: f64 = 4.0;
 /// more of them, and what it changes hardly shows between frames, so that none is spared. Only the first frame of all
 /// takes them at once.
 const FORESIGHT_STEPS: [usize; 2] = [36, 3];
-/// A path that leaves more than goes with this trust is not foreseen.
-const FORESEEABLE: f64 = 0.5;
 /// A path is tried at another knot density where more than this share of its residuals is common to the matches of a line.
 const BY_LINE: f64 = 0.7;
 /// Readout ratios, by the direction of a hypothesis, from which a vibration is looked for where the readout is unknown.
@@ -57,8 +55,8 @@ pub(super) struct Hypothesis {
     pub settled: bool,
     /// Steps so far in which it was learnt how a vibration goes on.
     foresight: usize,
-    /// Whether it has just joined others that are further, and may take its time.
-    joins: bool,
+    /// Whether it has joined another that is further, and its γ has not been sought yet.
+    pub joins: bool,
     /// The fits from several starts that are going on; for the frames after a gap or a cut while those before it are
     /// settled; and at the other knot density.
     search: Option<Search>,
@@ -88,7 +86,7 @@ impl Hypothesis {
         }
     }
 
-    /// The same for one that joins others in a stream that goes on, with this logarithm of its probability beside its own.
+    /// The same for one that joins another in a stream that goes on, with this logarithm of its probability beside its own.
     pub fn joining(mut self, log_probability: f64) -> Self {
         self.prior += log_probability;
         (self.score, self.since_sought, self.joins) = (self.prior, Some(TRIAL), true);
@@ -144,7 +142,6 @@ impl Hypothesis {
 
     /// Fits the path to a window, of the knot density in hand.
     pub fn settle(&mut self, window: PairWindow<'_>, starts: bool) {
-        let starts = starts && !std::mem::take(&mut self.joins);
         if starts {
             self.solver.restart();
             // What was fitted to a pair or two is no better start than none.
@@ -209,6 +206,7 @@ impl Hypothesis {
         search.advance(window, search.pace(window, at_once), &self.solver);
         let search = self.search.take_if(|search| at_once || search.is_done())?;
         let steps = search.steps_left();
+        self.joins = false;
         Some(self.decide(search, window, steps))
     }
 
@@ -219,7 +217,7 @@ impl Hypothesis {
     }
 
     /// Whether anything moves at the frame of a window that may tell a readout or a knot density.
-    fn moves(&self, window: PairWindow<'_>) -> bool {
+    pub fn moves(&self, window: PairWindow<'_>) -> bool {
         let moved = window.moved().sqrt() * self.solver.radius;
         moved > NOTICEABLE * self.solver.noise && self.breadth(window) > 0.0
     }
@@ -288,11 +286,9 @@ impl Hypothesis {
         trial.advance(window, steps, &self.solver);
         let trial = self.trial.take_if(|trial| trial.is_done())?;
         let (_, mut solver) = trial.ranked(window).into_iter().next()?;
-        // What things of their own do is no vibration, and does not go on as one; and what has only a past says too
-        // little of how it goes on.
+        // What has only a past says too little of how it goes on.
         let is_ahead = window.pairs.len() > window.past;
-        let is_explained = solver.trust_in_evidence() > FORESEEABLE;
-        solver.foresees = is_ahead && solver.density == KnotDensity::Vibrating && is_explained;
+        solver.foresees = is_ahead && solver.density == KnotDensity::Vibrating;
         let mut other = Self::new(self.direction, self.signs, solver);
         let odds = if other.solver.density == KnotDensity::Vibrating { VIBRATES } else { -VIBRATES };
         (other.prior, other.since_trial, other.since_sought) = (self.prior + odds, 0, self.since_sought);

@@ -50,6 +50,11 @@ impl Normal {
         if self.weight > 0.0 { (self.equations.square(step).max(0.0) / self.weight).sqrt() } else { 0.0 }
     }
 
+    /// Estimates the variances of a pair's residuals, the noise at least this deviation in pixels.
+    pub fn estimate_scatter(&mut self, residuals: &PairResiduals, noise: f64) {
+        self.scatter = Scatter::of(residuals, noise * noise, &mut self.squares);
+    }
+
     /// Logarithm of the likelihood of what is new in the pair, up to a constant, for as many matches as are
     /// independent.
     pub fn log_likelihood(&self, residuals: &PairResiduals) -> f64 {
@@ -87,14 +92,9 @@ fn independent_share(residuals: &PairResiduals) -> f64 {
 }
 
 impl View<'_> {
-    /// Adds up what a pair says, given the one before.
+    /// Adds up what a pair says, given the one before and the variances of its residuals.
     pub fn normal(&self, residuals: &PairResiduals, out: &mut Normal) {
-        let scatter = Scatter::of(residuals, self.noise * self.noise, &mut out.squares);
-        self.normal_with(scatter, residuals, out);
-    }
-
-    fn normal_with(&self, scatter: Scatter, residuals: &PairResiduals, out: &mut Normal) {
-        out.scatter = scatter;
+        let scatter = out.scatter;
         let independent = independent_share(residuals);
         out.independent = 2.0 * INDEPENDENT_MATCHES.min(residuals.legs.len() as f64);
         out.bands.clear();

@@ -57,6 +57,7 @@ impl Setting {
         let (mut residuals, mut normal) = (PairResiduals::default(), Normal::default());
         self.view(|view| {
             view.residuals(pair, true, &mut residuals);
+            normal.estimate_scatter(&residuals, view.noise);
             view.normal(&residuals, &mut normal);
         });
         (residuals, normal)
@@ -232,7 +233,8 @@ fn the_normal_equations_of_tracks_are_those_of_what_is_new() {
     setting.view(|view| {
         // So little is left that they would have no say.
         view.legs_before(&pair, &mut residuals);
-        view.normal_with(scatter, &residuals, &mut normal);
+        normal.scatter = scatter;
+        view.normal(&residuals, &mut normal);
     });
     let innovations: Vec<Innovation> = residuals
         .legs

@@ -14,16 +14,13 @@ use super::residuals::View;
 use super::running::Running;
 use super::smoothness::Smoothness;
 use super::sums::SHARED;
-use crate::solve::median::median;
 use nalgebra::{SMatrix, SVector};
 
 /// Blocks before the first exposure and after the last that the path covers: points may leave the
 /// frame, and the readout may turn out longer.
 const MARGIN: f64 = 0.25;
-/// Residuals of up to so many times the least noise are those of measurement on blurred or compressed footage.
-const TRACKED: f64 = 10.0;
-/// Correlation that what the path leaves may have with what γ and κ do.
-const ERROR_CORRELATION: f64 = 0.1;
+/// Correlation that what the path leaves beyond the noise may have with what γ and κ do.
+const ERROR_CORRELATION: f64 = 0.12;
 /// Steps from knot to knot, at most, from which the next one of a vibration is told: those of one and a half
 /// frame periods, enough for eight sinusoids.
 const ORDER: usize = 16;
@@ -231,7 +228,7 @@ impl Solver {
         self.flow.follow(&self.path, [from, to], self.radius);
     }
 
-    /// Holds the pairs against the path.
+    /// Evaluates the pairs against the path.
     fn compare(&mut self, pairs: &[&Pair]) {
         self.cover(pairs);
         let view = View {
@@ -323,9 +320,9 @@ impl Solver {
                 information[(p, q)] -= dot(&self.border[p], &self.weighted[q]);
             }
         }
-        let trust = self.trust() / self.conspiracy();
-        information *= trust;
-        side *= trust;
+        let independent = self.design_effect().recip();
+        information *= independent;
+        side *= independent;
         let mut all = information;
         let mut all_side = side;
         for (p, belief) in self.beliefs.iter().enumerate() {
@@ -375,26 +372,6 @@ impl Solver {
         Some(likelihood - 0.5 * energy + log_volume).filter(|evidence| evidence.is_finite())
     }
 
-    /// How far residuals are those of measurement: what the model cannot explain is alike from pair to pair and says
-    /// nothing of γ and κ. The middle one counts, for the path has not been fitted to the pair that came last.
-    pub fn trust(&self) -> f64 {
-        self.trust_of(self.evaluated.iter().map(|held| held.normal.scatter.noise))
-    }
-
-    /// The same for hypotheses of another kind, the scan axis and the density: parallax that is left says something of
-    /// them, but less the more there is of it.
-    pub fn trust_in_evidence(&self) -> f64 {
-        let left =
-            self.trust_of(self.evaluated.iter().map(|held| held.residuals.sigma * held.residuals.sigma));
-        (self.trust() * left).sqrt()
-    }
-
-    fn trust_of(&self, variances: impl Iterator<Item = f64>) -> f64 {
-        let mut variances: Vec<f64> = variances.collect();
-        let tracked = (TRACKED * self.noise).powi(2);
-        if variances.is_empty() { 1.0 } else { (tracked / median(&mut variances)).min(1.0) }
-    }
-
     /// Standard deviation of γ by all that is known.
     pub fn readout_deviation(&self) -> f64 {
         self.beliefs[0].information().sqrt().recip()
@@ -416,14 +393,14 @@ impl Solver {
         self.seen[0].map_or(f64::INFINITY, |(_, information)| information.sqrt().recip())
     }
 
-    /// By how much greater than by chance the variances of γ and κ are: what the path leaves beyond the
-    /// noise of measurement may go with what they do to the picture. With the correlation ρ an error of n
-    /// coordinates, of variance σ² each, adds ρ²·n·σ² to the σ² that chance is worth.
-    fn conspiracy(&self) -> f64 {
-        let left = |EvaluatedPair { normal, .. }: &EvaluatedPair| {
+    /// By how much greater than by chance the variances of γ and κ are, the *design effect* (L. Kish, *Survey
+    /// Sampling*, 1965): errors of the model are alike from match to match and from pair to pair. With the correlation ρ, an
+    /// error of n coordinates, of variance σ² each, adds ρ²·n·σ² to the σ² that chance is worth.
+    pub fn design_effect(&self) -> f64 {
+        let errors_of_model = |EvaluatedPair { normal, .. }: &EvaluatedPair| {
             normal.independent * (1.0 - self.noise * self.noise / normal.scatter.noise)
         };
-        1.0 + ERROR_CORRELATION.powi(2) * self.evaluated.iter().map(left).sum::<f64>()
+        1.0 + ERROR_CORRELATION.powi(2) * self.evaluated.iter().map(errors_of_model).sum::<f64>()
     }
 
     /// Adds what the window says of γ and κ to the beliefs; `share` of it is new.

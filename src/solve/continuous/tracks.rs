@@ -23,7 +23,7 @@ const NEAREST: f64 = 3.0;
 const ROUNDS: usize = 3;
 
 /// Variances of a pair's residuals.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct Scatter {
     /// σ² in px².
     pub noise: f64,
