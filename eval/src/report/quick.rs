@@ -38,13 +38,14 @@ const SEQUENCES: [&str; 16] = [
     "caption",
     "zoom",
 ];
-const RECORDED_SYSTEMS: [&str; 3] = ["rsrectify-sequential-4", "rsrectify-4", "rsrectify-4-unknown"];
+const RECORDED_SYSTEMS: [&str; 2] = ["rsrectify-4", "rsrectify-4-unknown"];
 const SEEDS: [u64; 2] = [1, 2];
 const FRAMES: usize = 60;
 /// As small as the kinds of scene can still be told.
 const SIZE: [usize; 2] = [320, 240];
-/// Pixels, and share of the figure, by which figures may differ between processors whose kernels round differently.
-const LEAST_NOISE: [f64; 2] = [0.01, 0.1];
+/// Pixels, and share of the figure, by which figures may differ between processors whose kernels round differently: a
+/// readout that is sought may settle a frame earlier or later.
+const LEAST_NOISE: [f64; 2] = [0.01, 0.2];
 
 /// The recorded figures.
 const RECORDED: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/recorded.json");
@@ -82,7 +83,13 @@ fn measure() -> Result<Figures> {
     for name in SEQUENCES {
         let settings = sequence::named(name).with_context(|| format!("no sequence is named {name}"))?;
         tasks.extend(SEEDS.map(|seed| Task {
-            settings: sequence::Settings { seed, frames: FRAMES, width: SIZE[0], height: SIZE[1], ..settings.clone() },
+            settings: sequence::Settings {
+                seed,
+                frames: FRAMES,
+                width: SIZE[0],
+                height: SIZE[1],
+                ..settings.clone()
+            },
             sources: vec![Source::Sampler],
             pictures: false,
         }));
@@ -140,7 +147,7 @@ mod tests {
         // Deviations −1, 0, 1: variance 1, standard error 1/√3.
         let found = figure(&[1.0, 2.0, 3.0]);
         assert!((found.left - 2.0).abs() < 1e-12 && (found.noise - 1.0 / 3f64.sqrt()).abs() < 1e-12);
-        assert_eq!(figure(&[0.5]), Figure { left: 0.5, noise: 0.05 });
+        assert_eq!(figure(&[0.5]), Figure { left: 0.5, noise: 0.1 });
         assert_eq!(figure(&[0.05]), Figure { left: 0.05, noise: LEAST_NOISE[0] });
     }
 
