@@ -148,7 +148,7 @@ mod tests {
         let found = figure(&[1.0, 2.0, 3.0]);
         assert!((found.left - 2.0).abs() < 1e-12 && (found.noise - 1.0 / 3f64.sqrt()).abs() < 1e-12);
         assert_eq!(figure(&[0.5]), Figure { left: 0.5, noise: 0.1 });
-        assert_eq!(figure(&[0.05]), Figure { left: 0.05, noise: LEAST_NOISE[0] });
+        assert_eq!(figure(&[0.01]), Figure { left: 0.01, noise: LEAST_NOISE[0] });
     }
 
     #[test]
