@@ -2,8 +2,8 @@
 //! of its own.
 //!
 //! Together they are the camera's posterior: a mixture of Gaussians of the signed readout ratio γ along either axis, whose
-//! weights follow from the evidence of the same pairs of frames. What the bank states and applies is that of the mixture: the deviation of the readout counts the
-//! rivals, and a correction is applied as far as they agree on it.
+//! weights follow from the evidence of the same pairs of frames. What the bank states and applies is that of the mixture:
+//! the deviation of the readout counts the rivals, and a correction is applied as far as they agree on it.
 
 use super::camera::{Camera, KAPPA_LIMITS, READOUT_BELIEF};
 use super::evidence::Window;

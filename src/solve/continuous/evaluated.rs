@@ -61,19 +61,25 @@ pub(super) fn evaluate(evaluated: &mut Vec<EvaluatedPair>, pairs: &[&Pair], view
     evaluated.truncate(pairs.len());
     let mut changed: Vec<bool> =
         evaluated.iter().zip(&wanted).map(|(evaluated, wanted)| evaluated.seen != Some(*wanted)).collect();
-    let pending = evaluated.par_iter_mut().zip(pairs).zip(&wanted).filter(|((e, _), w)| e.seen != Some(**w));
-    pending.for_each(|((evaluated, pair), wanted)| {
-        view.residuals(pair, wanted.tracks, &mut evaluated.residuals);
-        evaluated.normal.estimate_scatter(&evaluated.residuals, view.noise);
-        (evaluated.seen, evaluated.base) = (Some(*wanted), view.path.base);
-    });
+    evaluated.par_iter_mut().zip(pairs).zip(&wanted).zip(&changed).for_each(
+        |(((evaluated, pair), wanted), is_changed)| {
+            if *is_changed {
+                view.residuals(pair, wanted.tracks, &mut evaluated.residuals);
+                evaluated.normal.estimate_scatter(&evaluated.residuals, view.noise);
+                (evaluated.seen, evaluated.base) = (Some(*wanted), view.path.base);
+            }
+        },
+    );
     // Noise is told from parallax over two pairs only: the first one, which follows none, is as noisy as the second.
     if let ([first, second, ..], [is_changed, ..]) = (evaluated.as_mut_slice(), changed.as_mut_slice()) {
         *is_changed |= first.normal.scatter != second.normal.scatter;
         first.normal.scatter = second.normal.scatter;
     }
-    let changed = evaluated.par_iter_mut().zip(changed).filter(|(_, changed)| *changed);
-    changed.for_each(|(evaluated, _)| view.normal(&evaluated.residuals, &mut evaluated.normal));
+    evaluated.par_iter_mut().zip(&changed).for_each(|(evaluated, is_changed)| {
+        if *is_changed {
+            view.normal(&evaluated.residuals, &mut evaluated.normal);
+        }
+    });
 }
 
 impl EvaluatedPair {

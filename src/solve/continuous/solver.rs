@@ -19,7 +19,7 @@ use nalgebra::{SMatrix, SVector};
 /// Blocks before the first exposure and after the last that the path covers: points may leave the
 /// frame, and the readout may turn out longer.
 const MARGIN: f64 = 0.25;
-/// Correlation that what the path leaves beyond the noise may have with what γ and κ do.
+/// Correlation of residuals beyond the noise with the derivatives by γ and κ, at most.
 const ERROR_CORRELATION: f64 = 0.12;
 /// Steps from knot to knot, at most, from which the next one of a vibration is told: those of one and a half
 /// frame periods, enough for eight sinusoids.

@@ -142,7 +142,7 @@ impl Film {
         let mut motions = Vec::new();
         for (k, &stamp) in stamps.iter().enumerate() {
             let found = k.checked_sub(1).map(|before| self.pair(stamps[before], stamp, &mut random));
-            continuous.push(found.as_deref().map(|grid| PairMeasurement { grid, flow: None }), stamp, PERIOD);
+            push(&mut continuous, found.as_deref(), stamp);
             if k >= LOOKAHEAD {
                 motions.push(continuous.settle());
             }
@@ -190,6 +190,11 @@ impl Film {
         });
         errors.fold(0.0, f64::max)
     }
+}
+
+/// Adds a frame with its correspondences to the one before, if it has any.
+pub fn push(continuous: &mut Continuous, found: Option<&[Correspondence]>, stamp: f64) {
+    continuous.push(found.map(|grid| PairMeasurement { grid, flow: None }), stamp, PERIOD);
 }
 
 pub const UNKNOWN: Camera =

@@ -179,7 +179,7 @@ fn what_is_measured_badly_counts_as_little_as_it_says() {
                 found.to.x += 3.0 * random.normal();
                 found.covariance.m11 = says * says;
             }
-            continuous.push(pair.as_deref().map(|grid| PairMeasurement { grid, flow: None }), *stamp, PERIOD);
+            push(&mut continuous, pair.as_deref(), *stamp);
         }
         let motions: Vec<Option<Motion>> = stamps.iter().map(|_| continuous.settle()).collect();
         film.share_left(&motions, &stamps)
@@ -202,7 +202,7 @@ fn what_shows_on_few_lines_says_nothing_of_the_readout() {
             });
             pair
         });
-        continuous.push(pair.as_deref().map(|grid| PairMeasurement { grid, flow: None }), stamps[k], PERIOD);
+        push(&mut continuous, pair.as_deref(), stamps[k]);
     }
     for motion in (0..30).filter_map(|_| continuous.settle()) {
         assert!(motion.readout_deviation > 0.49 && motion.confidence == 0.0, "{}", motion.readout_deviation);
@@ -325,7 +325,7 @@ fn points_are_expected_where_the_motion_goes_on_to() {
             let miss = (continuous.expected(found.from) - found.to).norm();
             misses.push([miss, (found.to - found.from).norm()]);
         }
-        continuous.push(pair.as_deref().map(|grid| PairMeasurement { grid, flow: None }), stamps[k], PERIOD);
+        push(&mut continuous, pair.as_deref(), stamps[k]);
         continuous.settle();
     }
     assert!(misses.iter().all(|[miss, moved]| miss < moved), "{misses:?}");
@@ -342,7 +342,7 @@ fn a_restart_forgets_the_path_and_keeps_the_camera() {
     let later: Vec<f64> = (0..3).map(|k| 77.0 + k as f64 * PERIOD).collect();
     for k in 0..3 {
         let found = (k > 0).then(|| film.pair(later[k - 1], later[k], &mut random));
-        continuous.push(found.as_deref().map(|grid| PairMeasurement { grid, flow: None }), later[k], PERIOD);
+        push(&mut continuous, found.as_deref(), later[k]);
     }
     let motions: Vec<_> = (0..3).map(|_| continuous.settle()).collect();
     let first = motions[0].as_ref().unwrap();
@@ -366,12 +366,11 @@ fn found_after_a_cut(before: &Film, after: &Film, frames: usize) -> [(f64, f64);
         let film = if k < 40 { before } else { after };
         let pair = k.checked_sub(1).filter(|_| k != 40);
         let pair = pair.map(|last| film.pair(stamps[last], *stamp, &mut random));
-        continuous.push(pair.as_deref().map(|grid| PairMeasurement { grid, flow: None }), *stamp, PERIOD);
+        push(&mut continuous, pair.as_deref(), *stamp);
         if k >= LOOKAHEAD {
             continuous.settle();
-            let (readout, deviation) = continuous.belief();
-            let ratio = readout.time / PERIOD;
-            found.push((if readout.direction.is_reversed() { -ratio } else { ratio }, deviation));
+            let (_, deviation) = continuous.belief();
+            found.push((continuous.bank.leading().solver.shared[0], deviation));
         }
     }
     [found[40], found[found.len() - 1]]
@@ -406,7 +405,7 @@ fn each_side_of_a_gap_is_solved_by_itself() {
     for k in 0..10 {
         // Nothing joins frame 4 to 5, and frame 9 to 8.
         let found = (k % 5 != 0 && k < 9).then(|| film.pair(stamps[k - 1], stamps[k], &mut random));
-        continuous.push(found.as_deref().map(|grid| PairMeasurement { grid, flow: None }), stamps[k], PERIOD);
+        push(&mut continuous, found.as_deref(), stamps[k]);
     }
     let motions: Vec<_> = (0..10).map(|_| continuous.settle()).collect();
     let worst = film.worst(&motions[..9], &stamps, 0);
@@ -418,7 +417,7 @@ fn each_side_of_a_gap_is_solved_by_itself() {
 fn fed(camera: Camera, found: &[Correspondence], stamps: &[f64]) -> Vec<Option<Motion>> {
     let mut continuous = Continuous::new(camera, SIZE[0], SIZE[1], 1.0);
     for (k, &stamp) in stamps.iter().enumerate() {
-        continuous.push((k > 0).then_some(PairMeasurement { grid: found, flow: None }), stamp, PERIOD);
+        push(&mut continuous, (k > 0).then_some(found), stamp);
         let expected = continuous.expected(Vector2::new(10.0, 400.0));
         assert!(expected.iter().all(|coordinate| coordinate.is_finite()));
     }
