@@ -21,14 +21,20 @@
 //! | [`warp`] | a path and a plane | the rectified plane |
 //! | [`rectifier`] | luma planes, one by one | the motions, in order |
 //!
-//! Modules without a link are private, except with the feature `unstable`. That is for the project's own tools: nothing
-//! that it adds is covered by semantic versioning.
+//! Modules without a link are private, except with the feature `unstable`.
+//!
+//! | feature | default | |
+//! |---|---|---|
+//! | `rayon` | yes | spreads the work over the threads of the rayon pool in which the library is called, the global one by default; without it all work is done on the calling thread, with the same results |
+//! | `unstable` | no | makes the other modules public, for the project's own tools; nothing that it adds is covered by semantic versioning |
 //!
 //! Equation numbers 25.n cite *A Rectification Method for Removing Rolling Shutter Distortion*
 //! (chapter 25), from which the method starts.
 
 // Whoever embeds it owns the terminal.
 #![cfg_attr(not(test), warn(clippy::print_stdout, clippy::print_stderr))]
+
+mod parallel;
 
 pub mod motion;
 pub mod plane;

@@ -6,10 +6,10 @@ use super::polish::{Start, polish};
 use super::{Correspondence, to_full};
 use crate::cpu::CpuLevel;
 use crate::flow::{DenseFlow, FlowField};
+use crate::parallel::*;
 use crate::plane::Luma;
 use crate::pyramid::{Pyramid, Reducer, block_difference};
 use nalgebra::Vector2;
-use rayon::prelude::*;
 
 /// From this confidence on a displacement of the flow is taken up.
 const LEAST_CONFIDENCE: f64 = 0.5;

@@ -2,9 +2,9 @@
 
 use super::{Correspondence, Pyramid, Sampler};
 use crate::cpu::CpuLevel;
+use crate::parallel::*;
 use crate::plane::{Luma, Plane, PlaneLayout, SampleFormat};
 use nalgebra::Vector2;
-use rayon::prelude::*;
 
 type Point = Vector2<f64>;
 

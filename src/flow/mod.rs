@@ -45,6 +45,7 @@ mod tests;
 pub use field::{Cell, FlowField};
 
 use crate::cpu::CpuLevel;
+use crate::parallel;
 use crate::pyramid::{Level, Pyramid, Reducer};
 use direction::{Direction, Stage};
 use level::Pair;
@@ -116,7 +117,7 @@ impl DenseFlow {
         self.forward.prediction.fill(self.size, self.scale, false, &predict);
         self.backward.prediction.fill(self.size, self.scale, true, &predict);
         // Inside, no task waits for a thread of the pool to be woken.
-        rayon::scope(|_| self.descend(first.levels(), second.levels()));
+        parallel::scope(|_| self.descend(first.levels(), second.levels()));
     }
 
     /// From the coarsest level to the finest, and judges what was found there.
@@ -131,7 +132,7 @@ impl DenseFlow {
                 is_coarsest: depth + 1 == first.len(),
                 is_finest: depth == finest,
             };
-            rayon::join(|| forward.run(&stage), || backward.run(&stage.reversed()));
+            parallel::join(|| forward.run(&stage), || backward.run(&stage.reversed()));
             if !stage.is_finest {
                 forward.listen(backward);
                 backward.listen(forward);
@@ -148,7 +149,10 @@ impl DenseFlow {
         let frames = Frames { cpu: self.cpu, pair, depth: finest };
         let known = Known { own: (forward, there), reverse: (backward, back) };
         let [hidden, hidden_back] = &mut self.hidden;
-        rayon::join(|| hidden.find(frames, known), || hidden_back.find(frames.reversed(), known.reversed()));
+        parallel::join(
+            || hidden.find(frames, known),
+            || hidden_back.find(frames.reversed(), known.reversed()),
+        );
         hidden.complete(there);
         hidden_back.complete(back);
     }

@@ -4,7 +4,7 @@ use super::lanes::{Cpu, Scalar};
 #[cfg(target_arch = "x86_64")]
 use crate::cpu::Avx2;
 use crate::cpu::CpuLevel;
-use rayon::prelude::*;
+use crate::parallel::*;
 
 /// What makes rows of results, each on its own.
 pub(super) trait RowKernel<T>: Sync {

@@ -1,7 +1,7 @@
 //! Whether two frames are the same.
 
 use super::{Level, Pyramid};
-use rayon::prelude::*;
+use crate::parallel::*;
 
 /// Side of a block in pixels of level 1.
 const SIDE: usize = 4;
@@ -20,7 +20,7 @@ pub(crate) fn block_difference(first: &Pyramid, second: &Pyramid) -> f64 {
         return f64::INFINITY;
     };
     let bands = (0..a.height()).into_par_iter().step_by(SIDE);
-    f64::from(bands.map(|top| band_difference(a, b, top)).reduce(|| 0.0, f32::max))
+    f64::from(bands.map(|top| band_difference(a, b, top)).max_by(f32::total_cmp).unwrap_or(0.0))
 }
 
 /// The highest of the blocks whose first row is `top`.

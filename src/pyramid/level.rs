@@ -1,6 +1,6 @@
 //! One resolution of a pyramid: grey values with a border, so that a patch may reach out of the picture.
 
-use rayon::prelude::*;
+use crate::parallel::*;
 
 /// Pixels of border on each side, replicated from the picture's edge. A patch of 8 pixels that lies wholly outside and
 /// is sampled between pixels needs 9, its gradients one more; a picture whose width is no multiple of 4 up to 3.

@@ -4,8 +4,8 @@
 //! sample format and channel weights folded into one factor), then the sum is reduced along the
 //! row. Reads each byte ⌈s⌉/s to (⌈s⌉ + 1)/s times for a ratio s, 1 time where s is whole.
 
+use crate::parallel::*;
 use crate::plane::{Luma, PlaneLayout};
-use rayon::prelude::*;
 
 /// The longer side of what is analysed, at most, in pixels.
 const LONGEST_SIDE: usize = 960;

@@ -35,9 +35,9 @@ use super::WarpSettings;
 use super::correction::Correction;
 use super::monotone::{Inverse, limit_slopes};
 use crate::motion::{FrameMotion, IntervalMotion, MotionPath};
+use crate::parallel::*;
 use crate::readout::Readout;
 use nalgebra::Vector2;
-use rayon::prelude::*;
 use std::cell::RefCell;
 
 /// Nodes are not nearer than this many pixels: the warp's knots are 8 apart.

@@ -129,7 +129,7 @@ pub enum WarpError {
 
 /// Rectifies the planes of one frame after another; keeps its buffers.
 ///
-/// Rows are spread over the thread pool of rayon in which [`prepare`](Self::prepare) and
+/// With the feature `rayon`, rows are spread over its thread pool in which [`prepare`](Self::prepare) and
 /// [`PreparedFrame::warp`] are called.
 #[derive(Debug)]
 pub struct Warper {

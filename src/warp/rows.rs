@@ -4,8 +4,8 @@ use super::blocks::{BLOCK, Block, KnotTable};
 use super::kernels::{self, Fixed, Float, Horizontal, Output, Passes, Vertical};
 use super::{BorderMode, Interpolation};
 use crate::cpu::CpuLevel;
+use crate::parallel::*;
 use crate::plane::{Plane, PlaneLayout, PlaneMut};
-use rayon::prelude::*;
 use std::cell::RefCell;
 
 /// Rows in a band: 68 bands for 1080 rows.

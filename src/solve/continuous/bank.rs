@@ -13,9 +13,9 @@ use super::pair_window::PairWindow;
 use super::running::Running;
 use super::smoothness::Smoothness;
 use super::solver::{KnotDensity, Solver};
+use crate::parallel::*;
 use crate::readout::ReadoutDirection;
 use nalgebra::Vector2;
-use rayon::prelude::*;
 
 /// A hypothesis that is less likely than another one by a factor of e to this power is given up.
 const DECISIVE: f64 = 12.0;

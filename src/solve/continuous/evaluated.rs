@@ -7,8 +7,8 @@ use super::normal::Normal;
 use super::pair::Pair;
 use super::path::SplinePath;
 use super::residuals::{PairResiduals, View};
+use crate::parallel::*;
 use nalgebra::Vector2;
-use rayon::prelude::*;
 
 /// On what the normal equations of a pair depend, beside the path.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -6,7 +6,7 @@
 
 use super::pair_window::PairWindow;
 use super::solver::{KnotDensity, Solver};
-use rayon::prelude::*;
+use crate::parallel::*;
 
 /// Steps to the first path, and to each one after it, at most. As many as to the first where γ has not come
 /// to rest: while it is far off, the splines bend to imitate the shutter, and learn to be straight again only

@@ -9,7 +9,7 @@
 //! one sweep along each axis). Where a message contradicts what a cell has measured there is an edge between
 //! them, and it counts less.
 
-use rayon::prelude::*;
+use crate::parallel::*;
 
 /// Squared distance of a message from what a cell has measured, in units of their variances, at which it counts a quarter.
 const CONTRADICTION: f32 = 4.0;

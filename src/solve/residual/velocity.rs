@@ -3,9 +3,9 @@
 use super::diffuse::Known;
 use super::{FrameFlow, Path};
 use crate::flow::FlowField;
+use crate::parallel::*;
 use crate::readout::Readout;
 use nalgebra::{Matrix3, Vector2};
-use rayon::prelude::*;
 
 /// Pixels in a readout, at most, that a part of a picture moves by beside the whole: more cannot be squared and weighed
 /// in `f32`, and is no measurement.
