@@ -51,28 +51,25 @@ pub(super) struct Search {
 impl Search {
     /// For the path and the readout ratio, from several of these.
     pub fn new(solver: &Solver, starts: &[f64]) -> Self {
-        let [low, high] = solver.limits[0];
-        let candidate = |start: &f64| {
-            let start = start.clamp(low, high);
-            let mut solver = solver.clone();
-            solver.restart();
-            solver.shared[0] = start;
-            Candidate { solver, start, steps: 0 }
-        };
-        Self { candidates: starts.iter().map(candidate).collect(), is_narrowed: false }
+        let mut fresh = solver.clone();
+        fresh.restart();
+        Self::of(&fresh, clamped(solver, starts))
     }
 
     /// For a path of a knot density, from the readout ratio in hand and from these.
     pub fn with_density(solver: &Solver, density: KnotDensity, readouts: &[f64]) -> Self {
-        let [low, high] = solver.limits[0];
-        let candidate = |start: f64| {
-            let mut solver = solver.with_density(density);
+        let starts = clamped(solver, readouts).chain([solver.shared[0]]);
+        Self::of(&solver.with_density(density), starts)
+    }
+
+    /// For a solver without a path, from these readout ratios.
+    fn of(fresh: &Solver, starts: impl Iterator<Item = f64>) -> Self {
+        let candidate = |start| {
+            let mut solver = fresh.clone();
             solver.shared[0] = start;
             Candidate { solver, start, steps: 0 }
         };
-        let readouts = readouts.iter().map(|readout| readout.clamp(low, high));
-        let candidates = readouts.chain([solver.shared[0]]).map(candidate).collect();
-        Self { candidates, is_narrowed: false }
+        Self { candidates: starts.map(candidate).collect(), is_narrowed: false }
     }
 
     /// Steps that the last one that was begun has taken.
@@ -151,6 +148,12 @@ impl Search {
         ranked.sort_by(|a, b| b.0.total_cmp(&a.0));
         ranked
     }
+}
+
+/// Readout ratios within what a solver allows.
+fn clamped(solver: &Solver, readouts: &[f64]) -> impl Iterator<Item = f64> {
+    let [low, high] = solver.limits[0];
+    readouts.iter().map(move |readout| readout.clamp(low, high))
 }
 
 /// Steps until nothing changes any more at the frame, at most so many; whether γ came to rest.
