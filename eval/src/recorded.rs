@@ -11,6 +11,7 @@ use rsrectify::plane::{Luma, Plane, PlaneLayout, SampleFormat};
 use rsrectify::readout::Readout;
 use rsrectify::rectifier::{Estimator, Settings};
 use rsrectify::solve::continuous::{Camera, Continuous, Motion, PairMeasurement};
+use rsrectify::solve::trust;
 use std::ops::Range;
 
 /// What was measured between a frame and the next.
@@ -94,7 +95,7 @@ impl Recording {
     /// If there are too few.
     pub fn estimate(&self, frames: Range<usize>, settings: &Settings) -> Result<Vec<Estimate>> {
         let mut estimator = self.estimator(settings);
-        let nodes = (settings.grid_columns * settings.grid_rows) as f64;
+        let nodes = settings.grid_columns * settings.grid_rows;
         let mut estimates = Vec::new();
         for index in frames.clone() {
             let stamp = *self.stamps.get(index).context("too few frames were recorded")?;
@@ -118,21 +119,21 @@ impl Pair {
     }
 }
 
-fn estimate(estimator: &mut Continuous, nodes: f64) -> Estimate {
+fn estimate(estimator: &mut Continuous, nodes: usize) -> Estimate {
     let settled = estimator.settle();
     let (readout, readout_deviation) = estimator.belief();
     Estimate { motion: settled.and_then(|motion| frame_motion(motion, nodes)), readout, readout_deviation }
 }
 
 /// The motion that the rectifier makes of an estimate.
-fn frame_motion(motion: Motion, nodes: f64) -> Option<FrameMotion> {
+fn frame_motion(motion: Motion, nodes: usize) -> Option<FrameMotion> {
     let path = MotionPath::from(SampledPath::new(&motion.homographies, motion.readout.time()).ok()?);
     let path = match motion.field {
         Some(field) => path.with_residual(field),
         None => path,
     };
-    let coverage = (motion.inliers as f64 / (0.1 * nodes)).min(1.0);
-    Some(FrameMotion::new(motion.readout, path).with_weight(2.0 * motion.confidence * coverage))
+    let confidence = motion.confidence * trust::coverage(motion.inliers, nodes);
+    Some(FrameMotion::new(motion.readout, path).with_weight(trust::weight(confidence)))
 }
 
 /// The corrections that estimates stand for.

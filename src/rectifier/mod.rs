@@ -12,6 +12,7 @@ use crate::motion::{FrameMotion, Model, MotionPath};
 use crate::plane::Luma;
 use crate::readout::{Readout, ReadoutDirection, ReadoutTime};
 use crate::solve::continuous::{Camera, PairMeasurement};
+use crate::solve::trust;
 use clock::Clock;
 use duplicates::Duplicates;
 use engine::{Engine, Settled, Step};
@@ -20,12 +21,6 @@ use std::time::{Duration, Instant};
 
 pub use crate::solve::Origin;
 pub use error::{PushError, SettingsError};
-
-/// From this confidence on the whole correction is applied.
-const FULL_TRUST: f64 = 0.5;
-/// Confidence grows with the share of grid nodes whose correspondences follow the motion, up to this
-/// share.
-const FULL_COVERAGE: f64 = 0.1;
 
 /// How motion is estimated.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
@@ -353,10 +348,9 @@ impl Rectifier {
 
     fn solution(&self, frame: &Waiting, settled: &Settled) -> FrameSolution {
         let nodes = self.settings.grid_columns * self.settings.grid_rows;
-        let coverage = settled.inliers as f64 / (FULL_COVERAGE * nodes as f64).max(1.0);
-        let confidence = settled.confidence * coverage.min(1.0);
+        let confidence = settled.confidence * trust::coverage(settled.inliers, nodes);
         let fades = settled.origin == Origin::Continuous;
-        let weight = if fades { confidence / FULL_TRUST } else { 1.0 };
+        let weight = if fades { trust::weight(confidence) } else { 1.0 };
         FrameSolution {
             motion: FrameMotion::new(settled.readout, settled.path.clone()).with_weight(weight),
             confidence,
