@@ -30,13 +30,26 @@ pub struct Film {
     pub own: f64,
     /// Share of the lines, the lowest, that show a caption or a bonnet, fixed to the frame.
     pub fixed: f64,
+    /// Seconds for which the camera stands still at first, if it does. Then it gets up to speed in a fifth of a second.
+    pub rest: Option<f64>,
 }
 
 impl Film {
     /// Shaken in hand: some 6 px RMS of rolling-shutter distortion at γ = 1.
     pub fn new(gamma: f64, by_rows: bool) -> Self {
         let swings = [[(1.4, 0.05), (3.1, 0.014)], [(1.1, 0.07), (2.7, 0.016)], [(0.9, 0.05), (2.3, 0.02)]];
-        Self { gamma, by_rows, focal: 0.9, swings, noise: 0.1, wild: None, sway: 0.0, own: 0.0, fixed: 0.0 }
+        Self {
+            gamma,
+            by_rows,
+            focal: 0.9,
+            swings,
+            noise: 0.1,
+            wild: None,
+            sway: 0.0,
+            own: 0.0,
+            fixed: 0.0,
+            rest: None,
+        }
     }
 
     pub fn direction(&self) -> ReadoutDirection {
@@ -66,7 +79,16 @@ impl Film {
         }
     }
 
+    /// Seconds that the camera has moved for at its full speed, or as far as in so many.
+    fn elapsed(&self, t: f64) -> f64 {
+        const START: f64 = 0.2;
+        let Some(rest) = self.rest else { return t };
+        let since = (t - rest).max(0.0);
+        if since < START { since * since / (2.0 * START) } else { since - START / 2.0 }
+    }
+
     pub fn turn(&self, t: f64) -> Rotation3<f64> {
+        let t = self.elapsed(t);
         let swing = |(axis, swings): (usize, &[(f64, f64); 2])| -> f64 {
             let swing = |(phase, (cycles, peak)): (usize, &(f64, f64))| {
                 peak * (TAU * cycles * t + 1.3 * phase as f64 + axis as f64).sin()
@@ -80,7 +102,7 @@ impl Film {
 
     /// Where the camera is, in metres.
     pub fn place(&self, t: f64) -> Vector3<f64> {
-        let swing = |cycles: f64, phase: f64| self.sway * (TAU * cycles * t + phase).sin();
+        let swing = |cycles: f64, phase: f64| self.sway * (TAU * cycles * self.elapsed(t) + phase).sin();
         Vector3::new(swing(1.6, 0.3), swing(1.1, 1.9), 0.4 * swing(0.7, 4.0))
     }
 
