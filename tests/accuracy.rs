@@ -57,6 +57,77 @@ fn strong_shake_with_a_short_readout() {
     assert_left("shake_g042", Estimator::Continuous, 0.03);
 }
 
+/// The frame with each pixel shown `factor` times along either axis.
+fn enlarged(frame: &Frame, factor: usize) -> Frame {
+    let mut rgb = Vec::with_capacity(frame.rgb.len() * factor * factor);
+    for row in frame.rgb.chunks_exact(3 * frame.width) {
+        let row: Vec<u8> = row.chunks_exact(3).flat_map(|pixel| pixel.repeat(factor)).collect();
+        rgb.extend(row.repeat(factor));
+    }
+    Frame { width: frame.width * factor, height: frame.height * factor, rgb }
+}
+
+/// What is found of one film, nothing of its readout given, at an analysed pixel of 1, 2 and 4 full ones, the last two as
+/// 1080p and 4K: the picture that is analysed is the same.
+fn found_at_three_sizes() -> [Vec<FrameSolution>; 3] {
+    let film = named("hand_g08").expect("a sequence of the catalogue");
+    let strength = Strength::Displacement(5.0);
+    let sequence = Sequence::new(Settings { width: 960, height: 540, frames: 12, strength, ..film });
+    let frames: Vec<Frame> = sequence.frames().unwrap().collect();
+    let settings = product::settings(&sequence.settings, Delay::Unknown, Estimator::Continuous, 4);
+    [1, 2, 4].map(|factor| {
+        let larger = Settings { width: 960 * factor, height: 540 * factor, ..sequence.settings.clone() };
+        let frames: Vec<Frame> = frames.iter().map(|frame| enlarged(frame, factor)).collect();
+        let stamped = frames.iter().enumerate().map(|(k, frame)| (frame, sequence.start(k)));
+        let period = Some(1.0 / larger.fps);
+        let mut rectifier = Rectifier::new(settings, larger.width, larger.height, period).unwrap();
+        product::motions(&mut rectifier, stamped).unwrap()
+    })
+}
+
+/// By how much a frame of 960 columns, times `factor`, is corrected at some points, in pixels of 960 columns.
+fn corrections_at(solution: &FrameSolution, factor: f64) -> impl Iterator<Item = Vector2<f64>> {
+    let half = Vector2::new(0.5, 0.5);
+    let points = (0..96).map(|k| Vector2::new((k % 12 * 80 + 40) as f64, (k / 12 * 64 + 46) as f64));
+    points.map(move |point| {
+        let pixel = point * factor - half;
+        (product::corrected(solution, pixel) - pixel) / factor
+    })
+}
+
+/// The greatest difference of a solution from that of the same film with fewer pixels: of the readout ratio, and of the
+/// correction over its size (root mean squares).
+fn differences(fewer: &[FrameSolution], more: &[FrameSolution], factor: f64) -> [f64; 2] {
+    let ratio = |solution: &FrameSolution| 30.0 * solution.motion.readout().time();
+    let frames = fewer.iter().zip(more);
+    let readout = frames.clone().map(|(a, b)| (ratio(a) - ratio(b)).abs()).fold(0.0, f64::max);
+    let corrections = frames.flat_map(|(a, b)| corrections_at(a, 1.0).zip(corrections_at(b, factor)));
+    let squares = corrections.map(|(a, b)| [(a - b).norm_squared(), a.norm_squared()]);
+    let [off, whole] = squares.fold([0.0; 2], |[off, whole], [a, b]| [off + a, whole + b]);
+    [readout, (off / whole).sqrt()]
+}
+
+/// Measured: 0.05 and 5 %.
+#[test]
+fn more_pixels_of_the_same_picture_change_little() {
+    let [small, larger, largest] = found_at_three_sizes();
+    for (more, factor) in [(&larger, 2.0), (&largest, 4.0)] {
+        let [readout, correction] = differences(&small, more, factor);
+        assert!(readout < 0.1 && correction < 0.1, "× {factor}: {readout}, {correction}");
+    }
+}
+
+/// All that is left to differ is rounding.
+#[test]
+#[ignore = "the path's prior is in pixels of the frame, the noise in analysed ones"]
+fn more_pixels_of_the_same_picture_change_nothing() {
+    let [small, larger, largest] = found_at_three_sizes();
+    for (more, factor) in [(&larger, 2.0), (&largest, 4.0)] {
+        let [readout, correction] = differences(&small, more, factor);
+        assert!(readout < 1e-4 && correction < 1e-4, "× {factor}: {readout}, {correction}");
+    }
+}
+
 /// Whatever is claimed of the readout, every frame gets a finite motion, and none that is wilder than
 /// what the frames show: some 10 px from one to the next, over as many as the readout is said to take.
 #[test]
