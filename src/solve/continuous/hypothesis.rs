@@ -57,6 +57,8 @@ pub(super) struct Hypothesis {
     foresight: usize,
     /// Whether it has joined another that is further, and its γ has not been sought yet.
     pub joins: bool,
+    /// Whether the path of the last window explains little of what moves.
+    is_lost: bool,
     /// The fits from several starts that are going on; for the frames after a gap or a cut while those before it are
     /// settled; and at the other knot density.
     search: Option<Search>,
@@ -80,6 +82,7 @@ impl Hypothesis {
             settled: false,
             foresight: 0,
             joins: false,
+            is_lost: false,
             search: None,
             prepared: None,
             trial: None,
@@ -151,6 +154,10 @@ impl Hypothesis {
         if window.pairs.is_empty() {
             return;
         }
+        if std::mem::take(&mut self.is_lost) {
+            // What was fitted to noise, as while the camera rests, is no start for what moves.
+            self.solver.restart();
+        }
         if self.knows_little(window) {
             if window.pairs.len() >= LEAST_PAIRS {
                 let starts = self.starts(true);
@@ -167,6 +174,7 @@ impl Hypothesis {
     /// Adds the window's estimate to the beliefs if γ has come to rest.
     pub fn conclude(&mut self, window: PairWindow<'_>) {
         self.since_trial += 1;
+        self.is_lost = self.explains_little(window);
         if self.settled && !window.pairs.is_empty() && !self.knows_little(window) {
             self.solver.remember(self.weight(window) / window.pairs.len() as f64);
         }
@@ -227,12 +235,21 @@ impl Hypothesis {
         window.own_pairs().map(|pair| breadth(pair, self.solver.scan_axis)).fold(1.0, f64::min)
     }
 
+    /// Standard deviation in pixels of what is new in a coordinate of the pairs that the frame is in.
+    fn innovation_deviation(&self, window: PairWindow<'_>) -> f64 {
+        window.beside().filter_map(|index| self.solver.innovation_deviation(index)).fold(0.0, f64::max)
+    }
+
+    /// Whether the path explains less than half of the mean square that points move by in the pairs that the frame is in.
+    fn explains_little(&self, window: PairWindow<'_>) -> bool {
+        let left = 2.0 * self.innovation_deviation(window).powi(2);
+        left > 0.5 * window.moved() * self.solver.radius * self.solver.radius
+    }
+
     /// Share of what a window says that counts: as much as the path explains at its frame, and none where so few lines
     /// show anything that a thing of its own may be all that moves.
     pub fn weight(&self, window: PairWindow<'_>) -> f64 {
-        let innovation_deviation =
-            window.beside().filter_map(|index| self.solver.innovation_deviation(index)).fold(0.0, f64::max);
-        self.breadth(window) * self.solver.explained(innovation_deviation, window.moved())
+        self.breadth(window) * self.solver.explained(self.innovation_deviation(window), window.moved())
     }
 
     /// Logarithm of the evidence of a window for each of its pairs, up to a constant.
