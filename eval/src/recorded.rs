@@ -11,7 +11,6 @@ use rsrectify::plane::{Luma, Plane, PlaneLayout, SampleFormat};
 use rsrectify::readout::Readout;
 use rsrectify::rectifier::{Estimator, Settings};
 use rsrectify::solve::continuous::{Camera, Continuous, Motion, PairMeasurement};
-use rsrectify::solve::trust;
 use std::ops::Range;
 
 /// What was measured between a frame and the next.
@@ -38,6 +37,8 @@ pub struct Estimate {
     pub readout: Readout,
     /// Standard deviation that is stated of the readout ratio.
     pub readout_deviation: f64,
+    /// Error that is expected of the rectified frame in pixels.
+    pub expected: Option<f64>,
 }
 
 impl Recording {
@@ -95,7 +96,6 @@ impl Recording {
     /// If there are too few.
     pub fn estimate(&self, frames: Range<usize>, settings: &Settings) -> Result<Vec<Estimate>> {
         let mut estimator = self.estimator(settings);
-        let nodes = settings.grid_columns * settings.grid_rows;
         let mut estimates = Vec::new();
         for index in frames.clone() {
             let stamp = *self.stamps.get(index).context("too few frames were recorded")?;
@@ -103,11 +103,11 @@ impl Recording {
             let pair = pair.and_then(|before| self.pairs.get(before));
             estimator.push(pair.map(Pair::measurement), stamp, self.period);
             if index - frames.start >= settings.lookahead {
-                estimates.push(estimate(&mut estimator, nodes));
+                estimates.push(estimate(&mut estimator));
             }
         }
         while estimates.len() < frames.len() {
-            estimates.push(estimate(&mut estimator, nodes));
+            estimates.push(estimate(&mut estimator));
         }
         Ok(estimates)
     }
@@ -119,21 +119,27 @@ impl Pair {
     }
 }
 
-fn estimate(estimator: &mut Continuous, nodes: usize) -> Estimate {
+fn estimate(estimator: &mut Continuous) -> Estimate {
     let settled = estimator.settle();
     let (readout, readout_deviation) = estimator.belief();
-    Estimate { motion: settled.and_then(|motion| frame_motion(motion, nodes)), readout, readout_deviation }
+    let expected = settled.as_ref().and_then(|motion| expected_error(&motion.errors));
+    Estimate { motion: settled.and_then(frame_motion), readout, readout_deviation, expected }
+}
+
+/// Root mean square of the errors of regions; `None` where there are none.
+fn expected_error(regions: &[f64]) -> Option<f64> {
+    let squares = regions.iter().map(|error| error * error).sum::<f64>();
+    (!regions.is_empty()).then(|| (squares / regions.len() as f64).sqrt())
 }
 
 /// The motion that the rectifier makes of an estimate.
-fn frame_motion(motion: Motion, nodes: usize) -> Option<FrameMotion> {
+fn frame_motion(motion: Motion) -> Option<FrameMotion> {
     let path = MotionPath::from(SampledPath::new(&motion.homographies, motion.readout.time()).ok()?);
     let path = match motion.field {
         Some(field) => path.with_residual(field),
         None => path,
     };
-    let confidence = motion.confidence * trust::coverage(motion.inliers, nodes);
-    Some(FrameMotion::new(motion.readout, path).with_weight(trust::weight(confidence)))
+    Some(FrameMotion::new(motion.readout, path).with_weight(motion.confidence))
 }
 
 /// The corrections that estimates stand for.

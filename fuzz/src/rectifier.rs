@@ -193,6 +193,8 @@ fn pop_all(rectifier: &mut Rectifier, size: [usize; 2]) -> usize {
 fn verify(solution: &FrameSolution, [width, height]: [usize; 2]) {
     let FrameSolution { motion, confidence, correspondences, inliers, residual, readout_deviation, .. } =
         solution;
+    assert!(solution.expected_error.is_none_or(|error| error >= 0.0), "{:?}", solution.expected_error);
+    assert!(solution.region_errors.iter().all(|error| *error >= 0.0), "{:?}", solution.region_errors);
     let readout = motion.readout();
     assert_eq!([readout.width(), readout.height()], [width, height]);
     assert!(readout.time().is_finite() && readout.time() >= 0.0, "{readout:?}");

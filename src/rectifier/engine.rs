@@ -16,8 +16,10 @@ const NOISE: f64 = 0.1;
 pub(super) struct Settled {
     pub readout: Readout,
     pub path: MotionPath,
-    /// Trust in the motion, 0 to 1, given that enough of the picture follows it.
+    /// Trust in the motion, 0 to 1.
     pub confidence: f64,
+    /// Expected errors of the regions of the rectified frame in pixels; none where they are not told.
+    pub errors: Vec<f64>,
     pub origin: Origin,
     /// Correspondences of the pair over which it was solved.
     pub correspondences: usize,
@@ -111,6 +113,7 @@ impl Engine {
                         None => MotionPath::from(path),
                     },
                     confidence: motion.confidence,
+                    errors: motion.errors,
                     origin: Origin::Continuous,
                     correspondences: motion.correspondences,
                     inliers: motion.inliers,
@@ -160,6 +163,7 @@ impl Sequential {
             readout,
             path: MotionPath::uniform(fit.twist, readout.time),
             confidence: fit.confidence,
+            errors: Vec::new(),
             origin,
             correspondences: fit.correspondences,
             inliers: fit.inliers,

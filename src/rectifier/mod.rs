@@ -12,7 +12,6 @@ use crate::motion::{FrameMotion, Model, MotionPath};
 use crate::plane::Luma;
 use crate::readout::{Readout, ReadoutDirection, ReadoutTime};
 use crate::solve::continuous::{Camera, PairMeasurement};
-use crate::solve::trust;
 use clock::Clock;
 use duplicates::Duplicates;
 use engine::{Engine, Settled, Step};
@@ -20,6 +19,7 @@ use std::collections::VecDeque;
 use std::time::{Duration, Instant};
 
 pub use crate::solve::Origin;
+pub use crate::solve::residual::REGIONS;
 pub use error::{PushError, SettingsError};
 
 /// How motion is estimated.
@@ -94,8 +94,14 @@ pub struct FrameSolution {
     /// What the frame is rectified by: the motion through its readout, the shutter it was solved with, and how much
     /// of the correction is applied: less where a continuous path is uncertain.
     pub motion: FrameMotion,
-    /// Trust in the motion, 0 (untouched) to 1.
+    /// Trust in the motion, 0 (untouched) to 1: the share of the correction that is expected to be right.
     pub confidence: f64,
+    /// Root mean square distance in pixels at which the points of the frame, rectified as far as [`motion`](Self::motion)
+    /// says, are expected to lie from where they belong; `None` where it cannot be told: of a frame without a motion and
+    /// from the sequential estimator.
+    pub expected_error: Option<f64>,
+    /// The same in each of [`REGIONS`], row by row; empty where it cannot be told.
+    pub region_errors: Vec<f64>,
     /// Where the motion comes from.
     pub origin: Origin,
     /// Correspondences measured in the pair of frames over which the motion was solved. Of a frame without a motion,
@@ -338,6 +344,8 @@ impl Rectifier {
         FrameSolution {
             motion: FrameMotion::new(readout, MotionPath::STILL).with_weight(0.0),
             confidence: 0.0,
+            expected_error: None,
+            region_errors: Vec::new(),
             origin: Origin::Untouched,
             correspondences: frame.correspondences,
             inliers: 0,
@@ -347,13 +355,13 @@ impl Rectifier {
     }
 
     fn solution(&self, frame: &Waiting, settled: &Settled) -> FrameSolution {
-        let nodes = self.settings.grid_columns * self.settings.grid_rows;
-        let confidence = settled.confidence * trust::coverage(settled.inliers, nodes);
-        let fades = settled.origin == Origin::Continuous;
-        let weight = if fades { trust::weight(confidence) } else { 1.0 };
+        let confidence = settled.confidence;
+        let weight = if settled.origin == Origin::Continuous { confidence } else { 1.0 };
         FrameSolution {
             motion: FrameMotion::new(settled.readout, settled.path.clone()).with_weight(weight),
             confidence,
+            expected_error: root_mean_square(&settled.errors),
+            region_errors: settled.errors.clone(),
             origin: if frame.repeats { Origin::Repeated } else { settled.origin },
             correspondences: settled.correspondences,
             inliers: settled.inliers,
@@ -361,4 +369,10 @@ impl Rectifier {
             readout_deviation: settled.readout_deviation,
         }
     }
+}
+
+/// Of any numbers; `None` where there are none.
+fn root_mean_square(values: &[f64]) -> Option<f64> {
+    let mean_square = values.iter().map(|value| value * value).sum::<f64>() / values.len() as f64;
+    (!values.is_empty()).then(|| mean_square.sqrt())
 }

@@ -172,11 +172,11 @@ fn a_duplicate_is_corrected_as_much_as_its_frame() {
         let rectifier = rectifier(Estimator::default(), 4);
         let readout = rectifier.readout();
         let path = MotionPath::STILL;
-        // Half of what is trusted in full.
         let settled = Settled {
             readout,
             path,
-            confidence: 0.25,
+            confidence: 0.5,
+            errors: vec![3.0, 4.0, 0.0, 0.0],
             origin,
             correspondences: 740,
             inliers: 700,
@@ -187,6 +187,7 @@ fn a_duplicate_is_corrected_as_much_as_its_frame() {
             let frame = Waiting { readout, correspondences: 0, repeats };
             let solution = rectifier.solution(&frame, &settled);
             assert_eq!(solution.motion.weight(), weight, "{origin:?}, repeats: {repeats}");
+            assert_eq!((solution.expected_error, solution.region_errors.len()), (Some(2.5), 4));
         }
     }
 }

@@ -7,7 +7,6 @@
 //! | [`link`] | one pair: uniform rotation 25.6, sequential steps 25.7–25.10 |
 //! | [`continuous`] | (a path through all frames of a window, and with it readout time and direction; the paper takes these as known) |
 //! | [`residual`] | (what parallax adds to the global path; the paper has none) |
-//! | [`trust`] | (how much of a correction is applied; the paper has none) |
 //! | [`window`] | least E over the window, both directions, final choice 25.4.1.3 |
 //!
 //! The only clock is the exposure time t = t_k + T·s, so that any frame rate, dropped frame or
@@ -21,7 +20,6 @@ mod median;
 mod random;
 pub mod residual;
 mod start;
-pub mod trust;
 pub mod window;
 
 pub use link::{Fit, Link};

@@ -144,7 +144,7 @@ impl RsRectify {
                 self.parent_sink_event(event);
                 Ok(())
             }
-            Output::Frame(frame, solution) => self.push_frame(frame, solution),
+            Output::Frame(frame, solution) => self.push_frame(frame, solution.map(|solution| *solution)),
         }
     }
 

@@ -172,6 +172,9 @@ fn add_solution(structure: &mut gst::StructureRef, solution: &FrameSolution) {
     structure.set("inliers", u32::try_from(solution.inliers).unwrap_or(u32::MAX));
     structure.set("residual", solution.residual);
     structure.set("confidence", solution.confidence);
+    if let Some(error) = solution.expected_error {
+        structure.set("expected-error", error);
+    }
     structure.set("readout-time", (readout.time() * 1e9).round() as u64);
     structure.set("readout-deviation", solution.readout_deviation);
     structure.set("readout-direction", ReadoutDirection::from(readout.direction()));
@@ -215,6 +218,9 @@ fn add_motion(structure: &mut gst::StructureRef, solution: &FrameSolution, appli
     let twist = solution.motion.path().mean_twist();
     structure.set("origin", origin_name(solution.origin));
     structure.set("applied", applied);
+    if !solution.region_errors.is_empty() {
+        structure.set("region-errors", gst::Array::new(&solution.region_errors));
+    }
     structure.set("omega", twist.omega);
     structure.set("vx", twist.velocity.x);
     structure.set("vy", twist.velocity.y);

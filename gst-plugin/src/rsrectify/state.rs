@@ -20,7 +20,7 @@ const OUTSIDE: u32 = 4;
 /// Something that has come to the front of the queue.
 pub enum Output {
     /// A frame and its motion; none where the frame was not analysed.
-    Frame(Frame, Option<FrameSolution>),
+    Frame(Frame, Option<Box<FrameSolution>>),
     /// An event that came after the frames before it.
     Event(gst::Event),
 }
@@ -216,7 +216,7 @@ impl State {
             (Some(rectifier), Effort::Full(_)) => Some(pop(rectifier, &self.workers)?),
             _ => None,
         };
-        self.queue.pop_frame().map(|frame| Output::Frame(frame, solution))
+        self.queue.pop_frame().map(|frame| Output::Frame(frame, solution.map(Box::new)))
     }
 
     /// Running time of the frame at the front.

@@ -33,7 +33,8 @@ impl Banded {
         self.values.resize(count, 0.0);
     }
 
-    fn size(&self) -> usize {
+    /// Rows.
+    pub fn size(&self) -> usize {
         self.first.len()
     }
 

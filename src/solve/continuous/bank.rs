@@ -22,19 +22,15 @@ const DECISIVE: f64 = 12.0;
 /// Frames with one hypothesis after which the camera may be another one, and the logarithm of the probability that it is,
 /// then or after a cut: one in a thousand.
 const OTHER_CAMERA: (usize, f64) = (90, -7.0);
-/// Columns and rows of points at which corrections are compared.
-const PROBES: [usize; 2] = [6, 5];
-/// Up to so many deviations from no rolling shutter nothing is done.
-const CAUTION: f64 = 2.0;
-/// The least deviation that is believed of an estimated γ.
-const LEAST_DEVIATION: f64 = 0.01;
 
 /// The hypotheses about the camera of a stream.
 #[derive(Debug)]
 pub(super) struct Bank {
     camera: Camera,
     size: [usize; 2],
-    /// Least standard deviation of a coordinate in pixels.
+    /// Half the width in analysed pixels.
+    radius: f64,
+    /// Least standard deviation of a coordinate in analysed pixels.
     noise: f64,
     /// The likeliest first; never empty.
     pub hypotheses: Vec<Hypothesis>,
@@ -46,11 +42,13 @@ pub(super) struct Bank {
 }
 
 impl Bank {
-    /// For frames of `width` × `height` pixels, whose points have this deviation at least.
-    pub fn new(camera: Camera, [width, height]: [usize; 2], noise: f64) -> Self {
+    /// For frames of this size in pixels, half as wide as `radius` analysed ones, whose points have the deviation `noise` in
+    /// analysed pixels at least.
+    pub fn new(camera: Camera, size: [usize; 2], radius: f64, noise: f64) -> Self {
         let mut bank = Self {
             camera,
-            size: [width, height],
+            size,
+            radius,
             noise,
             hypotheses: Vec::new(),
             to_try: Vec::new(),
@@ -65,9 +63,9 @@ impl Bank {
     fn fresh(&self, direction: ReadoutDirection) -> Hypothesis {
         let [width, height] = self.size;
         let camera = &self.camera;
-        let radius = width.max(1) as f64 / 2.0;
-        let lines = if direction.is_by_rows() { height } else { width } as f64;
-        let scan_axis = ScanAxis { by_rows: direction.is_by_rows(), length: lines.max(1.0) / radius };
+        let lines = if direction.is_by_rows() { height } else { width };
+        let length = 2.0 * lines.max(1) as f64 / width.max(1) as f64;
+        let scan_axis = ScanAxis { by_rows: direction.is_by_rows(), length };
         let smoothness = Smoothness::new(camera.model.generators(), KnotDensity::Usual.start_variance());
         let signs = match (camera.direction, direction.is_reversed()) {
             (None, _) => [-1.0, 1.0],
@@ -78,7 +76,7 @@ impl Bank {
             [READOUT_BELIEF, camera.kappa_belief()].map(|(mean, deviation)| Running::new(mean, deviation));
         let limits = [signs, KAPPA_LIMITS];
         let solver =
-            Solver::new(scan_axis, KnotDensity::Usual, radius, self.noise, smoothness, beliefs, limits);
+            Solver::new(scan_axis, KnotDensity::Usual, self.radius, self.noise, smoothness, beliefs, limits);
         let mut hypothesis = Hypothesis::new(direction, signs, solver);
         hypothesis.prior = Camera::log_prior(direction, width, height);
         hypothesis.score = hypothesis.prior;
@@ -88,6 +86,16 @@ impl Bank {
     /// The likeliest hypothesis.
     pub fn leading(&self) -> &Hypothesis {
         &self.hypotheses[0]
+    }
+
+    /// Width and height of a frame in pixels.
+    pub fn size(&self) -> [usize; 2] {
+        self.size
+    }
+
+    /// Whether the readout time is given.
+    pub fn knows_readout_time(&self) -> bool {
+        self.camera.is_known()
     }
 
     /// Whether more than one is left.
@@ -207,7 +215,7 @@ impl Bank {
     }
 
     /// The probability of each hypothesis.
-    fn probabilities(&self) -> Vec<f64> {
+    pub fn probabilities(&self) -> Vec<f64> {
         let first = self.leading().score;
         let weights: Vec<f64> = self.hypotheses.iter().map(|other| (other.score - first).exp()).collect();
         let sum: f64 = weights.iter().sum();
@@ -231,59 +239,6 @@ impl Bank {
         let parts = self.probabilities().into_iter().zip(&self.hypotheses);
         parts.map(|(probability, hypothesis)| probability * variance(hypothesis)).sum::<f64>().sqrt()
     }
-
-    /// Share of the likeliest hypothesis' correction of a frame that is expected to be right, 0 to 1.
-    ///
-    /// Of the corrections d of all hypotheses, with their probabilities p, the share of the first that minimises the
-    /// expected square error is Σ p·(d·d₁)/(d₁·d₁).
-    pub fn share(&self, stamp: f64) -> f64 {
-        if self.camera.is_known() && !self.is_in_question() {
-            return 1.0;
-        }
-        let share = |solver: &Solver| {
-            if self.camera.is_known() {
-                return 1.0;
-            }
-            certain(solver.beliefs[0].mean, solver.readout_deviation().max(LEAST_DEVIATION))
-        };
-        let own = self.correction(&self.leading().solver, stamp);
-        let product = |other: &[Vector2<f64>]| own.iter().zip(other).map(|(a, b)| a.dot(b)).sum::<f64>();
-        let square = product(&own);
-        if square <= 0.0 {
-            return 0.0;
-        }
-        let parts = self.probabilities().into_iter().zip(&self.hypotheses).enumerate();
-        let shares = parts.map(|(index, (probability, hypothesis))| {
-            let agreement = match index {
-                0 => 1.0,
-                _ if probability < 1e-3 => 0.0,
-                _ => product(&self.correction(&hypothesis.solver, stamp)) / square,
-            };
-            probability * share(&hypothesis.solver) * agreement.min(1.0)
-        });
-        shares.sum::<f64>().clamp(0.0, 1.0)
-    }
-
-    /// Where a solver takes points of a frame, less where they are seen.
-    fn correction(&self, solver: &Solver, stamp: f64) -> Vec<Vector2<f64>> {
-        let [columns, rows] = PROBES;
-        let [across, down] = [1.0, self.size[1] as f64 / self.size[0].max(1) as f64];
-        let place = |index: usize, count: usize| (2 * index + 1) as f64 / count as f64 - 1.0;
-        let points = (0..columns * rows)
-            .map(|k| Vector2::new(across * place(k % columns, columns), down * place(k / columns, rows)));
-        let middle = solver.time(stamp, 0.5);
-        let correction = |point: Vector2<f64>| {
-            let seen = solver.time(stamp, solver.scan_axis.place(point));
-            solver.flow.carry(point, seen, middle) - point
-        };
-        points.map(correction).collect()
-    }
-}
-
-/// Share of a correction that is applied where γ is known with this deviation: the Wiener filter's γ²/(γ² + σ²) to first
-/// order, with more than one deviation for σ, so that hardly a frame is bent.
-fn certain(gamma: f64, deviation: f64) -> f64 {
-    (1.0 - (CAUTION * deviation / gamma).powi(2)).max(0.0)
 }
 
 /// Of hypotheses that have come to the same answer from different starts, keeps the likeliest.

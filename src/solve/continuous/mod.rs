@@ -23,6 +23,7 @@
 //! | `pair_window` | the pairs that a path is fitted to |
 //! | `hypothesis` | one edge that may be read first: a solver, its knot density, its likelihood |
 //! | `bank` | the hypotheses about the camera: its posterior, what is stated and applied of it |
+//! | `deviation` | how far off a correction may be, how much of it is applied |
 //! | `evidence` | which of two hypotheses the frames so far speak for |
 //! | `camera` | what is known of the camera, and believed of the rest |
 //! | `stream` | frames in, motions out: window, choice of the axis, confidence, residual field |
@@ -30,7 +31,7 @@
 //! # Units
 //!
 //! Points are in units of the *radius*, half the frame's width, from the image centre; paths and
-//! residuals in pixels (of the full frame, at the radius); timestamps and γ, the signed readout time, in
+//! residuals in analysed pixels (at the radius); timestamps and γ, the signed readout time, in
 //! frame periods. The path's own clock counts *blocks*: one to a frame period, two and a half where the
 //! picture vibrates. A line is exposed at t = t_k + γ·p, p its place along the scan axis from the top (left)
 //! edge; γ < 0 where the opposite edge is read first. κ = (radius/f)² stands for the focal length f.
@@ -61,6 +62,7 @@
 mod banded;
 mod bank;
 mod camera;
+mod deviation;
 mod dominant;
 mod equations;
 mod evaluated;

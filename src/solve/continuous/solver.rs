@@ -101,6 +101,8 @@ pub(super) struct Solver {
     evaluated: Vec<EvaluatedPair>,
     matrix: Banded,
     covariance: Banded,
+    /// First block of the path when it was found.
+    covariance_base: i64,
     right: Vec<f64>,
     border: [Vec<f64>; SHARED],
     weighted: [Vec<f64>; SHARED],
@@ -132,6 +134,7 @@ impl Solver {
             evaluated: Vec::new(),
             matrix: Banded::default(),
             covariance: Banded::default(),
+            covariance_base: 0,
             right: Vec::new(),
             border: Default::default(),
             weighted: Default::default(),
@@ -202,6 +205,22 @@ impl Solver {
         (1.0 - 2.0 * sigma * sigma / allowed).clamp(0.0, 1.0)
     }
 
+    /// Covariance of the path's coefficients after the last step, inside the band, and the first block of the path then.
+    pub fn covariance(&self) -> (&Banded, i64) {
+        (&self.covariance, self.covariance_base)
+    }
+
+    /// Share of that covariance which is left where matches err independently as far as they err by chance, be there ever so
+    /// many of them. Of what the path does not explain few are independent, and the fit takes all for that.
+    pub fn chance_share(&self) -> f64 {
+        let shares = self.evaluated.iter().map(|EvaluatedPair { normal, residuals, .. }| {
+            let chance = (self.noise * self.noise / normal.scatter.noise).min(1.0);
+            let counted = normal.independent / (2.0 * residuals.legs.len().max(1) as f64);
+            1.0 - chance + chance * counted.min(1.0)
+        });
+        shares.sum::<f64>() / self.evaluated.len().max(1) as f64
+    }
+
     /// Matches of pair `index` within three deviations of the path, thinned out ones counted.
     pub fn inliers(&self, index: usize) -> usize {
         self.evaluated.get(index).map_or(0, |held| held.residuals.inliers)
@@ -261,6 +280,7 @@ impl Solver {
         self.path.coefficients.iter_mut().zip(&self.right).for_each(|(value, step)| *value += step);
         evaluated::invalidate(&mut self.evaluated);
         self.matrix.inverse_band(&mut self.covariance);
+        self.covariance_base = self.path.base;
         // One pair alone does not tell a change of speed from depth that changes from row to row.
         if pairs.len() > 1 {
             self.smoothness.learn(&self.path, &self.covariance, self.order(), self.noise);

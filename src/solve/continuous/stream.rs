@@ -17,7 +17,7 @@ use crate::correspond::Correspondence;
 use crate::flow::FlowField;
 use crate::motion::{ResidualField, ResidualMesh, image_centre};
 use crate::readout::{Readout, ReadoutDirection};
-use crate::solve::residual::{FrameFlow, ResidualSolver};
+use crate::solve::residual::{FrameFlow, Region, ResidualSolver};
 use nalgebra::{Matrix3, Vector2};
 use std::collections::VecDeque;
 
@@ -43,6 +43,9 @@ pub struct Motion {
     pub homographies: Vec<Matrix3<f64>>,
     /// Trust in it, 0 to 1.
     pub confidence: f64,
+    /// Root mean square distance in pixels, in each of [`REGIONS`] and row by row, at which points are expected to be from
+    /// where they belong if as much of the correction is applied as the trust says.
+    pub errors: Vec<f64>,
     /// What parts of the picture do beside that, where it was asked for and there is anything.
     pub field: Option<ResidualField>,
     /// Correspondences that were measured in the one of the frame's pairs in which most follow it.
@@ -87,6 +90,8 @@ pub struct Continuous {
     size: [usize; 2],
     centre: Vector2<f64>,
     radius: f64,
+    /// Full-frame pixels to an analysed one.
+    pixel_scale: f64,
     bank: Bank,
     frames: VecDeque<Entry>,
     /// Frames at the front that are settled.
@@ -108,21 +113,21 @@ pub struct Continuous {
 impl Continuous {
     /// For frames of `width` × `height` pixels, of which `pixel_scale` make an analysed pixel.
     pub fn new(camera: Camera, width: usize, height: usize, pixel_scale: f64) -> Self {
-        let noise = NOISE * pixel_scale;
         let radius = width.max(1) as f64 / 2.0;
         Self {
             camera,
             size: [width, height],
             centre: image_centre(width, height),
             radius,
-            bank: Bank::new(camera, [width, height], noise),
+            pixel_scale,
+            bank: Bank::new(camera, [width, height], radius / pixel_scale, NOISE),
             frames: VecDeque::new(),
             settled: 0,
             clock: None,
             unit_before: None,
             continues: false,
             residual: ResidualSolver::default(),
-            fixed: StaticOverlay::new(width, height, noise),
+            fixed: StaticOverlay::new(width, height, NOISE * pixel_scale),
             scene: Vec::new(),
             spare: Vec::new(),
         }
@@ -139,6 +144,8 @@ impl Continuous {
         if let (Some(last), Some(found)) = (last, found) {
             let before = before.and_then(|entry| entry.to_next.as_ref());
             self.fixed.part(found.grid, &mut self.scene);
+            let area = self.pixel_scale * self.pixel_scale;
+            self.scene.iter_mut().for_each(|found| found.covariance /= area);
             last.to_next = Pair::new(&self.scene, centre, radius, [last.stamp, stamp], before);
             if let Some(pair) = &mut last.to_next {
                 pair.measured = found.grid.len();
@@ -217,14 +224,16 @@ impl Continuous {
         let window = self.bank.window(PairWindow { pairs: &pairs, past });
         self.bank.settle(window, starts);
         self.continues = !pairs.is_empty();
-        let moved = window.moved();
-        let motion = (!pairs.is_empty()).then(|| self.motion(window, stamp, moved));
+        let motion = (!pairs.is_empty()).then(|| self.motion(window, stamp));
         let mut motion = motion.filter(Motion::is_finite);
         if let Some(motion) = motion.as_mut() {
             motion.field = self.field(own, past > 0, &motion.readout);
-            // What the residual field explains is explained.
-            let left = motion.sigma.min(self.residual.left());
-            motion.confidence = self.bank.share(stamp) * self.bank.leading().solver.explained(left, moved);
+            let scale = self.pixel_scale;
+            let regions: Vec<Region> =
+                self.residual.regions().iter().map(|region| region.scaled(1.0 / scale)).collect();
+            let expected = self.bank.expected(stamp, &regions, motion.sigma / scale);
+            motion.confidence = expected.share;
+            motion.errors = expected.squares.iter().map(|square| scale * square.sqrt()).collect();
         }
         self.settled += 1;
         if self.settled > PAST {
@@ -247,8 +256,8 @@ impl Continuous {
         self.bank.hypotheses.iter_mut().for_each(Hypothesis::drop_searches);
     }
 
-    /// The motion of the frame in a window, whose points moved by this much (mean square, squared radii).
-    fn motion(&self, window: PairWindow<'_>, stamp: f64, moved: f64) -> Motion {
+    /// The motion of the frame in a window.
+    fn motion(&self, window: PairWindow<'_>, stamp: f64) -> Motion {
         let solver = &self.bank.leading().solver;
         let readout = self.readout(solver);
         let reversed = readout.direction.is_reversed();
@@ -268,11 +277,12 @@ impl Continuous {
         Motion {
             readout,
             homographies: (0..=SHARES).map(homography).collect(),
-            confidence: self.bank.share(stamp) * solver.explained(sigma, moved),
+            confidence: 0.0,
+            errors: Vec::new(),
             field: None,
             correspondences,
             inliers,
-            sigma,
+            sigma: sigma * self.pixel_scale,
             readout_deviation: self.readout_deviation(),
         }
     }
@@ -326,6 +336,12 @@ impl Continuous {
     }
 }
 
+#[cfg(test)]
+#[path = "stream_doubt_tests.rs"]
+mod doubt_tests;
+#[cfg(test)]
+#[path = "stream_film.rs"]
+mod film;
 #[cfg(test)]
 #[path = "stream_tests.rs"]
 mod tests;

@@ -1,6 +1,6 @@
 //! Exact correspondences from cameras that are known in closed form, and what the estimator makes of them.
 
-use super::super::*;
+use super::*;
 use crate::motion::generators::Model;
 use crate::readout::ReadoutTime;
 use crate::solve::random::Random;

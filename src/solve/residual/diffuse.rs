@@ -50,6 +50,12 @@ impl Known {
         Self { information: [xx + prior, xy, yy + prior], ..self }
     }
 
+    /// Sum of the variances along both axes.
+    pub(super) fn variance(&self) -> f32 {
+        let [xx, xy, yy] = self.information;
+        self.trace() / (xx * yy - xy * xy).max(f32::MIN_POSITIVE)
+    }
+
     /// Information along both axes.
     pub(super) fn trace(&self) -> f32 {
         self.information[0] + self.information[2]

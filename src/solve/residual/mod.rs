@@ -23,9 +23,8 @@ mod velocity;
 
 use crate::flow::FlowField;
 use crate::readout::Readout;
-use crate::solve::median::{MEDIAN_TO_VARIANCE, median};
 use diffuse::{Field, Known};
-use nalgebra::Matrix3;
+use nalgebra::{Matrix3, Vector2};
 use velocity::{Side, joined};
 
 /// Variance in squared cells of the step from one cell's velocity to the next: a tenth of a pixel of eight, squared.
@@ -35,9 +34,8 @@ const STEP: f32 = 0.0016;
 /// Variance that residual velocities have in squared cells, at least: below it they are noise.
 const LEAST_VARIANCE: f32 = 0.00016;
 
-/// Cells whose flow counts when it is asked how much is left: those with more information than the prior. With fewer of
-/// them than this share nothing is known.
-const FEWEST: f64 = 0.1;
+/// Columns and rows of the regions of a frame for which an error is told.
+pub const REGIONS: [usize; 2] = [6, 5];
 
 /// The flow from a frame to a neighbour in time.
 #[derive(Clone, Copy, Debug)]
@@ -84,6 +82,24 @@ pub struct CellVelocities {
     pub velocities: Vec<[f32; 2]>,
 }
 
+/// What the flow says of a region of a frame.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Region {
+    /// Mean residual velocity in pixels per readout.
+    pub velocity: Vector2<f64>,
+    /// Mean square distance in px² at which path and residual velocities are expected to leave points from where they are at
+    /// the middle of the readout: for the time until then, the variances of the velocities and what they leave of the flow.
+    pub error: f64,
+}
+
+impl Region {
+    /// The same in other pixels, of which `factor` make one of these.
+    #[must_use]
+    pub fn scaled(self, factor: f64) -> Self {
+        Self { velocity: self.velocity * factor, error: self.error * factor * factor }
+    }
+}
+
 /// Solves the residual velocities of one frame after another.
 #[derive(Debug, Default)]
 pub struct ResidualSolver {
@@ -91,19 +107,18 @@ pub struct ResidualSolver {
     sides: [Side; 2],
     own: Vec<Known>,
     posterior: Vec<Known>,
-    squares: Vec<f64>,
-    left: f64,
+    regions: Vec<Region>,
 }
 
 impl ResidualSolver {
     /// The residual velocities of a frame, given the flow to its neighbours, one or two; none where there is no flow.
     pub fn solve(&mut self, readout: &Readout, flows: &[FrameFlow<'_>], path: &impl Path) -> &CellVelocities {
-        let Self { cells, sides, own, posterior, .. } = self;
-        cells.velocities.clear();
-        self.left = f64::INFINITY;
+        self.cells.velocities.clear();
+        self.regions.clear();
         let fields = flows.iter().filter(|flow| !flow.field.cells().is_empty());
-        let flows: Vec<_> = fields.take(sides.len()).collect();
-        let Some(first) = flows.first() else { return cells };
+        let flows: Vec<_> = fields.take(self.sides.len()).collect();
+        let Some(first) = flows.first() else { return &self.cells };
+        let Self { cells, sides, own, posterior, .. } = self;
         (cells.columns, cells.rows, cells.side) =
             (first.field.columns(), first.field.rows(), first.field.cell_side());
         for (side, flow) in sides.iter_mut().zip(&flows) {
@@ -115,14 +130,40 @@ impl ResidualSolver {
         let prior = 1.0 / (variance(own, STEP * area) + LEAST_VARIANCE * area);
         Field { columns: cells.columns, step: STEP * area, prior }.posterior(own, posterior);
         cells.velocities.extend(posterior.iter().map(Known::value));
-        self.left = left(sides, &cells.velocities, prior, &mut self.squares);
-        cells
+        self.find_regions(readout, first.field, flows.len(), prior);
+        &self.cells
     }
 
-    /// What path and residual together leave of the frame that was solved last: the standard deviation of a coordinate
-    /// in pixels, to the neighbour that fits worse, from the median. Infinite where nothing is known.
-    pub fn left(&self) -> f64 {
-        self.left
+    /// What the flow says of the regions of the frame that was solved last, row by row; none where there is no flow.
+    pub fn regions(&self) -> &[Region] {
+        &self.regions
+    }
+
+    fn find_regions(&mut self, readout: &Readout, field: &FlowField, sides: usize, prior: f32) {
+        let [across, down] = REGIONS;
+        let (columns, rows) = (self.cells.columns, self.cells.rows);
+        self.regions.resize(across * down, Region::default());
+        let mut counts = vec![0.0; across * down];
+        let cells = self.cells.velocities.iter().zip(&self.posterior).enumerate();
+        for (index, (velocity, posterior)) in cells {
+            let (column, row) = (index % columns, index / columns);
+            let place = row * down / rows * across + column * across / columns;
+            let (Some(region), Some(count)) = (self.regions.get_mut(place), counts.get_mut(place)) else {
+                continue;
+            };
+            let sides = self.sides.iter().take(sides);
+            let left = sides.filter_map(|side| side.difference(index, *velocity, prior));
+            let [sum, known] = left.fold([0.0; 2], |[sum, known], square| [sum + square, known + 1.0]);
+            let [x, y] = field.centre(column, row);
+            let late = readout.share(x, y) - 0.5;
+            region.velocity += Vector2::from(*velocity).cast::<f64>();
+            region.error += late * late * f64::from(posterior.variance() + sum / f32::max(known, 1.0));
+            *count += 1.0;
+        }
+        for (region, count) in self.regions.iter_mut().zip(counts) {
+            region.velocity /= f64::max(count, 1.0);
+            region.error /= f64::max(count, 1.0);
+        }
     }
 }
 
@@ -141,19 +182,6 @@ fn variance(cells: &[Known], usual: f32) -> f32 {
 
 /// Information in (pixels per readout)⁻² that is next to none.
 const LITTLE: f32 = 1e-6;
-
-fn left(sides: &[Side], velocities: &[[f32; 2]], prior: f32, squares: &mut Vec<f64>) -> f64 {
-    let mut left: f64 = 0.0;
-    for side in sides {
-        squares.clear();
-        squares.extend(side.differences(velocities, prior).map(|[x, y]| f64::from(x * x + y * y)));
-        if (squares.len() as f64) < FEWEST * velocities.len() as f64 {
-            return f64::INFINITY;
-        }
-        left = left.max(median(squares) * MEDIAN_TO_VARIANCE);
-    }
-    left.sqrt()
-}
 
 #[cfg(test)]
 #[path = "tests.rs"]

@@ -60,13 +60,13 @@ const SURE: (f32, [f32; 3]) = (1.0, [50.0, 0.0, 50.0]);
 fn solved(
     moved: impl Fn(Vector2<f64>, f64, f64) -> Vector2<f64> + Copy,
     known: impl Fn(Vector2<f64>) -> (f32, [f32; 3]) + Copy,
-) -> (CellVelocities, f64) {
+) -> (CellVelocities, Vec<Region>) {
     let [before, after] = [-PERIOD, PERIOD].map(|interval| flow(interval, moved, known));
     let flows =
         [FrameFlow { field: &before, interval: -PERIOD }, FrameFlow { field: &after, interval: PERIOD }];
     let mut solver = ResidualSolver::default();
     let cells = solver.solve(&readout(), &flows, &Still).clone();
-    (cells, solver.left())
+    (cells, solver.regions().to_vec())
 }
 
 fn worst(cells: &CellVelocities, truth: impl Fn(Vector2<f64>) -> Option<Vector2<f64>>) -> f64 {
@@ -79,11 +79,38 @@ fn worst(cells: &CellVelocities, truth: impl Fn(Vector2<f64>) -> Option<Vector2<
 #[test]
 fn a_uniform_velocity_is_found_everywhere() {
     let velocity = Vector2::new(200.0, -90.0);
-    let (cells, left) = solved(|_, from, to| velocity * (to - from), |_| SURE);
+    let (cells, regions) = solved(|_, from, to| velocity * (to - from), |_| SURE);
     assert_eq!((cells.columns, cells.rows, cells.side), (COLUMNS, 60, SIDE));
     let error = worst(&cells, |_| Some(velocity * READOUT));
     assert!(error < 0.02, "{error}");
-    assert!(left < 0.02, "{left}");
+    assert_eq!(regions.len(), REGIONS[0] * REGIONS[1]);
+    for region in regions {
+        assert!((region.velocity - velocity * READOUT).norm() < 0.02 && region.error < 0.02, "{region:?}");
+    }
+}
+
+#[test]
+fn what_neighbours_contradict_is_expected_to_be_wrong() {
+    // In the left half points turn round in the middle of the three frames: by ±v the two flows say the contrary.
+    let velocity = Vector2::new(300.0, 0.0);
+    let moved = |at: Vector2<f64>, from: f64, to: f64| {
+        if at.x < 320.0 { velocity * (to - from).abs() } else { velocity * (to - from) }
+    };
+    let (_, regions) = solved(moved, |_| SURE);
+    let [columns, rows] = REGIONS;
+    for (index, region) in regions.iter().enumerate() {
+        // A velocity of v and one of −v leave v of either, for the time until the middle of the readout.
+        let late = ((index / columns) as f64 + 0.5) / rows as f64 - 0.5;
+        let wrong = (velocity.x * READOUT * late).powi(2);
+        if index % columns < columns / 2 {
+            assert!(
+                region.error > 0.7 * wrong && region.error < 1.5 * wrong + 1.0,
+                "{index}: {region:?} {wrong}"
+            );
+        } else {
+            assert!(region.error < 0.1, "{index}: {region:?}");
+        }
+    }
 }
 
 #[test]
@@ -147,7 +174,7 @@ fn without_flow_there_is_no_field() {
     let empty = FlowField::default();
     let none = [FrameFlow { field: &empty, interval: PERIOD }];
     assert!(solver.solve(&readout(), &none, &Still).velocities.is_empty());
-    assert_eq!(solver.left(), f64::INFINITY);
+    assert!(solver.regions().is_empty());
     assert!(solver.solve(&readout(), &[], &Still).velocities.is_empty());
     // Nor is there one that is not a number.
     let wild = flow(PERIOD, |_, _, _| Vector2::new(f64::NAN, 1e300), |_| SURE);

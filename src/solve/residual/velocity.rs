@@ -100,18 +100,12 @@ impl Side {
         });
     }
 
-    /// By what the flow to the neighbour and `velocities` differ, in pixels, at the cells of more information than
-    /// `least`.
-    pub(super) fn differences<'a>(
-        &'a self,
-        velocities: &'a [[f32; 2]],
-        least: f32,
-    ) -> impl Iterator<Item = [f32; 2]> + 'a {
-        let known = self.cells.iter().zip(velocities).filter(move |((_, information), _)| {
-            let [xx, _, yy] = information;
-            xx + yy > least
-        });
-        known.map(|((own, _), velocity)| [0, 1].map(|axis| (own[axis] - velocity[axis]) * self.ahead))
+    /// By what the flow to the neighbour and a velocity differ in a cell, squared, in px² per readout²; `None` where the flow
+    /// says no more than `least`.
+    pub(super) fn difference(&self, index: usize, velocity: [f32; 2], least: f32) -> Option<f32> {
+        let (own, [xx, _, yy]) = self.cells.get(index)?;
+        let apart = [own[0] - velocity[0], own[1] - velocity[1]];
+        (xx + yy > least).then_some(apart[0] * apart[0] + apart[1] * apart[1])
     }
 }
 
