@@ -31,8 +31,9 @@ pub const NEEDED_FRAMES: usize = STARTS[STARTS.len() - 1] + FRAMES;
 
 /// The heading of the rows of [`Blind::row`].
 pub const HEADING: &str = "| sequence | seed | runs | wrong axis | wrong edge | off by more than 0.05 | these: sure | \
-                           error, median | inside the 95 % interval | left, median | left, worst | worst frame above its input px |\n\
-                           |---|---|---|---|---|---|---|---|---|---|---|---|";
+                           error, median | inside the 95 % interval | left, median | left, worst | worst frame above its input px | \
+                           error over the expected one |\n\
+                           |---|---|---|---|---|---|---|---|---|---|---|---|---|";
 
 /// What became of one run.
 #[derive(Clone, Copy, Debug)]
@@ -52,6 +53,15 @@ struct Run {
     left: f64,
     /// By how much the RMS displacement of a frame is above that of its input, in pixels, at most.
     harm: f64,
+    /// Displacement left in a frame over the one that is expected: root mean square over the frames that say one.
+    normalised: f64,
+}
+
+/// What is stated of a frame.
+struct Stated {
+    readout: Readout,
+    readout_deviation: f64,
+    expected_error: Option<f64>,
 }
 
 /// What became of the runs of a sequence.
@@ -97,10 +107,11 @@ impl Blind {
             values
         };
         let (errors, left, harm) = (sorted(|run| run.error), sorted(|run| run.left), sorted(|run| run.harm));
+        let normalised = self.runs.iter().map(|run| run.normalised.powi(2)).sum::<f64>();
         let covered = self.runs.iter().map(|run| run.covered).sum::<f64>() / self.runs.len() as f64;
         let [middle, last] = [self.runs.len() / 2, self.runs.len() - 1];
         format!(
-            "| {} | {} | {} | {} | {} | {} | {} | {:.3} | {:.0} % | {:.1} % | {:.1} % | {:+.2} |",
+            "| {} | {} | {} | {} | {} | {} | {} | {:.3} | {:.0} % | {:.1} % | {:.1} % | {:+.2} | {:.2} |",
             self.name,
             self.seed,
             self.runs.len(),
@@ -113,6 +124,7 @@ impl Blind {
             100.0 * left[middle],
             100.0 * left[last],
             harm[last],
+            (normalised / self.runs.len() as f64).sqrt(),
         )
     }
 
@@ -146,7 +158,11 @@ impl Run {
 fn run(footage: &Footage, start: usize, lookahead: usize) -> Result<Run> {
     let told = product::settings(footage.settings(), Delay::Unknown, Estimator::Continuous, lookahead);
     let solutions = product::solve_frames(footage, start..start + FRAMES, told)?;
-    let stated = solutions.iter().map(|solution| (*solution.motion.readout(), solution.readout_deviation));
+    let stated = solutions.iter().map(|solution| Stated {
+        readout: *solution.motion.readout(),
+        readout_deviation: solution.readout_deviation,
+        expected_error: solution.expected_error,
+    });
     let stated = stated.collect();
     judged(footage, start, lookahead, stated, &product::corrections(solutions))
 }
@@ -154,25 +170,37 @@ fn run(footage: &Footage, start: usize, lookahead: usize) -> Result<Run> {
 fn replay(footage: &Footage, recording: &Recording, start: usize, lookahead: usize) -> Result<Run> {
     let told = product::settings(footage.settings(), Delay::Unknown, Estimator::Continuous, lookahead);
     let estimates = recording.estimate(start..start + FRAMES, &told)?;
-    let stated = estimates.iter().map(|estimate| (estimate.readout, estimate.readout_deviation)).collect();
+    let stated = estimates.iter().map(|estimate| Stated {
+        readout: estimate.readout,
+        readout_deviation: estimate.readout_deviation,
+        expected_error: estimate.expected,
+    });
+    let stated = stated.collect();
     judged(footage, start, lookahead, stated, &recorded::corrections(estimates))
 }
 
-/// Judges a run by the shutters stated with each frame and their deviations, and by its corrections.
+/// Judges a run by what is stated of each frame and by its corrections.
 fn judged(
     footage: &Footage,
     start: usize,
     lookahead: usize,
-    stated: Vec<(Readout, f64)>,
+    stated: Vec<Stated>,
     corrections: &Corrections,
 ) -> Result<Run> {
     let truths = footage.truth.get(start..start + FRAMES).context("a sequence is shorter than its runs")?;
     let period = 1.0 / footage.settings().delivered_fps();
     let truth = footage.readout();
     let is_covered =
-        |(readout, deviation): &&(Readout, f64)| error(readout, &truth, period) <= INTERVAL * deviation;
+        |stated: &&Stated| error(&stated.readout, &truth, period) <= INTERVAL * stated.readout_deviation;
     let covered = stated.iter().filter(is_covered).count() as f64 / stated.len().max(1) as f64;
-    let (readout, deviation) = *stated.last().context("a run needs a frame")?;
+    let frames = stated.iter().zip(truths).zip(corrections);
+    let normalised = frames.filter_map(|((stated, truth), correction)| {
+        let left = displacement::left(std::slice::from_ref(truth), std::slice::from_ref(correction)).rms;
+        stated.expected_error.filter(|expected| *expected > 0.0).map(|expected| (left / expected).powi(2))
+    });
+    let [sum, count] = normalised.fold([0.0; 2], |[sum, count], square| [sum + square, count + 1.0]);
+    let Stated { readout, readout_deviation: deviation, .. } =
+        *stated.last().context("a run needs a frame")?;
     let uncorrected =
         displacement::uncorrected(truths.iter().flat_map(|truth| truth.samples.iter().copied()));
     Ok(Run {
@@ -186,6 +214,7 @@ fn judged(
         covered,
         left: displacement::left(truths, corrections).share_of(&uncorrected).unwrap_or(0.0),
         harm: displacement::worst_above_input(truths, corrections),
+        normalised: (sum / f64::max(count, 1.0)).sqrt(),
     })
 }
 
@@ -206,6 +235,7 @@ mod tests {
             covered: 1.0,
             left: 0.1,
             harm: -1.0,
+            normalised: 1.0,
         }
     }
 
