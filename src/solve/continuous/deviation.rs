@@ -2,10 +2,10 @@
 //!
 //! A hypothesis takes a point of a frame, seen at the place p along the scan axis, to where it is at the middle of the
 //! readout: by d, which is what the path does, and γ·(½ − p)·u, u the residual velocity. Hypothesis h has the probability
-//! pₕ, and its γ is believed to be γ̄ ± σ, so that rₕ·dₕ is expected, rₕ = γ̄/γ. Where the share w of the likeliest
-//! one's correction d₁ is applied, the mean square error is
+//! pₕ. Where the share w of the likeliest one's correction d₁ is applied, whose γ is believed to be γ̄ ± σ, the mean square
+//! error is
 //!
-//! > Σ pₕ·|rₕ·dₕ − w·d₁|² + tr(φ·C·φᵀ) + σ²·|∂d/∂γ|² + v,
+//! > Σ pₕ·|dₕ − w·d₁|² + tr(φ·C·φᵀ) + (σ² + (γ − γ̄)²)·|∂d₁/∂γ|² + v,
 //!
 //! φ the fields of the generators, C the covariance of what their paths do until the middle of the readout, from that of
 //! the path's coefficients, and v what path and residual velocities leave of the flow.
@@ -24,6 +24,9 @@ const WHOLE: f64 = 0.5;
 /// Hypotheses of less probability change nothing.
 const UNLIKELY: f64 = 1e-3;
 
+/// Covariance of the paths of the generators in px².
+type Covariance = SMatrix<f64, GENERATORS, GENERATORS>;
+
 /// What is expected of a frame's correction.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(super) struct Expected {
@@ -33,48 +36,34 @@ pub(super) struct Expected {
     pub squares: Vec<f64>,
 }
 
+/// A frame, and what the flow says of it, at the middles of its regions.
+struct Frame<'a> {
+    stamp: f64,
+    points: Vec<Vector2<f64>>,
+    /// Residual velocities in pixels a frame period.
+    velocities: Vec<Vector2<f64>>,
+    regions: &'a [Region],
+    /// What the path leaves of a coordinate from frame to frame, in pixels.
+    sigma: f64,
+}
+
 impl Bank {
     /// What is expected of the correction of a frame, where the flow says this of its regions; without any flow, where the
-    /// path leaves `sigma` pixels of a coordinate from frame to frame.
+    /// path leaves `sigma` pixels of a coordinate from frame to frame. Nothing is applied where it cannot be told.
     pub fn expected(&self, stamp: f64, regions: &[Region], sigma: f64) -> Expected {
         let leading = &self.leading().solver;
+        let points = middles(self.size());
+        let frame = Frame::new(stamp, points, regions, sigma, leading.shared[0].abs());
         let is_known = self.knows_readout_time();
-        let gamma = leading.shared[0];
-        let points: Vec<Vector2<f64>> = self.points().collect();
-        // Pixels in a frame period.
-        let residual: Vec<Vector2<f64>> = (0..points.len())
-            .map(|index| regions.get(index).map_or(Vector2::zeros(), |region| region.velocity / gamma.abs()))
-            .filter(|velocity| velocity.iter().all(|rate| rate.is_finite()))
-            .collect();
-        let residual = |index: usize| residual.get(index).copied().unwrap_or_default();
-        let corrections = |solver: &Solver| -> Vec<Vector2<f64>> {
-            let at = |(index, point): (usize, &Vector2<f64>)| {
-                let late = solver.shared[0] * (0.5 - solver.scan_axis.place(*point));
-                solver.correction(stamp, *point) + residual(index) * late
-            };
-            points.iter().enumerate().map(at).collect()
-        };
-        let own = corrections(leading);
+        let own = frame.corrections(leading);
         let all: Vec<(f64, Vec<Vector2<f64>>)> = self
             .probabilities()
             .into_iter()
             .zip(&self.hypotheses)
             .filter(|(probability, _)| *probability > UNLIKELY)
-            .map(|(probability, hypothesis)| {
-                let solver = &hypothesis.solver;
-                let ratio = if is_known { 1.0 } else { solver.believed_share() };
-                (probability, corrections(solver).into_iter().map(|correction| correction * ratio).collect())
-            })
+            .map(|(probability, hypothesis)| (probability, frame.corrections(&hypothesis.solver)))
             .collect();
-        let deviation = if is_known { 0.0 } else { leading.readout_deviation() };
-        let error = |(index, point): (usize, &Vector2<f64>)| {
-            let late = 0.5 - leading.scan_axis.place(*point);
-            let by_readout = (leading.velocity(stamp, *point) + residual(index)) * (late * deviation);
-            let local =
-                regions.get(index).map_or(2.0 * (sigma * gamma * late).powi(2), |region| region.error);
-            leading.path_variance(stamp, *point) + by_readout.norm_squared() + local
-        };
-        let errors: Vec<f64> = points.iter().enumerate().map(error).collect();
+        let errors = frame.errors(leading, if is_known { 0.0 } else { leading.readout_error() });
         let product = |other: &[Vector2<f64>]| own.iter().zip(other).map(|(a, b)| a.dot(b)).sum::<f64>();
         let square = product(&own);
         // The share of d₁ that comes nearest to all of them.
@@ -89,20 +78,66 @@ impl Bank {
             });
             squares.sum::<f64>()
         };
-        Expected {
-            share,
-            squares: errors.into_iter().enumerate().map(|(index, error)| error + apart(index)).collect(),
-        }
+        let squares: Vec<f64> =
+            errors.into_iter().enumerate().map(|(index, error)| error + apart(index)).collect();
+        let is_told = squares.iter().all(|square| square.is_finite());
+        if is_told { Expected { share, squares } } else { Expected::default() }
+    }
+}
+
+/// The middles of the regions of a frame of this size, row by row, in units of the radius.
+fn middles([width, height]: [usize; 2]) -> Vec<Vector2<f64>> {
+    let [columns, rows] = REGIONS;
+    let down = height as f64 / width.max(1) as f64;
+    let place = |index: usize, count: usize| (2 * index + 1) as f64 / count as f64 - 1.0;
+    let middle = |k: usize| Vector2::new(place(k % columns, columns), down * place(k / columns, rows));
+    (0..columns * rows).map(middle).collect()
+}
+
+impl<'a> Frame<'a> {
+    /// Where a readout takes so many frame periods.
+    fn new(stamp: f64, points: Vec<Vector2<f64>>, regions: &'a [Region], sigma: f64, readout: f64) -> Self {
+        let velocity = |index: usize| {
+            let velocity = regions.get(index).map_or(Vector2::zeros(), |region| region.velocity / readout);
+            if velocity.iter().all(|rate| rate.is_finite()) { velocity } else { Vector2::zeros() }
+        };
+        let velocities = (0..points.len()).map(velocity).collect();
+        Self { stamp, points, velocities, regions, sigma }
     }
 
-    /// The middles of the regions, row by row.
-    fn points(&self) -> impl Iterator<Item = Vector2<f64>> {
-        let [columns, rows] = REGIONS;
-        let [width, height] = self.size();
-        let down = height as f64 / width.max(1) as f64;
-        let place = |index: usize, count: usize| (2 * index + 1) as f64 / count as f64 - 1.0;
-        (0..columns * rows)
-            .map(move |k| Vector2::new(place(k % columns, columns), down * place(k / columns, rows)))
+    /// What a solver does to the points, in pixels.
+    fn corrections(&self, solver: &Solver) -> Vec<Vector2<f64>> {
+        let correction = |(point, velocity): (&Vector2<f64>, &Vector2<f64>)| {
+            let late = solver.shared[0] * (0.5 - solver.scan_axis.place(*point));
+            solver.correction(self.stamp, *point) + velocity * late
+        };
+        self.points.iter().zip(&self.velocities).map(correction).collect()
+    }
+
+    /// Mean squares in px² by which that is wrong if γ is off by `readout_error` (root mean square): by path, γ
+    /// and what moves on its own.
+    fn errors(&self, solver: &Solver, readout_error: f64) -> Vec<f64> {
+        // All points of a line are exposed at once.
+        let mut lines: Vec<(f64, Covariance)> = Vec::new();
+        let mut path_covariance = |place: f64| {
+            let known = lines.iter().find(|(other, _)| *other == place).map(|(_, covariance)| *covariance);
+            known.unwrap_or_else(|| {
+                let covariance = solver.path_covariance(self.stamp, place);
+                lines.push((place, covariance));
+                covariance
+            })
+        };
+        let error = |(index, (point, velocity)): (usize, (&Vector2<f64>, &Vector2<f64>))| {
+            let place = solver.scan_axis.place(*point);
+            let late = 0.5 - place;
+            let fields = fields(*point, solver.path.kappa);
+            let by_path = (fields * path_covariance(place) * fields.transpose()).trace().max(0.0);
+            let by_readout = (solver.velocity(self.stamp, *point) + velocity) * (late * readout_error);
+            let from_frame_to_frame = || 2.0 * (self.sigma * solver.shared[0] * late).powi(2);
+            let local = self.regions.get(index).map_or_else(from_frame_to_frame, |region| region.error);
+            by_path + by_readout.norm_squared() + local
+        };
+        self.points.iter().zip(&self.velocities).enumerate().map(error).collect()
     }
 }
 
@@ -125,15 +160,15 @@ impl Solver {
         [self.scan_axis.place(point), 0.5].map(|place| self.time(stamp, place))
     }
 
-    /// γ as it is believed, as a share of the one in hand.
-    fn believed_share(&self) -> f64 {
-        let share = self.beliefs[0].mean / self.shared[0];
-        if share.is_finite() { share.clamp(0.0, 1.0) } else { 0.0 }
+    /// Root mean square error that is expected of γ: that of a window is another one than is believed.
+    fn readout_error(&self) -> f64 {
+        self.readout_deviation().hypot(self.shared[0] - self.beliefs[0].mean)
     }
 
-    /// Mean square in px² by which the path is wrong about where a point of a frame goes.
-    fn path_variance(&self, stamp: f64, point: Vector2<f64>) -> f64 {
-        let times = self.times_to_middle(stamp, point);
+    /// Covariance in px² of what the paths of the generators do from when a place along the scan axis is exposed until the
+    /// middle of the readout.
+    fn path_covariance(&self, stamp: f64, place: f64) -> Covariance {
+        let times = [place, 0.5].map(|place| self.time(stamp, place));
         let (covariance, base) = self.covariance();
         let size = covariance.size();
         let weights: Vec<Vec<(usize, f64)>> = (0..GENERATORS)
@@ -161,8 +196,7 @@ impl Solver {
             });
             sums.sum()
         };
-        let covariance = SMatrix::<f64, GENERATORS, GENERATORS>::from_fn(entry);
-        let fields = fields(point, self.path.kappa);
-        (fields * covariance * fields.transpose()).trace().max(0.0) * self.chance_share()
+        let lower = Covariance::from_fn(|j, k| if j < k { 0.0 } else { entry(j, k) });
+        Covariance::from_fn(|j, k| lower[(j.max(k), j.min(k))]) * self.chance_share()
     }
 }
