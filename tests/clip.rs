@@ -26,10 +26,12 @@ fn play(pipeline: &gst::Pipeline, sink: &gst_app::AppSink, until: gst::MessageTy
     pipeline.set_state(gst::State::Playing).unwrap();
     let mut numbers = Vec::new();
     if until == gst::MessageType::SegmentDone {
-        // The demuxer says so before the decoder has given out its last frames.
+        // The demuxer says so before the decoder has given out its last frames, and a filter that waits for many has not
+        // begun then.
         wait_for(pipeline, until);
-        let pull = || sink.try_pull_sample(gst::ClockTime::from_mseconds(700));
-        numbers.extend(std::iter::from_fn(pull).map(|sample| shown(&sample)));
+        let first = sink.try_pull_sample(gst::ClockTime::from_seconds(60));
+        let next = || sink.try_pull_sample(gst::ClockTime::from_seconds(3));
+        numbers.extend(first.into_iter().chain(std::iter::from_fn(next)).map(|sample| shown(&sample)));
     } else {
         numbers.extend(std::iter::from_fn(|| sink.pull_sample().ok()).map(|sample| shown(&sample)));
     }
