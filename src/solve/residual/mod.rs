@@ -25,7 +25,7 @@ use crate::flow::FlowField;
 use crate::readout::Readout;
 use diffuse::{Field, Known};
 use nalgebra::{Matrix3, Vector2};
-use velocity::{Side, joined};
+use velocity::{FASTEST, Side, joined};
 
 /// Variance in squared cells of the step from one cell's velocity to the next: a tenth of a pixel of eight, squared.
 /// Five times as much or a fifth of it changes no figure of the evaluation by more than a tenth.
@@ -157,7 +157,9 @@ impl ResidualSolver {
             let [x, y] = field.centre(column, row);
             let late = readout.share(x, y) - 0.5;
             region.velocity += Vector2::from(*velocity).cast::<f64>();
-            region.error += late * late * f64::from(posterior.variance() + sum / f32::max(known, 1.0));
+            // Not a number becomes the most, too.
+            let square = (posterior.variance() + sum / f32::max(known, 1.0)).min(FASTEST * FASTEST);
+            region.error += late * late * f64::from(square);
             *count += 1.0;
         }
         for (region, count) in self.regions.iter_mut().zip(counts) {

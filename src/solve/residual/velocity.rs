@@ -9,7 +9,7 @@ use nalgebra::{Matrix3, Vector2};
 
 /// Pixels in a readout, at most, that a part of a picture moves by beside the whole: more cannot be squared and weighed
 /// in `f32`, and is no measurement.
-const FASTEST: f32 = 1e6;
+pub(super) const FASTEST: f32 = 1e6;
 
 /// Readouts from a frame to a neighbour, at most, and their inverse at least, for the same reason.
 const FARTHEST: f32 = 1e6;
