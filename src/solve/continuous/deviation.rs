@@ -36,20 +36,20 @@ pub(super) struct Expected {
     pub squares: Vec<f64>,
 }
 
-/// A frame, and what the flow says of it, at the middles of its regions.
+/// A frame at the middles of its regions, with the residual velocities and errors there.
 struct Frame<'a> {
     stamp: f64,
     points: Vec<Vector2<f64>>,
     /// Residual velocities in pixels a frame period.
     velocities: Vec<Vector2<f64>>,
     regions: &'a [Region],
-    /// What the path leaves of a coordinate from frame to frame, in pixels.
+    /// Standard deviation of a coordinate's residual from frame to frame, in pixels.
     sigma: f64,
 }
 
 impl Bank {
-    /// What is expected of the correction of a frame, where the flow says this of its regions; without any flow, where the
-    /// path leaves `sigma` pixels of a coordinate from frame to frame. Nothing is applied where it cannot be told.
+    /// What is expected of the correction of a frame with these regions; without any flow, of one in which the path leaves
+    /// residuals of `sigma` pixels in a coordinate. Nothing is applied where it cannot be told.
     pub fn expected(&self, stamp: f64, regions: &[Region], sigma: f64) -> Expected {
         let leading = &self.leading().solver;
         let points = middles(self.size());

@@ -82,13 +82,13 @@ pub struct CellVelocities {
     pub velocities: Vec<[f32; 2]>,
 }
 
-/// What the flow says of a region of a frame.
+/// Residual velocity and expected error in a region of a frame.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Region {
     /// Mean residual velocity in pixels per readout.
     pub velocity: Vector2<f64>,
     /// Mean square distance in px² at which path and residual velocities are expected to leave points from where they are at
-    /// the middle of the readout: for the time until then, the variances of the velocities and what they leave of the flow.
+    /// the middle of the readout: for the time until then, the variances of the velocities and their residuals in the flow.
     pub error: f64,
 }
 
@@ -134,7 +134,7 @@ impl ResidualSolver {
         &self.cells
     }
 
-    /// What the flow says of the regions of the frame that was solved last, row by row; none where there is no flow.
+    /// The regions of the frame that was solved last, row by row; none where there is no flow.
     pub fn regions(&self) -> &[Region] {
         &self.regions
     }
