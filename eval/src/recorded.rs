@@ -11,6 +11,7 @@ use rsrectify::plane::{Luma, Plane, PlaneLayout, SampleFormat};
 use rsrectify::readout::Readout;
 use rsrectify::rectifier::{Estimator, Settings};
 use rsrectify::solve::continuous::{Camera, Continuous, Motion, PairMeasurement};
+use rsrectify::solve::root_mean_square;
 use std::ops::Range;
 
 /// What was measured between a frame and the next.
@@ -122,14 +123,8 @@ impl Pair {
 fn estimate(estimator: &mut Continuous) -> Estimate {
     let settled = estimator.settle();
     let (readout, readout_deviation) = estimator.belief();
-    let expected = settled.as_ref().and_then(|motion| expected_error(&motion.errors));
+    let expected = settled.as_ref().and_then(|motion| root_mean_square(&motion.errors));
     Estimate { motion: settled.and_then(frame_motion), readout, readout_deviation, expected }
-}
-
-/// Root mean square of the errors of regions; `None` where there are none.
-fn expected_error(regions: &[f64]) -> Option<f64> {
-    let squares = regions.iter().map(|error| error * error).sum::<f64>();
-    (!regions.is_empty()).then(|| (squares / regions.len() as f64).sqrt())
 }
 
 /// The motion that the rectifier makes of an estimate.

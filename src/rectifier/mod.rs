@@ -360,7 +360,7 @@ impl Rectifier {
         FrameSolution {
             motion: FrameMotion::new(settled.readout, settled.path.clone()).with_weight(weight),
             confidence,
-            expected_error: root_mean_square(&settled.errors),
+            expected_error: crate::solve::root_mean_square(&settled.errors),
             region_errors: settled.errors.clone(),
             origin: if frame.repeats { Origin::Repeated } else { settled.origin },
             correspondences: settled.correspondences,
@@ -369,10 +369,4 @@ impl Rectifier {
             readout_deviation: settled.readout_deviation,
         }
     }
-}
-
-/// Of any numbers; `None` where there are none.
-fn root_mean_square(values: &[f64]) -> Option<f64> {
-    let mean_square = values.iter().map(|value| value * value).sum::<f64>() / values.len() as f64;
-    (!values.is_empty()).then(|| mean_square.sqrt())
 }

@@ -27,3 +27,10 @@ pub use window::{Candidate, Origin, Window};
 
 #[cfg(test)]
 mod tests;
+
+/// Of any numbers; `None` where there are none.
+#[must_use]
+pub fn root_mean_square(values: &[f64]) -> Option<f64> {
+    let mean_square = values.iter().map(|value| value * value).sum::<f64>() / values.len() as f64;
+    (!values.is_empty()).then(|| mean_square.sqrt())
+}

@@ -144,20 +144,20 @@ impl<'a> Frame<'a> {
 impl Solver {
     /// Where the path takes a point of a frame, less where it is seen, in pixels.
     fn correction(&self, stamp: f64, point: Vector2<f64>) -> Vector2<f64> {
-        let [seen, middle] = self.times_to_middle(stamp, point);
+        let [seen, middle] = self.times_to_middle(stamp, self.scan_axis.place(point));
         (self.flow.carry(point, seen, middle) - point) * self.radius
     }
 
     /// Velocity of a point when it is seen, in pixels a frame period.
     fn velocity(&self, stamp: f64, point: Vector2<f64>) -> Vector2<f64> {
-        let [seen, _] = self.times_to_middle(stamp, point);
+        let seen = self.time(stamp, self.scan_axis.place(point));
         let rates = SVector::<f64, GENERATORS>::from(self.path.rates(seen));
         fields(point, self.path.kappa) * rates * self.density.blocks()
     }
 
-    /// Blocks at which a point is seen and at which the middle of the readout is.
-    fn times_to_middle(&self, stamp: f64, point: Vector2<f64>) -> [f64; 2] {
-        [self.scan_axis.place(point), 0.5].map(|place| self.time(stamp, place))
+    /// Blocks at which a place along the scan axis is exposed and at which the middle of the readout is.
+    fn times_to_middle(&self, stamp: f64, place: f64) -> [f64; 2] {
+        [place, 0.5].map(|place| self.time(stamp, place))
     }
 
     /// Root mean square error that is expected of γ: that of a window is another one than is believed.
@@ -168,7 +168,7 @@ impl Solver {
     /// Covariance in px² of what the paths of the generators do from when a place along the scan axis is exposed until the
     /// middle of the readout.
     fn path_covariance(&self, stamp: f64, place: f64) -> Covariance {
-        let times = [place, 0.5].map(|place| self.time(stamp, place));
+        let times = self.times_to_middle(stamp, place);
         let (covariance, base) = self.covariance();
         let size = covariance.size();
         let weights: Vec<Vec<(usize, f64)>> = (0..GENERATORS)
