@@ -79,7 +79,8 @@ enum Command {
         chosen: Chosen,
     },
     /// Runs the library without a word about the camera, from several frames on and with several lookaheads, and counts
-    /// the wrong readouts. Without names, of all sequences that a rolling shutter distorts.
+    /// the wrong readouts. Without names, of all sequences that a rolling shutter distorts; the next report then has
+    /// the table.
     Blind {
         /// Measures each sequence once and runs only the estimator: quicker, and on the same data whatever estimates.
         #[arg(long)]
@@ -298,13 +299,16 @@ fn blind(chosen: &Chosen, recorded: bool) -> Result<()> {
     let distorted =
         || all().filter(|settings| settings.readout_ratio > 0.0 && settings.width < 1000).collect();
     println!("{}", blind::HEADING);
+    let mut table = format!("{}\n", blind::HEADING);
     for settings in if chosen.sequence.is_empty() { distorted() } else { chosen.settings()? } {
         let footage = chosen.footage(Settings { frames: blind::NEEDED_FRAMES, ..settings })?;
         let blind = if recorded { Blind::recorded(&footage)? } else { Blind::of(&footage)? };
-        println!("{}", blind.row());
+        let row = blind.row();
+        println!("{row}");
+        table += &format!("{row}\n");
         blind.wrong().for_each(|line| eprintln!("{line}"));
     }
-    Ok(())
+    if chosen.sequence.is_empty() { report::keep_blind(&table) } else { Ok(()) }
 }
 
 fn readout_of_clip(file: &std::path::Path) -> Result<()> {

@@ -34,9 +34,13 @@ use tables::{by_sequence, number, percent};
 /// The document, but for its figures.
 const TEMPLATE: &str = include_str!("accuracy.md");
 
-/// The file of a run, and the folder of runs on photographs.
+/// The file of a run, the folder of runs on photographs, and the table of blind runs.
 const RESULTS: &str = "results.json";
+const BLIND: &str = "blind.md";
 const PHOTOGRAPHS: &str = "photographs";
+
+/// The folder in the workspace in which runs are kept.
+const TARGET: &str = "target/eval";
 
 /// Sources of correspondences that are compared, in the order of the table.
 const SOURCES: [Source; 3] = [Source::Sampler, Source::Flow, Source::Exact];
@@ -71,8 +75,8 @@ impl Options {
 /// # Errors
 /// Where a system fails or a file cannot be written.
 pub fn run(options: &Options, footage: &dyn Fn(&Settings) -> Result<Footage>) -> Result<()> {
-    let root = Path::new(env!("CARGO_MANIFEST_DIR")).parent().context("the workspace has no root")?;
-    let target = root.join("target/eval");
+    let root = root()?;
+    let target = root.join(TARGET);
     let own = options.aside().map_or(target.clone(), |folder| target.join(folder));
     let docs = if options.aside().is_some() { own.clone() } else { root.join("docs") };
     let kept = own.join(RESULTS);
@@ -91,6 +95,7 @@ pub fn run(options: &Options, footage: &dyn Fn(&Settings) -> Result<Footage>) ->
     let [procedural, photographs] = [RESULTS.into(), Path::new(PHOTOGRAPHS).join(RESULTS)]
         .map(|file| Results::read(&target.join(file)).ok());
     let document = document::fill(TEMPLATE, |name| match name {
+        "blind" => Some(fs::read_to_string(target.join(BLIND)).unwrap_or("(There were no blind runs.)\n".into())),
         "textures" => Some(textures::compared(procedural.as_ref(), photographs.as_ref())),
         _ => table(name, &results, &entries),
     })?;
@@ -98,6 +103,21 @@ pub fn run(options: &Options, footage: &dyn Fn(&Settings) -> Result<Footage>) ->
     fs::write(&path, document)?;
     println!("{progress}\n{}", path.display());
     Ok(())
+}
+
+/// Keeps the table of blind runs for the next document.
+///
+/// # Errors
+/// Where the file cannot be written.
+pub fn keep_blind(table: &str) -> Result<()> {
+    let folder = root()?.join(TARGET);
+    fs::create_dir_all(&folder)?;
+    Ok(fs::write(folder.join(BLIND), table)?)
+}
+
+/// The workspace's folder.
+fn root() -> Result<&'static Path> {
+    Path::new(env!("CARGO_MANIFEST_DIR")).parent().context("the workspace has no root")
 }
 
 fn tasks(options: &Options) -> Result<Vec<Task>> {
