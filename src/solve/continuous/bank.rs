@@ -19,9 +19,13 @@ use nalgebra::Vector2;
 
 /// A hypothesis that is less likely than another one by a factor of e to this power is given up.
 const DECISIVE: f64 = 12.0;
-/// Frames with one hypothesis after which the camera may be another one, and the logarithm of the probability that it is,
-/// then or after a cut: one in a thousand.
-const OTHER_CAMERA: (usize, f64) = (90, -7.0);
+/// Frames after which the camera may be another one.
+const OTHER_CAMERA: usize = 90;
+/// Logarithm of the probability that it is, one in a thousand; and after a cut, one in twenty.
+const OTHER_CAMERA_ODDS: [f64; 2] = [-7.0, -3.0];
+/// Hypotheses beside which another one is tried. A single rival may stay undecided for minutes, and what it says of the axis
+/// tells nothing of another camera.
+const MOST_BESIDE: usize = 2;
 
 /// The hypotheses about the camera of a stream.
 #[derive(Debug)]
@@ -36,6 +40,8 @@ pub(super) struct Bank {
     pub hypotheses: Vec<Hypothesis>,
     /// Directions that are to be tried again, one after the other, as the camera may be another one.
     to_try: Vec<ReadoutDirection>,
+    /// Logarithm of the probability of each of them beside that of the leading one.
+    other_odds: f64,
     /// Frames since there was one to be tried.
     since_tried: usize,
     has_begun: bool,
@@ -52,6 +58,7 @@ impl Bank {
             noise,
             hypotheses: Vec::new(),
             to_try: Vec::new(),
+            other_odds: OTHER_CAMERA_ODDS[0],
             since_tried: 0,
             has_begun: false,
         };
@@ -152,20 +159,21 @@ impl Bank {
         if self.camera.is_known() {
             return;
         }
-        if is_cut || self.since_tried >= OTHER_CAMERA.0 {
+        if is_cut || self.since_tried >= OTHER_CAMERA {
+            self.other_odds = OTHER_CAMERA_ODDS[usize::from(is_cut)];
             let by_rows = self.leading().direction.is_by_rows();
             self.to_try = self.camera.directions();
             // The last one is tried first.
             self.to_try.sort_by_key(|direction| direction.is_by_rows() == by_rows);
         }
-        if self.is_in_question() || !self.to_try.is_empty() {
+        if !self.to_try.is_empty() {
             self.since_tried = 0;
         }
-        if !self.is_in_question()
+        if self.hypotheses.len() <= MOST_BESIDE
             && self.leading().moves(window)
             && let Some(direction) = self.to_try.pop()
         {
-            let prior = self.leading().prior + OTHER_CAMERA.1;
+            let prior = self.leading().prior + self.other_odds;
             self.hypotheses.push(self.fresh(direction).joining(prior));
         }
     }
