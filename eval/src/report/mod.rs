@@ -95,7 +95,9 @@ pub fn run(options: &Options, footage: &dyn Fn(&Settings) -> Result<Footage>) ->
     let [procedural, photographs] = [RESULTS.into(), Path::new(PHOTOGRAPHS).join(RESULTS)]
         .map(|file| Results::read(&target.join(file)).ok());
     let document = document::fill(TEMPLATE, |name| match name {
-        "blind" => Some(fs::read_to_string(target.join(BLIND)).unwrap_or("(There were no blind runs.)\n".into())),
+        "blind" => {
+            Some(fs::read_to_string(target.join(BLIND)).unwrap_or("(There were no blind runs.)\n".into()))
+        }
         "textures" => Some(textures::compared(procedural.as_ref(), photographs.as_ref())),
         _ => table(name, &results, &entries),
     })?;
