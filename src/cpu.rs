@@ -62,6 +62,34 @@ impl CpuLevel {
     }
 }
 
+/// Compiles a function twice, for any CPU and for AVX2 and FMA; which one is called is told by a [`CpuLevel`] before its other
+/// arguments. Both find the same: the compiler puts more numbers into a vector, and fuses nothing.
+///
+/// What the function calls is to be `inline(always)`: the rest is compiled for any CPU.
+macro_rules! for_each_cpu {
+    ($(#[$attribute:meta])* $visible:vis fn $name:ident($($argument:ident: $type:ty),* $(,)?) $(-> $out:ty)? $body:block) => {
+        $(#[$attribute])*
+        $visible fn $name(cpu: $crate::cpu::CpuLevel, $($argument: $type),*) $(-> $out)? {
+            #[inline(always)]
+            fn any($($argument: $type),*) $(-> $out)? $body
+
+            #[cfg(target_arch = "x86_64")]
+            #[target_feature(enable = "avx2,fma")]
+            fn avx2($($argument: $type),*) $(-> $out)? {
+                any($($argument),*)
+            }
+
+            match cpu {
+                // SAFETY: the level is a proof of AVX2 and FMA.
+                #[cfg(target_arch = "x86_64")]
+                $crate::cpu::CpuLevel::Avx2(_) => unsafe { avx2($($argument),*) },
+                _ => any($($argument),*),
+            }
+        }
+    };
+}
+pub(crate) use for_each_cpu;
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -61,6 +61,7 @@ impl Model {
 }
 
 /// The velocities that the generators give to a point, a column each.
+#[inline(always)]
 pub fn fields(point: Vector2<f64>, kappa: f64) -> SMatrix<f64, 2, GENERATORS> {
     let (u, v) = (point.x, point.y);
     let across = kappa * u * v;

@@ -10,16 +10,27 @@ pub(super) fn median(values: &mut [f64]) -> f64 {
     if values.is_empty() { 0.0 } else { *values.select_nth_unstable_by(middle, f64::total_cmp).1 }
 }
 
-/// The value below which half of the weight of `(value, weight)` lies; 0 for none.
+/// The value below which half of the weight of `(value, weight)` lies; 0 for none. Reorders them.
 pub(super) fn weighted_median(values: &mut [(f64, f64)]) -> f64 {
     let half = 0.5 * values.iter().map(|(_, weight)| weight).sum::<f64>();
-    values.sort_unstable_by(|a, b| a.0.total_cmp(&b.0));
-    let mut sum = 0.0;
-    let middle = values.iter().find(|(_, weight)| {
-        sum += weight;
-        sum > half
-    });
-    middle.or(values.last()).map_or(0.0, |(value, _)| *value)
+    let (mut rest, mut below) = (values, 0.0);
+    // Halves what is left: the value that is sought lies there, and all that was left out before it has the weight `below`.
+    loop {
+        let Some(middle) = rest.len().checked_sub(1).map(|last| last / 2) else { return 0.0 };
+        let (lower, (value, own), _) = rest.select_nth_unstable_by(middle, |a, b| a.0.total_cmp(&b.0));
+        let value = *value;
+        let weight = lower.iter().map(|(_, weight)| weight).sum::<f64>() + *own;
+        let is_past = below + weight > half;
+        if rest.len() == 1 || is_past && middle == 0 {
+            return value;
+        }
+        rest = if is_past {
+            &mut rest[..=middle]
+        } else {
+            below += weight;
+            &mut rest[middle + 1..]
+        };
+    }
 }
 
 #[cfg(test)]
@@ -40,5 +51,25 @@ mod tests {
         assert_eq!(weighted_median(&mut [(5.0, 1.0), (1.0, 1.0), (3.0, 1.0)]), 3.0);
         assert_eq!(weighted_median(&mut [(9.0, 5.0), (1.0, 1.0), (2.0, 1.0)]), 9.0);
         assert_eq!(weighted_median(&mut [(4.0, 0.0), (7.0, 0.0)]), 7.0);
+    }
+
+    #[test]
+    fn values_in_any_order_have_the_median_of_the_sorted_ones() {
+        let mut random = super::super::random::Random(4);
+        for count in 1..60 {
+            // Quarters add up without rounding; some values come twice.
+            let mut weight = || (8.0 * random.uniform()).floor() / 4.0;
+            let values: Vec<(f64, f64)> = (0..count).map(|_| ((5.0 * weight()).floor(), weight())).collect();
+            let mut sorted = values.clone();
+            sorted.sort_by(|a, b| a.0.total_cmp(&b.0));
+            let half = 0.5 * values.iter().map(|(_, weight)| weight).sum::<f64>();
+            let mut sum = 0.0;
+            let past = sorted.iter().find(|(_, weight)| {
+                sum += weight;
+                sum > half
+            });
+            let truth = past.or(sorted.last()).map_or(0.0, |(value, _)| *value);
+            assert_eq!(weighted_median(&mut values.clone()), truth, "{values:?}");
+        }
     }
 }

@@ -7,6 +7,8 @@
 //! matrix. With bᵢ entries in row i before the diagonal it takes Σ bᵢ²/2 multiply-adds, the inverse inside the band
 //! at most four times as many.
 
+use crate::cpu::{CpuLevel, for_each_cpu};
+
 /// The lower band of a symmetric matrix, row by row.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Banded {
@@ -60,7 +62,12 @@ impl Banded {
     }
 
     /// Replaces the matrix by its Cholesky factor L; false where it is not positive definite.
-    pub fn factorise(&mut self) -> bool {
+    pub fn factorise(&mut self, cpu: CpuLevel) -> bool {
+        factorise(cpu, self)
+    }
+
+    #[inline(always)]
+    fn replace_by_factor(&mut self) -> bool {
         for i in 0..self.size() {
             let first = self.first[i];
             let (before, rest) = self.values.split_at_mut(self.diagonal[i] - (i - first));
@@ -119,7 +126,12 @@ impl Banded {
     /// part of Z that is known already with column j of L. Where L_ij lies outside the band, row i is left
     /// out. The known part is symmetric and only its lower half is kept, so that each row of it serves twice, as a
     /// row and as a column, and is read in order.
-    pub fn inverse_band(&self, out: &mut Banded) {
+    pub fn inverse_band(&self, cpu: CpuLevel, out: &mut Banded) {
+        inverse_band(cpu, self, out);
+    }
+
+    #[inline(always)]
+    fn fill_inverse_band(&self, out: &mut Banded) {
         out.reset(self.first.iter().copied());
         let (mut column, mut sums) = (Vec::new(), Vec::new());
         for (j, last) in self.last().into_iter().enumerate().rev() {
@@ -144,7 +156,20 @@ impl Banded {
     }
 }
 
+for_each_cpu! {
+    fn factorise(matrix: &mut Banded) -> bool {
+        matrix.replace_by_factor()
+    }
+}
+
+for_each_cpu! {
+    fn inverse_band(factor: &Banded, out: &mut Banded) {
+        factor.fill_inverse_band(out);
+    }
+}
+
 /// Σ aᵢ·bᵢ, in eight sums so that it runs on vectors.
+#[inline(always)]
 fn dot(a: &[f64], b: &[f64]) -> f64 {
     let mut sums = [0.0; 8];
     let (a8, b8) = (a.as_chunks::<8>(), b.as_chunks::<8>());
@@ -158,6 +183,7 @@ fn dot(a: &[f64], b: &[f64]) -> f64 {
 }
 
 /// Σ aᵢ·bᵢ; adds factor·aᵢ to cᵢ on the way.
+#[inline(always)]
 fn dot_and_add(a: &[f64], b: &[f64], c: &mut [f64], factor: f64) -> f64 {
     let mut sums = [0.0; 4];
     let (a4, b4, c4) = (a.as_chunks::<4>(), b.as_chunks::<4>(), c.as_chunks_mut::<4>());
@@ -220,7 +246,7 @@ mod tests {
     fn the_factor_solves_as_a_dense_one_does() {
         for (seed, (size, band, ragged)) in SHAPES.into_iter().enumerate() {
             let (mut banded, dense) = random(size, band, ragged, seed as u64);
-            assert!(banded.factorise());
+            assert!(banded.factorise(CpuLevel::detect()));
             let b = DVector::from_fn(size, |i, _| (i as f64 * 1.3).sin());
             let expected = dense.cholesky().unwrap().solve(&b);
             let mut x = b.as_slice().to_vec();
@@ -234,10 +260,10 @@ mod tests {
     fn the_inverse_is_the_dense_one_s_inside_the_band() {
         for (seed, (size, band, ragged)) in SHAPES.into_iter().enumerate() {
             let (mut banded, dense) = random(size, band, ragged, 100 + seed as u64);
-            assert!(banded.factorise());
+            assert!(banded.factorise(CpuLevel::detect()));
             let expected = dense.try_inverse().unwrap();
             let mut inverse = Banded::default();
-            banded.inverse_band(&mut inverse);
+            banded.inverse_band(CpuLevel::detect(), &mut inverse);
             for i in 0..size {
                 for j in 0..size {
                     let inside = i.min(j) >= banded.first[i.max(j)];
@@ -248,6 +274,21 @@ mod tests {
                     );
                 }
             }
+        }
+    }
+
+    #[test]
+    fn all_instructions_find_the_same() {
+        for (seed, (size, band, ragged)) in SHAPES.into_iter().enumerate() {
+            let found = CpuLevel::supported().map(|cpu| {
+                let (mut banded, _) = random(size, band, ragged, 200 + seed as u64);
+                assert!(banded.factorise(cpu));
+                let mut inverse = Banded::default();
+                banded.inverse_band(cpu, &mut inverse);
+                (banded.values, inverse.values)
+            });
+            let found: Vec<_> = found.collect();
+            assert!(found.windows(2).all(|two| two[0] == two[1]), "{size} {band}");
         }
     }
 
@@ -279,7 +320,7 @@ mod tests {
             banded.add(0, 0, diagonal);
             banded.add(1, 1, diagonal);
             banded.add(1, 0, beside);
-            assert!(!banded.factorise(), "{diagonal} {beside}");
+            assert!(!banded.factorise(CpuLevel::detect()), "{diagonal} {beside}");
         }
     }
 }

@@ -46,6 +46,7 @@ struct End {
 
 impl End {
     /// A number for each generator, times the weights of its coefficients.
+    #[inline(always)]
     fn spread(&self, values: &Row) -> [f64; SAY] {
         let mut all = [0.0; SAY];
         let (turns, others) = all.split_at_mut(TURNING);
@@ -59,12 +60,14 @@ impl End {
     }
 
     /// Generator and weight of each coefficient.
+    #[inline(always)]
     fn coefficients(&self) -> impl Iterator<Item = (usize, f64)> {
         let turns = self.turns.into_iter().flat_map(|weight| (0..TURNS).map(move |j| (j, weight)));
         turns.chain(self.others.into_iter().flat_map(|weight| (TURNS..GENERATORS).map(move |j| (j, weight))))
     }
 
     /// Adds to what is kept for each of a pair's coefficients.
+    #[inline(always)]
     fn add(&self, to: &mut [f64], values: &[f64; SAY]) {
         let (turns, others) = values.split_at(TURNING);
         for (place, values) in self.places.into_iter().zip([turns, others]) {
@@ -90,6 +93,7 @@ pub(super) struct Equations {
 }
 
 /// Adds what a band's sums, by their factors, say of two ends.
+#[inline(always)]
 fn add_sums(tile: &mut Tile, band: &Band, [own, across, before]: [f64; 3], rows: &End, columns: &End) {
     let mut wide = [[0.0; SAY]; GENERATORS];
     for (j, wide) in wide.iter_mut().enumerate() {
@@ -104,8 +108,8 @@ fn add_sums(tile: &mut Tile, band: &Band, [own, across, before]: [f64; 3], rows:
     }
 }
 
-/// Adds `factor` times the values. By itself the compiler puts this in vectors; inside the loop above it does not.
-#[inline(never)]
+/// Adds `factor` times the values.
+#[inline(always)]
 fn add_scaled(cells: &mut [f64; SAY], values: &[f64; SAY], factor: f64) {
     cells.iter_mut().zip(values).for_each(|(cell, value)| *cell += factor * value);
 }
@@ -146,6 +150,7 @@ impl Equations {
     }
 
     /// Makes these the equations of bands.
+    #[inline(always)]
     pub fn fill(&mut self, bands: &[Band], path: &SplinePath) {
         self.reset(bands, path);
         let mut ends = std::mem::take(&mut self.ends);
@@ -176,6 +181,7 @@ impl Equations {
     }
 
     /// Adds the right sides of a band.
+    #[inline(always)]
     fn add_sides(&mut self, band: &Band, ends: &[Option<End>; 3]) {
         for (end, legs) in ends.iter().zip(LEGS).filter_map(|(end, legs)| Some((end.as_ref()?, legs))) {
             for (index, side) in self.sides.iter_mut().enumerate() {
@@ -187,6 +193,7 @@ impl Equations {
     }
 
     /// Adds what bands say of two of their ends. Bands that have the same coefficients there are added up before.
+    #[inline(always)]
     fn add_tiles(
         &mut self,
         bands: &[Band],
@@ -210,6 +217,7 @@ impl Equations {
         last.into_iter().for_each(|last| self.add_tile(&tile, last));
     }
 
+    #[inline(always)]
     fn add_tile(&mut self, tile: &Tile, [rows, columns]: [&End; 2]) {
         let size = self.places.len();
         let (turns, others) = tile.split_at(TURNING);

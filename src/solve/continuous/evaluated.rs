@@ -99,6 +99,7 @@ mod tests {
     use super::super::path::{BLOCK, ratio};
     use super::*;
     use crate::correspond::Correspondence;
+    use crate::cpu::CpuLevel;
     use crate::motion::generators::GENERATORS;
     use nalgebra::Matrix2;
 
@@ -136,7 +137,16 @@ mod tests {
         evaluate(
             evaluated,
             pairs,
-            &View { path, flow: &flow, scan_axis, density: 1.0, readout: 0.7, radius: RADIUS, noise: 0.1 },
+            &View {
+                cpu: CpuLevel::detect(),
+                path,
+                flow: &flow,
+                scan_axis,
+                density: 1.0,
+                readout: 0.7,
+                radius: RADIUS,
+                noise: 0.1,
+            },
         );
     }
 

@@ -15,6 +15,7 @@ use super::equations::Equations;
 use super::residuals::{Leg, PairResiduals, View};
 use super::sums::{Band, SHARED, Slopes, mixed};
 use super::tracks::{Innovation, Scatter};
+use crate::cpu::for_each_cpu;
 use crate::motion::generators::{TURNS, fields};
 use nalgebra::{Matrix2, SMatrix, SVector};
 
@@ -22,6 +23,8 @@ use nalgebra::{Matrix2, SMatrix, SVector};
 const BANDS: usize = 24;
 /// Degrees of freedom of Student's t, as which residuals are distributed.
 const FREEDOM: f64 = 4.0;
+/// Exponent of their density in two dimensions: −(ν + 2)/2.
+const EXPONENT: i32 = -3;
 /// However many correspondences a pair has, they are worth no more than so many independent ones of equal weight: what the
 /// path does not explain is alike in neighbours.
 const INDEPENDENT_MATCHES: f64 = 25.0;
@@ -72,12 +75,14 @@ impl Normal {
 /// The scene's are distributed as Student's t about the path, all others about evenly over as far as points move in the
 /// pair, `others` being their variance: with the tails of t alone a path that fits two thirds of the matches well is as likely
 /// as one that fits all of them badly.
+#[inline(always)]
 fn densities(prior: f64, square: f64, inverse_scale: f64, others: f64) -> [f64; 2] {
-    let student = (1.0 + square / FREEDOM).powf(-(FREEDOM + 2.0) / 2.0) * inverse_scale;
+    let student = (1.0 + square / FREEDOM).powi(EXPONENT) * inverse_scale;
     [prior * student, (1.0 - prior) / others]
 }
 
 /// Of what is new in a match.
+#[inline(always)]
 fn densities_of(new: &Innovation, leg: &Leg, others: f64) -> [f64; 2] {
     let inverse_scale = new.weight.determinant().sqrt() * leg.whitening.determinant();
     densities(leg.prior, new.square(), inverse_scale, others)
@@ -91,9 +96,20 @@ fn independent_share(residuals: &PairResiduals) -> f64 {
     if sum > 0.0 { (INDEPENDENT_MATCHES * squares / (sum * sum)).min(1.0) } else { 0.0 }
 }
 
+for_each_cpu! {
+    fn add_up(view: &View<'_>, residuals: &PairResiduals, out: &mut Normal) {
+        view.add_up(residuals, out);
+    }
+}
+
 impl View<'_> {
     /// Adds up what a pair says, given the one before and the variances of its residuals.
     pub fn normal(&self, residuals: &PairResiduals, out: &mut Normal) {
+        add_up(self.cpu, self, residuals, out);
+    }
+
+    #[inline(always)]
+    fn add_up(&self, residuals: &PairResiduals, out: &mut Normal) {
         let scatter = out.scatter;
         let independent = independent_share(residuals);
         out.independent = 2.0 * INDEPENDENT_MATCHES.min(residuals.legs.len() as f64);
@@ -119,6 +135,7 @@ impl View<'_> {
     }
 
     /// Adds what is new in a match to its band; what the shared unknowns change of it.
+    #[inline(always)]
     fn add(
         &self,
         new: &Innovation,
@@ -144,6 +161,7 @@ impl View<'_> {
 
     /// What the paths of the generators and the shared unknowns change of a displacement, of a point of relative
     /// inverse depth `depth`.
+    #[inline(always)]
     fn slopes(&self, leg: &Leg, depth: f64) -> (Slopes, SMatrix<f64, 2, SHARED>) {
         let phi = fields((leg.m.from + leg.m.to) / 2.0, self.path.kappa);
         let by_readout = leg.by_readout[0] + leg.by_readout[1] * depth;

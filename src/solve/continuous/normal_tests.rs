@@ -5,6 +5,7 @@ use super::super::pair::{Match, Pair, ScanAxis, Track};
 use super::super::path::{BLOCK, SplinePath, ratio};
 use super::*;
 use crate::correspond::Correspondence;
+use crate::cpu::CpuLevel;
 use crate::motion::generators::GENERATORS;
 use nalgebra::{Matrix2, Vector2};
 
@@ -42,6 +43,7 @@ impl Setting {
         flow.follow(&self.path, [-1.0, 5.0], RADIUS);
         let length = if self.by_rows { 1.5 } else { 2.0 };
         with(&View {
+            cpu: CpuLevel::detect(),
             path: &self.path,
             flow: &flow,
             scan_axis: ScanAxis { by_rows: self.by_rows, length },

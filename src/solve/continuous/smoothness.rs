@@ -148,6 +148,7 @@ impl Smoothness {
 mod tests {
     use super::super::path::BLOCK;
     use super::*;
+    use crate::cpu::CpuLevel;
     use crate::motion::generators::Model;
     use crate::solve::random::Random;
 
@@ -169,10 +170,10 @@ mod tests {
             let mut right: Vec<f64> = path.coefficients.iter().zip(&measured).map(off).collect();
             (0..measured.len()).for_each(|place| matrix.add(place, place, 1.0 / (noise * noise)));
             smoothness.add(&path, 1.0, &mut matrix, &mut right);
-            assert!(matrix.factorise());
+            assert!(matrix.factorise(CpuLevel::detect()));
             matrix.solve(&mut right);
             path.coefficients.iter_mut().zip(&right).for_each(|(value, step)| *value += step);
-            matrix.inverse_band(&mut covariance);
+            matrix.inverse_band(CpuLevel::detect(), &mut covariance);
             smoothness.learn(&path, &covariance, 1, noise);
         }
         smoothness

@@ -14,6 +14,7 @@ use super::residuals::View;
 use super::running::Running;
 use super::smoothness::Smoothness;
 use super::sums::SHARED;
+use crate::cpu::CpuLevel;
 use nalgebra::{SMatrix, SVector};
 
 /// Blocks before the first exposure and after the last that the path covers: points may leave the
@@ -79,6 +80,7 @@ impl KnotDensity {
 /// window to window.
 #[derive(Clone, Debug)]
 pub(super) struct Solver {
+    cpu: CpuLevel,
     pub scan_axis: ScanAxis,
     pub density: KnotDensity,
     /// Pixels to the unit of points.
@@ -119,6 +121,7 @@ impl Solver {
         limits: [[f64; 2]; SHARED],
     ) -> Self {
         Self {
+            cpu: CpuLevel::detect(),
             scan_axis,
             density,
             radius,
@@ -251,6 +254,7 @@ impl Solver {
     fn compare(&mut self, pairs: &[&Pair]) {
         self.cover(pairs);
         let view = View {
+            cpu: self.cpu,
             path: &self.path,
             flow: &self.flow,
             scan_axis: self.scan_axis,
@@ -266,7 +270,7 @@ impl Solver {
     pub fn step(&mut self, pairs: &[&Pair]) -> bool {
         self.compare(pairs);
         let (information, side) = self.assemble();
-        if !self.matrix.factorise() {
+        if !self.matrix.factorise(self.cpu) {
             return false;
         }
         self.matrix.solve(&mut self.right);
@@ -279,7 +283,7 @@ impl Solver {
         }
         self.path.coefficients.iter_mut().zip(&self.right).for_each(|(value, step)| *value += step);
         evaluated::invalidate(&mut self.evaluated);
-        self.matrix.inverse_band(&mut self.covariance);
+        self.matrix.inverse_band(self.cpu, &mut self.covariance);
         self.covariance_base = self.path.base;
         // One pair alone does not tell a change of speed from depth that changes from row to row.
         if pairs.len() > 1 {
@@ -381,7 +385,7 @@ impl Solver {
         prior.reset(first);
         let mut side = vec![0.0; size];
         self.smoothness.add(&self.path, self.known_share(), &mut prior, &mut side);
-        if !(self.matrix.factorise() && prior.factorise()) {
+        if !(self.matrix.factorise(self.cpu) && prior.factorise(self.cpu)) {
             return None;
         }
         let likelihood: f64 =

@@ -35,6 +35,7 @@ pub(super) struct Band {
 }
 
 /// `matrix` times the two rows.
+#[inline(always)]
 pub(super) fn mixed(matrix: &Matrix2<f64>, [x, y]: &Slopes) -> Slopes {
     let mut rows = [*x, *y];
     for (end, row) in rows.iter_mut().enumerate() {
@@ -45,6 +46,7 @@ pub(super) fn mixed(matrix: &Matrix2<f64>, [x, y]: &Slopes) -> Slopes {
 }
 
 /// Adds aᵀ·b.
+#[inline(always)]
 fn add_products(sums: &mut Square, a: &Slopes, b: &Slopes) {
     for (row, (x, y)) in sums.iter_mut().zip(a[0].iter().zip(&a[1])) {
         let columns = b[0].iter().zip(&b[1]);
@@ -53,6 +55,7 @@ fn add_products(sums: &mut Square, a: &Slopes, b: &Slopes) {
 }
 
 /// Adds aᵀ·v for each v.
+#[inline(always)]
 fn add_sides(sums: &mut [Row; SIDES], a: &Slopes, sides: &[Vector2<f64>; SIDES]) {
     for (row, side) in sums.iter_mut().zip(sides) {
         let slopes = a[0].iter().zip(&a[1]);
@@ -63,6 +66,7 @@ fn add_sides(sums: &mut [Row; SIDES], a: &Slopes, sides: &[Vector2<f64>; SIDES])
 impl Band {
     /// Adds a match of this weight: its slopes, those by the leg before, what is new in it, and what the
     /// shared unknowns change of that.
+    #[inline(always)]
     pub fn add(
         &mut self,
         weight: &Matrix2<f64>,

@@ -72,15 +72,18 @@ struct Joint {
 }
 
 impl Joint {
+    #[inline(always)]
     fn of(leg: &Leg) -> Self {
         Self { product: leg.parallax.dot(&leg.residual), length: leg.parallax.norm_squared() }
     }
 
+    #[inline(always)]
     fn with(self, other: Self) -> Self {
         Self { product: self.product + other.product, length: self.length + other.length }
     }
 
     /// By how much parallax makes rᵀ·C⁻¹·r less than |r|²/σ², times σ²; C = τ²·w·wᵀ + σ²·I.
+    #[inline(always)]
     fn explained(self, scatter: &Scatter) -> f64 {
         scatter.depths * self.product * self.product / (scatter.noise + scatter.depths * self.length)
     }
@@ -88,6 +91,7 @@ impl Joint {
 
 impl Scatter {
     /// Tells the noise of a pair, at least `least` px², from its parallax; all is noise where that has no say.
+    #[inline(always)]
     pub fn of(residuals: &PairResiduals, least: f64, squares: &mut Vec<(f64, f64)>) -> Self {
         let all = residuals.sigma * residuals.sigma;
         let mut scatter = Self { noise: all, depths: 0.0 };
@@ -114,6 +118,7 @@ impl Scatter {
     }
 
     /// σ²·eᵀ·V⁻¹·e of what is new in a residual: what both take of rᵀ·C⁻¹·r, less what the one before does.
+    #[inline(always)]
     fn square(&self, now: &Leg, before: &Leg) -> f64 {
         let known = Joint::of(before);
         let both = known.with(Joint::of(now));
@@ -121,12 +126,14 @@ impl Scatter {
     }
 
     /// (τ²·w·wᵀ + σ²·I)⁻¹ by Sherman and Morrison's formula.
+    #[inline(always)]
     fn inverse(&self, depths: f64, parallax: Vector2<f64>) -> Matrix2<f64> {
         let part = depths / (self.noise + depths * parallax.norm_squared());
         (Matrix2::identity() - parallax * parallax.transpose() * part) / self.noise
     }
 
     /// What is new in a residual, given the one before.
+    #[inline(always)]
     pub fn innovation(&self, now: &Leg, before: Option<&Leg>) -> Innovation {
         // C⁻¹·r by blocks: `new` the part of this residual, `old` that of the one before.
         let (error, share, weight, old) = match before.filter(|_| self.depths > 0.0) {
@@ -149,6 +156,7 @@ impl Scatter {
 
 impl Innovation {
     /// eᵀ·V⁻¹·e.
+    #[inline(always)]
     pub fn square(&self) -> f64 {
         self.error.dot(&(self.weight * self.error))
     }
