@@ -2,7 +2,7 @@
 
 use anyhow::{Context, Result};
 use clap::{Args, Parser, Subcommand};
-use eval::blind::{self, Blind};
+use eval::blind::{self, Blind, Extent};
 use eval::cache::Cache;
 use eval::clip;
 use eval::dense;
@@ -85,6 +85,9 @@ enum Command {
         /// Measures each sequence once and runs only the estimator: quicker, and on the same data whatever estimates.
         #[arg(long)]
         recorded: bool,
+        /// Does 9 of the 30 runs of each sequence.
+        #[arg(long)]
+        few: bool,
         #[command(flatten)]
         chosen: Chosen,
     },
@@ -251,7 +254,9 @@ fn main() -> Result<()> {
         }
         Command::Readout { clip: Some(file), .. } => readout_of_clip(&file),
         Command::Readout { clip: None, chosen } => chosen.print(readout::HEADING, readout::row),
-        Command::Blind { recorded, chosen } => blind(&chosen, recorded),
+        Command::Blind { recorded, few, chosen } => {
+            blind(&chosen, recorded, if few { Extent::Few } else { Extent::All })
+        }
         Command::Flow { export: Some(folder), chosen, .. } => {
             let export = |settings| dense::export(&chosen.footage(settings)?, &folder);
             chosen.settings()?.into_iter().try_for_each(export)
@@ -294,7 +299,7 @@ fn render(settings: Settings, out: &std::path::Path) -> Result<()> {
     video::write(out, size, fps, Sequence::new(settings).frames()?)
 }
 
-fn blind(chosen: &Chosen, recorded: bool) -> Result<()> {
+fn blind(chosen: &Chosen, recorded: bool, extent: Extent) -> Result<()> {
     let all = || sequence::catalogue().into_iter().chain(sequence::hard());
     let distorted =
         || all().filter(|settings| settings.readout_ratio > 0.0 && settings.width < 1000).collect();
@@ -302,7 +307,7 @@ fn blind(chosen: &Chosen, recorded: bool) -> Result<()> {
     let mut table = format!("{}\n", blind::HEADING);
     for settings in if chosen.sequence.is_empty() { distorted() } else { chosen.settings()? } {
         let footage = chosen.footage(Settings { frames: blind::NEEDED_FRAMES, ..settings })?;
-        let blind = if recorded { Blind::recorded(&footage)? } else { Blind::of(&footage)? };
+        let blind = if recorded { Blind::recorded(&footage, extent)? } else { Blind::of(&footage, extent)? };
         let row = blind.row();
         println!("{row}");
         table += &format!("{row}\n");

@@ -36,38 +36,32 @@ pub(super) struct Instant<'a> {
 
 impl Instant<'_> {
     /// The homography from the first instant of all to this one.
-    #[inline(always)]
     fn until(self) -> Matrix3<f64> {
         hermite(&self.nodes[0].forward, &self.nodes[1].forward, self.step)
     }
 
     /// The homography from this instant back to the first.
-    #[inline(always)]
     fn back(self) -> Matrix3<f64> {
         hermite(&self.nodes[0].back, &self.nodes[1].back, self.step)
     }
 
     /// Where a point seen now is at another instant.
-    #[inline(always)]
     pub fn carry(self, point: Vector2<f64>, to: Self) -> Vector2<f64> {
         let seen = to.until() * (self.back() * point.push(1.0));
         seen.xy() / seen.z
     }
 
     /// Rates of the generators in pixels a block.
-    #[inline(always)]
     pub fn rates(self) -> [f64; GENERATORS] {
         self.between(|node| &node.rates)
     }
 
     /// Paths of the generators in pixels, up to constants.
-    #[inline(always)]
     pub fn values(self) -> [f64; GENERATORS] {
         self.between(|node| &node.values)
     }
 
     /// What lies on the line through what the two nodes have.
-    #[inline(always)]
     fn between(self, of: impl Fn(&Node) -> &[f64; GENERATORS]) -> [f64; GENERATORS] {
         let [a, b] = [of(&self.nodes[0]), of(&self.nodes[1])];
         std::array::from_fn(|j| a[j] + (b[j] - a[j]) * self.step)
@@ -118,7 +112,6 @@ impl Flow {
     }
 
     /// The path at an instant; `None` where none was followed.
-    #[inline(always)]
     pub fn at(&self, time: f64) -> Option<Instant<'_>> {
         let at = time / STEP - self.first;
         let last = self.nodes.len().checked_sub(2)?;
@@ -147,7 +140,6 @@ impl Flow {
 const GAUSS: f64 = 0.288_675_134_594_812_9;
 
 /// The cubic with these values and slopes at 0 and 1.
-#[inline(always)]
 fn hermite(a: &[Matrix3<f64>; 2], b: &[Matrix3<f64>; 2], s: f64) -> Matrix3<f64> {
     let (s2, s3) = (s * s, s * s * s);
     let weights = [1.0 - 3.0 * s2 + 2.0 * s3, s - 2.0 * s2 + s3, 3.0 * s2 - 2.0 * s3, s3 - s2];

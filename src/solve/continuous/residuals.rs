@@ -1,10 +1,10 @@
 //! The residuals of a pair: what a path does not explain of its matches.
 
 use super::flow::Flow;
-use super::pair::{Match, Pair, ScanAxis};
+use super::pair::{Match, Pair, ScanAxis, Track};
 use super::path::SplinePath;
 use super::tracks;
-use crate::cpu::{CpuLevel, for_each_cpu};
+use crate::cpu::CpuLevel;
 use crate::motion::generators::{GENERATORS, TURNS, fields};
 use crate::solve::median::{MEDIAN_TO_VARIANCE, weighted_median};
 use nalgebra::{Matrix2, SVector, Vector2};
@@ -58,7 +58,6 @@ pub(super) struct Leg {
 impl Leg {
     /// Makes it as uncertain as a residual of this variance is by itself: W = (I + C/σ²)^(−½), C the covariance of its
     /// match.
-    #[inline(always)]
     fn whiten(&mut self, variance: f64) {
         let whitening = inverse_root(Matrix2::identity() + self.m.covariance / variance);
         self.whitening = whitening;
@@ -72,7 +71,6 @@ impl Leg {
 }
 
 /// A^(−½) of a positive definite matrix: √A = (A + √|A|·I)/√(tr A + 2·√|A|).
-#[inline(always)]
 fn inverse_root(matrix: Matrix2<f64>) -> Matrix2<f64> {
     let root = matrix.determinant().max(0.0).sqrt();
     let length = (matrix.trace() + 2.0 * root).sqrt();
@@ -102,7 +100,6 @@ pub(super) struct PairResiduals {
 impl PairResiduals {
     /// Variance, at least `least`, of what the path leaves of a coordinate beside the errors of measurement: the fixed
     /// point of σ² = median over the matches of |r|²·σ²/(σ² + s²), s² their variance, as that of a normal distribution.
-    #[inline(always)]
     fn misfit(&mut self, least: f64) -> f64 {
         let mut variance = f64::INFINITY;
         for _ in 0..ROUNDS {
@@ -172,21 +169,13 @@ impl Line {
     }
 }
 
-for_each_cpu! {
-    fn follow(view: &View<'_>, pair: &Pair, tracks: bool, out: &mut PairResiduals) {
-        view.follow(pair, tracks, out);
-    }
-}
-
 impl View<'_> {
     /// Blocks at which both ends of a match are exposed.
-    #[inline(always)]
     pub fn times(&self, stamps: [f64; 2], m: &Match) -> [f64; 2] {
         let places = [self.scan_axis.place(m.from), self.scan_axis.place(m.to)];
         [0, 1].map(|end| self.density * (stamps[end] + self.readout * places[end]))
     }
 
-    #[inline(always)]
     fn leg(&self, stamps: [f64; 2], m: &Match, prior: f64) -> Option<Leg> {
         let times = self.times(stamps, m);
         let (from, to) = (self.flow.at(times[0])?, self.flow.at(times[1])?);
@@ -213,18 +202,9 @@ impl View<'_> {
     /// Follows the path along a pair, and along the tracks that it continues if that is wanted and they may
     /// tell its parallax from its noise.
     pub fn residuals(&self, pair: &Pair, tracks: bool, out: &mut PairResiduals) {
-        follow(self.cpu, self, pair, tracks, out);
-    }
-
-    #[inline(always)]
-    fn follow(&self, pair: &Pair, tracks: bool, out: &mut PairResiduals) {
         out.legs.clear();
-        // Loops of the compiled function, unlike what a vector is extended by, are made for its instructions.
-        for (m, prior) in pair.matches.iter().zip(&pair.scene) {
-            if let Some(leg) = self.leg(pair.stamps, m, *prior) {
-                out.legs.push(leg);
-            }
-        }
+        let matches = pair.matches.iter().zip(&pair.scene);
+        out.legs.extend(matches.filter_map(|(m, prior)| self.leg(pair.stamps, m, *prior)));
         let least = self.noise * self.noise;
         let variance = out.misfit(least);
         out.sigma = variance.sqrt();
@@ -243,17 +223,15 @@ impl View<'_> {
     }
 
     /// Follows the path along the tracks that a pair continues.
-    #[inline(always)]
     pub fn legs_before(&self, pair: &Pair, out: &mut PairResiduals) {
         let variance = out.sigma * out.sigma;
+        let leg = |track: &Track| {
+            let mut leg = self.leg(track.stamps, &track.before, 1.0)?;
+            leg.whiten(variance);
+            Some(leg)
+        };
         out.before.clear();
-        for track in &pair.tracks {
-            let mut leg = track.as_ref().and_then(|track| self.leg(track.stamps, &track.before, 1.0));
-            if let Some(leg) = &mut leg {
-                leg.whiten(variance);
-            }
-            out.before.push(leg);
-        }
+        out.before.extend(pair.tracks.iter().map(|track| track.as_ref().and_then(leg)));
     }
 }
 
