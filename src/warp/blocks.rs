@@ -12,7 +12,7 @@ use super::Placement;
 use super::inverse::{Field, cubic};
 use super::kernels;
 use super::weights::{FRACTION_BITS, ONE};
-use crate::cpu::CpuLevel;
+use crate::cpu::{CpuLevel, for_each_cpu};
 
 /// Pixels in a block.
 pub(super) const BLOCK: usize = 16;
@@ -26,22 +26,30 @@ const MAX_CHANGE: i32 = 7 * ONE;
 /// kernels would take for another place than plain Rust.
 const FARTHEST: f32 = 4e5;
 
-/// Displacements of 16 pixels. The vector kernels read `start` and `change` as its first 8 bytes.
+/// Displacements of 16 pixels: four numbers of 32 bits, so that the compiler makes several blocks at a time.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[repr(C)]
 pub(super) struct Block {
-    /// Displacement at pixels 0 and 8 less `first`, in 1/[`ONE`] px; not negative.
-    pub start: [i16; 2],
+    /// Displacements at pixels 0 (the low 16 bits) and 8 less `first`, in 1/[`ONE`] px; not negative. The
+    /// vector kernels read them and `change` as the first 8 bytes.
+    start: u32,
     /// What is added from there over 8 pixels.
-    pub change: [i16; 2],
+    change: u32,
     /// The least whole displacement.
     pub first: i32,
     /// The largest whole displacement less the least.
     pub span: i32,
 }
 
+/// Two numbers of 16 bits, the first in the low bits.
+#[inline(always)]
+const fn pair(low: i32, high: i32) -> u32 {
+    (low as u32 & 0xffff) | (high as u32) << 16
+}
+
 impl Block {
     /// The block between three knots given in 1/[`ONE`] px.
+    #[inline(always)]
     fn new(knots: [i32; 3]) -> Self {
         let middle = knots[0] + (knots[1] - knots[0]).clamp(-MAX_CHANGE, MAX_CHANGE);
         let end = middle + (knots[2] - middle).clamp(-MAX_CHANGE, MAX_CHANGE);
@@ -49,8 +57,8 @@ impl Block {
         let last = knots[0].max(middle).max(end) >> FRACTION_BITS;
         let base = first << FRACTION_BITS;
         Self {
-            start: [(knots[0] - base) as i16, (middle - base) as i16],
-            change: [(middle - knots[0]) as i16, (end - middle) as i16],
+            start: pair(knots[0] - base, middle - base),
+            change: pair(middle - knots[0], end - middle),
             first,
             span: last - first,
         }
@@ -58,11 +66,21 @@ impl Block {
 
     /// Whole displacement and fraction of pixel 0 to 15.
     pub fn at(&self, pixel: usize) -> (isize, i16) {
-        let half = (pixel / KNOT) & 1;
+        let half = |pair: u32| (pair >> (16 * ((pixel / KNOT) & 1))) as i16;
         let ramp = ((pixel % KNOT) << 12) as i16;
-        let value = self.start[half] + super::weights::mulhrs(self.change[half], ramp);
+        let value = half(self.start) + super::weights::mulhrs(half(self.change), ramp);
         let whole = self.first + i32::from(value >> FRACTION_BITS);
         (whole as isize, value & (ONE as i16 - 1))
+    }
+}
+
+for_each_cpu! {
+    /// The blocks between pairs of knots: as many as there are pairs with one after them, at most as many as `blocks`.
+    fn between(pairs: &[[i32; 2]], blocks: &mut [Block]) {
+        let next = pairs.get(1..).unwrap_or_default();
+        for ((block, from), to) in blocks.iter_mut().zip(pairs).zip(next) {
+            *block = Block::new([from[0], from[1], to[0]]);
+        }
     }
 }
 
@@ -116,28 +134,53 @@ impl KnotTable {
 
     /// The blocks of plane columns `from` (a multiple of 16) to `to`, from the knots of a row. Where
     /// the table does not reach, its last displacement goes on.
-    pub fn blocks(&self, knots: &[i32], from: isize, to: isize, blocks: &mut Vec<Block>) {
+    pub fn blocks(&self, level: CpuLevel, knots: &[i32], from: isize, to: isize, blocks: &mut Vec<Block>) {
         let (from, to) = (from.div_euclid(BLOCK as isize), to.div_euclid(BLOCK as isize));
         let last = knots.len() as isize - 1;
         let knot = |index: isize| knots[index.clamp(0, last) as usize];
-        // Blocks before, within and past the table.
-        let known = (knots.len() - 1) / 2;
         let first = from * 2 - self.first;
-        let outside = |index: isize| Block::new([knot(index), knot(index + 1), knot(index + 2)]);
+        let single = |index: isize| Block::new([knot(index), knot(index + 1), knot(index + 2)]);
+        // Blocks before the table; those within it but its last, which has no second pair; all others.
         let before = (-first / 2).clamp(0, to - from + 1);
         blocks.clear();
-        blocks.extend((0..before).map(|block| outside(first + 2 * block)));
+        blocks.extend((0..before).map(|block| single(first + 2 * block)));
         let start = (first.max(0) / 2) as usize;
-        let count = known.saturating_sub(start).min((to - from + 1 - before) as usize);
-        if let Some(inside) = knots.get(2 * start..) {
-            let (pairs, _) = inside.as_chunks::<2>();
-            let ends = inside.get(2..).unwrap_or_default().iter().step_by(2);
-            let added = blocks.len();
-            blocks.resize(added + count, Block::default());
-            for ((block, k), end) in blocks[added..].iter_mut().zip(pairs).zip(ends) {
-                *block = Block::new([k[0], k[1], *end]);
+        let (pairs, _) = knots.as_chunks::<2>();
+        let pairs = pairs.get(start..).unwrap_or_default();
+        let count = pairs.len().saturating_sub(1).min((to - from + 1 - before) as usize);
+        let added = blocks.len();
+        blocks.resize(added + count, Block::default());
+        between(level, pairs, &mut blocks[added..]);
+        blocks.extend((blocks.len() as isize..=to - from).map(|block| single(first + 2 * block)));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn blocks_are_those_of_single_knots_at_all_levels() {
+        // Displacements that bend gently, those that change too fast, and the farthest there are.
+        let wave = |knot: i32, size: i32| (knot * knot * 7919 % 4093 - 2046) * size;
+        for size in [1, 13, 700, 480_000] {
+            for columns in [3, 5, 17, 33, 245] {
+                let knots: Vec<i32> = (0..columns).map(|knot| wave(knot, size)).collect();
+                for (first, from, to) in
+                    [(0, 0isize, 16 * columns as isize / 2), (-4, -96, 500), (6, -32, 20), (0, 320, 400)]
+                {
+                    let table = KnotTable { first, ..KnotTable::default() };
+                    let known = |index: isize| knots[(index - first).clamp(0, columns as isize - 1) as usize];
+                    let truth: Vec<Block> = (from.div_euclid(16)..=to.div_euclid(16))
+                        .map(|block| Block::new([0, 1, 2].map(|knot| known(2 * block + knot))))
+                        .collect();
+                    for level in CpuLevel::supported() {
+                        let mut blocks = Vec::new();
+                        table.blocks(level, &knots, from, to, &mut blocks);
+                        assert_eq!(blocks, truth, "{level} {size} {columns} {first} {from} {to}");
+                    }
+                }
             }
         }
-        blocks.extend((blocks.len() as isize..=to - from).map(|block| outside(first + 2 * block)));
     }
 }

@@ -3,7 +3,7 @@
 use super::blocks::{BLOCK, Block, KnotTable};
 use super::kernels::{self, Fixed, Float, Horizontal, Output, Passes, Vertical};
 use super::{BorderMode, Interpolation};
-use crate::cpu::CpuLevel;
+use crate::cpu::{CpuLevel, for_each_cpu};
 use crate::parallel::*;
 use crate::plane::{Plane, PlaneLayout, PlaneMut};
 use std::cell::RefCell;
@@ -71,11 +71,11 @@ impl PlaneTask<'_> {
         let layout = self.source.layout();
         let (first, last, round) = kernels::reach(self.interpolation);
         self.across.row(self.level, index, round, &mut scratch.knots);
-        self.across.blocks(&scratch.knots, 0, layout.width as isize - 1, &mut scratch.across);
-        let (from, to) = columns_read(&scratch.across);
+        self.across.blocks(self.level, &scratch.knots, 0, layout.width as isize - 1, &mut scratch.across);
+        let (from, to) = columns_read(self.level, &scratch.across);
         let from = (from + first).div_euclid(BLOCK as isize) * BLOCK as isize;
         self.down.row(self.level, index, round, &mut scratch.knots);
-        self.down.blocks(&scratch.knots, from, to + last, &mut scratch.down);
+        self.down.blocks(self.level, &scratch.knots, from, to + last, &mut scratch.down);
 
         let vertical = Vertical {
             plane: self.source,
@@ -111,13 +111,24 @@ impl PlaneTask<'_> {
 }
 
 /// First and last source column at which the pixels of these blocks lie.
-fn columns_read(blocks: &[Block]) -> (isize, isize) {
-    let mut seen = (isize::MAX, isize::MIN);
-    for (left, block) in (0..).step_by(BLOCK).zip(blocks) {
-        let first = left + block.first as isize;
-        seen = (seen.0.min(first), seen.1.max(first + (BLOCK as isize - 1) + block.span as isize));
+fn columns_read(level: CpuLevel, blocks: &[Block]) -> (isize, isize) {
+    let (first, last) = extremes(level, blocks);
+    (first as isize, last as isize + BLOCK as isize - 1)
+}
+
+for_each_cpu! {
+    /// The least and the largest source column at which the first pixel of a block lies. Columns are far below 2³¹:
+    /// displacements are limited.
+    fn extremes(blocks: &[Block]) -> (i32, i32) {
+        let (mut least, mut largest, mut left) = (i32::MAX, i32::MIN, 0i32);
+        for block in blocks {
+            let first = left.wrapping_add(block.first);
+            least = least.min(first);
+            largest = largest.max(first.wrapping_add(block.span));
+            left = left.wrapping_add(BLOCK as i32);
+        }
+        (least, largest)
     }
-    seen
 }
 
 /// Copies a plane's own samples; those of other views between them stay as they are.
