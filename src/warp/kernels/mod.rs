@@ -24,11 +24,11 @@ mod avx2;
 #[cfg(target_arch = "x86_64")]
 mod avx2_words;
 mod scalar;
+mod window;
 
 use super::BorderMode;
 use super::Interpolation;
-use super::blocks::{BLOCK, Block};
-use super::border::resolve;
+use super::blocks::Block;
 use super::weights::{Cubic, Kernel, Lanczos, Linear, Nearest};
 #[cfg(target_arch = "x86_64")]
 use crate::cpu::Avx2;
@@ -52,81 +52,6 @@ pub(super) struct Vertical<'a> {
     pub column: isize,
     /// Displacements of the columns.
     pub blocks: &'a [Block],
-}
-
-/// The samples that one block of the vertical pass reads.
-struct Window<'a> {
-    bytes: &'a [u8],
-    /// Byte of pixel 0 in the first tap's row at the least displacement.
-    offset: usize,
-    /// Bytes from one row to the next.
-    stride: usize,
-}
-
-impl Vertical<'_> {
-    /// The window of block `index`: `taps + span` rows of 16 pixels, in place where all of it lies inside
-    /// the plane, otherwise a copy with its border in `patch`.
-    #[inline(always)]
-    fn window<'a, K: Kernel>(&'a self, index: usize, patch: &'a mut Vec<u8>) -> Window<'a> {
-        let layout = self.plane.layout();
-        let rows = K::TAPS + self.blocks[index].span as usize;
-        let top = self.row + self.blocks[index].first as isize + K::FIRST;
-        let left = self.column + (index * BLOCK) as isize;
-        let inside_rows = top >= 0 && top + rows as isize <= layout.height as isize;
-        // The last pixel of a row may end before its step does: it never lies in a window in place.
-        if inside_rows && left >= 0 && left + (BLOCK as isize) < layout.width as isize {
-            let offset = top as usize * layout.stride + left as usize * layout.step * layout.format.bytes();
-            return Window { bytes: self.plane.data(), offset, stride: layout.stride };
-        }
-        self.copied_window([left, top], rows, patch)
-    }
-
-    /// The window of `rows` rows of 16 pixels from (left, top) on, copied with its border. Apart from the above, which is
-    /// done for each block, so that it does not weigh on those inside.
-    #[inline(never)]
-    fn copied_window<'a>(&self, [left, top]: [isize; 2], rows: usize, patch: &'a mut Vec<u8>) -> Window<'a> {
-        let layout = self.plane.layout();
-        let stride = BLOCK * layout.step * layout.format.bytes();
-        // What lies between a pixel's own samples may be anything.
-        patch.resize(rows * stride, 0);
-        for (row, out) in (top..).zip(patch.chunks_exact_mut(stride)) {
-            self.copy_with_border(row, left, out);
-        }
-        Window { bytes: patch, offset: 0, stride }
-    }
-
-    /// 16 pixels of row `row` from column `left` on, border included.
-    fn copy_with_border(&self, row: isize, left: isize, out: &mut [u8]) {
-        let layout = self.plane.layout();
-        let (step, own) = (out.len() / BLOCK, layout.channels * layout.format.bytes());
-        let row = resolve(row, layout.height, self.border).map(|row| self.plane.row(row));
-        let pixels = row.zip(usize::try_from(left).ok());
-        if let Some(pixels) = pixels.and_then(|(row, left)| row.get(left * step..(left + BLOCK) * step)) {
-            // A size known beforehand is a load and a store.
-            match (pixels.first_chunk::<BLOCK>(), out.first_chunk_mut::<BLOCK>()) {
-                (Some(pixels), Some(out)) if step == 1 => *out = *pixels,
-                _ => out.copy_from_slice(pixels),
-            }
-            return;
-        }
-        for (column, out) in (left..).zip(out.chunks_exact_mut(step)) {
-            match (row, resolve(column, layout.width, self.border)) {
-                (Some(row), Some(column)) if own == 1 => out[0] = row[column * step],
-                (Some(row), Some(column)) => {
-                    out[..own].copy_from_slice(&row[column * step..column * step + own]);
-                }
-                _ => self.copy_fill(&mut out[..own]),
-            }
-        }
-    }
-
-    fn copy_fill(&self, pixel: &mut [u8]) {
-        let format = self.plane.layout().format;
-        for (sample, fill) in pixel.chunks_exact_mut(format.bytes()).zip(self.fill) {
-            let stored = fill.min(format.max_value()) << format.shift();
-            sample.copy_from_slice(&stored.to_le_bytes()[..format.bytes()]);
-        }
-    }
 }
 
 /// One output row of the horizontal pass.

@@ -1,0 +1,238 @@
+//! The samples that a block of the vertical pass reads: in place where the plane has them, otherwise a copy with
+//! the plane's border.
+
+use super::Vertical;
+use crate::warp::BorderMode;
+use crate::warp::blocks::BLOCK;
+use crate::warp::border::resolve;
+use crate::warp::weights::Kernel;
+
+/// The samples that one block of the vertical pass reads.
+pub(super) struct Window<'a> {
+    pub bytes: &'a [u8],
+    /// Byte of pixel 0 in the first tap's row at the least displacement.
+    pub offset: usize,
+    /// Bytes from one row to the next; 0 where all rows show the same.
+    pub stride: usize,
+}
+
+/// Where the 16 pixels of a row of the window are in a row of the plane.
+#[expect(clippy::large_enum_variant, reason = "one at a time, on the stack")]
+enum Columns {
+    /// One after another from this byte on.
+    InPlace(usize),
+    /// All at this byte; `None` for the fill value.
+    Single(Option<usize>),
+    /// Each at its own byte; `None` for the fill value.
+    Listed([Option<usize>; BLOCK]),
+}
+
+impl Vertical<'_> {
+    /// The window of block `index`: `taps + span` rows of 16 pixels.
+    #[inline(always)]
+    pub(super) fn window<'a, K: Kernel>(&'a self, index: usize, patch: &'a mut Vec<u8>) -> Window<'a> {
+        let layout = self.plane.layout();
+        let rows = K::TAPS + self.blocks[index].span as usize;
+        let top = self.row + self.blocks[index].first as isize + K::FIRST;
+        let left = self.column + (index * BLOCK) as isize;
+        let inside_rows = top >= 0 && top + rows as isize <= layout.height as isize;
+        if inside_rows && left >= 0 && left + (BLOCK as isize) <= self.whole_pixels() {
+            let offset = top as usize * layout.stride + left as usize * layout.step * layout.format.bytes();
+            return Window { bytes: self.plane.data(), offset, stride: layout.stride };
+        }
+        self.border_window([left, top], rows, patch)
+    }
+
+    /// Pixels of a row whose step ends within the row: the last one's may not.
+    #[inline(always)]
+    fn whole_pixels(&self) -> isize {
+        let layout = self.plane.layout();
+        layout.width as isize - isize::from(layout.step > layout.channels)
+    }
+
+    /// The window of `rows` rows of 16 pixels from (left, top) on, some of them outside the plane. Apart from the
+    /// above, which is done for each block, so that it does not weigh on those inside.
+    #[inline(never)]
+    fn border_window<'a>(
+        &'a self,
+        [left, top]: [isize; 2],
+        rows: usize,
+        patch: &'a mut Vec<u8>,
+    ) -> Window<'a> {
+        let layout = self.plane.layout();
+        let height = layout.height as isize;
+        // Unless mirrored, all rows beyond an edge show the same.
+        let alike = self.border != BorderMode::Mirror && (top >= height || top + rows as isize <= 0);
+        let columns = self.columns(left);
+        let shown = |row: isize| resolve(row, layout.height, self.border).map(|row| self.plane.row(row));
+        if let (true, Columns::InPlace(offset), Some(bytes)) = (alike, &columns, shown(top)) {
+            return Window { bytes, offset: *offset, stride: 0 };
+        }
+        let pixel = layout.step * layout.format.bytes();
+        let own = layout.channels * layout.format.bytes();
+        let (rows, stride) = if alike { (1, 0) } else { (rows, BLOCK * pixel) };
+        // What lies between a pixel's own samples may be anything.
+        let needed = rows * BLOCK * pixel;
+        if patch.len() < needed {
+            patch.resize(needed, 0);
+        }
+        for (row, out) in (top..).zip(patch[..needed].chunks_exact_mut(BLOCK * pixel)) {
+            match (shown(row), &columns) {
+                (Some(row), Columns::InPlace(from)) => copy_row(&row[*from..*from + BLOCK * pixel], out),
+                (Some(row), Columns::Single(Some(at))) => {
+                    copy_pixel(&row[*at..], out, own);
+                    repeat_first(out, pixel);
+                }
+                (Some(row), Columns::Listed(columns)) => self.copy_pixels(row, columns, out),
+                _ => {
+                    self.copy_fill(out);
+                    repeat_first(out, pixel);
+                }
+            }
+        }
+        Window { bytes: patch, offset: 0, stride }
+    }
+
+    /// Where the 16 pixels from column `left` on are.
+    fn columns(&self, left: isize) -> Columns {
+        let layout = self.plane.layout();
+        let width = layout.width as isize;
+        let pixel = layout.step * layout.format.bytes();
+        let shown = |column: isize| resolve(column, layout.width, self.border).map(|column| column * pixel);
+        if left >= 0 && left + BLOCK as isize <= self.whole_pixels() {
+            Columns::InPlace(left as usize * pixel)
+        } else if self.border != BorderMode::Mirror && (left >= width || left + BLOCK as isize <= 0) {
+            Columns::Single(shown(left))
+        } else {
+            Columns::Listed(std::array::from_fn(|index| shown(left + index as isize)))
+        }
+    }
+
+    fn copy_pixels(&self, row: &[u8], columns: &[Option<usize>; BLOCK], out: &mut [u8]) {
+        let layout = self.plane.layout();
+        let own = layout.channels * layout.format.bytes();
+        for (column, out) in columns.iter().zip(out.chunks_exact_mut(out.len() / BLOCK)) {
+            match *column {
+                Some(at) => copy_pixel(&row[at..], out, own),
+                None => self.copy_fill(out),
+            }
+        }
+    }
+
+    /// Writes the fill value to the first pixel of `out`.
+    fn copy_fill(&self, out: &mut [u8]) {
+        let layout = self.plane.layout();
+        let format = layout.format;
+        let samples = out.chunks_exact_mut(format.bytes()).take(layout.channels);
+        for (sample, fill) in samples.zip(self.fill) {
+            let stored = fill.min(format.max_value()) << format.shift();
+            sample.copy_from_slice(&stored.to_le_bytes()[..format.bytes()]);
+        }
+    }
+}
+
+/// Copies the samples of a pixel, `own` bytes.
+#[inline(always)]
+fn copy_pixel(pixel: &[u8], out: &mut [u8], own: usize) {
+    // A single byte is no call.
+    if own == 1 {
+        out[0] = pixel[0];
+    } else {
+        out[..own].copy_from_slice(&pixel[..own]);
+    }
+}
+
+/// Copies 16 pixels.
+fn copy_row(pixels: &[u8], out: &mut [u8]) {
+    // A size known beforehand is a load and a store.
+    match (<&[u8; BLOCK]>::try_from(pixels), <&mut [u8; BLOCK]>::try_from(&mut *out)) {
+        (Ok(pixels), Ok(out)) => *out = *pixels,
+        _ => out.copy_from_slice(pixels),
+    }
+}
+
+/// Copies the first of 16 pixels to all others.
+fn repeat_first(out: &mut [u8], pixel: usize) {
+    if let Ok(out) = <&mut [u8; BLOCK]>::try_from(&mut *out) {
+        *out = [out[0]; BLOCK];
+        return;
+    }
+    let mut known = pixel;
+    while known < out.len() {
+        let (from, to) = out.split_at_mut(known);
+        to[..known].copy_from_slice(from);
+        known *= 2;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::plane::{Plane, PlaneLayout, SampleFormat};
+    use crate::warp::blocks::Block;
+    use crate::warp::weights::Cubic;
+
+    /// Two bytes for all formats, the second zero for 8 bits.
+    fn sample(bytes: &[u8], at: usize, size: usize) -> [u8; 2] {
+        [bytes[at], if size == 2 { bytes[at + 1] } else { 0 }]
+    }
+
+    #[test]
+    fn windows_show_what_each_sample_resolves_to() {
+        let borders = [BorderMode::Replicate, BorderMode::Mirror, BorderMode::Constant];
+        let layouts = [(1, 1, 0), (1, 2, 1), (2, 2, 3), (3, 4, 0), (4, 4, 4)];
+        for format in [SampleFormat::U8, SampleFormat::U12_HIGH] {
+            for (width, height) in [(1, 1), (16, 5), (32, 9), (41, 3)] {
+                for (channels, step, spare) in layouts {
+                    let size = format.bytes();
+                    let stride = (width * step + spare) * size;
+                    let layout = PlaneLayout { width, height, stride, step, channels, format };
+                    let data: Vec<u8> =
+                        (0..layout.required_bytes().unwrap()).map(|index| (index * 37 % 251) as u8).collect();
+                    let plane = Plane::new(&data, layout).unwrap();
+                    for border in borders {
+                        for row in -7..height as isize + 7 {
+                            check(&Vertical {
+                                plane,
+                                border,
+                                fill: [9, 8, 7, 6],
+                                row,
+                                column: -32,
+                                blocks: &[Block::default(); 7],
+                            });
+                        }
+                    }
+                }
+            }
+        }
+    }
+
+    /// Compares all own samples of all windows.
+    fn check(task: &Vertical<'_>) {
+        let layout = task.plane.layout();
+        let size = layout.format.bytes();
+        for index in 0..task.blocks.len() {
+            let mut patch = Vec::new();
+            let window = task.window::<Cubic>(index, &mut patch);
+            for (tap, pixel, channel) in
+                (0..4 * 16 * layout.channels).map(|sample| (sample % 4, sample / 4 % 16, sample / 64))
+            {
+                let at = window.offset + tap * window.stride + (pixel * layout.step + channel) * size;
+                let row = resolve(task.row + tap as isize - 1, layout.height, task.border);
+                let column = resolve(task.column + (16 * index + pixel) as isize, layout.width, task.border);
+                let truth = match row.zip(column) {
+                    Some((row, column)) => {
+                        sample(task.plane.row(row), (column * layout.step + channel) * size, size)
+                    }
+                    None => (task.fill[channel] << layout.format.shift()).to_le_bytes(),
+                };
+                assert_eq!(
+                    sample(window.bytes, at, size),
+                    truth,
+                    "{layout:?} {:?} {index} {tap} {pixel}",
+                    task.border
+                );
+            }
+        }
+    }
+}
