@@ -112,7 +112,8 @@ impl Kernel for Cubic {
     }
 }
 
-/// The weights of all fractions: 2048 × 6 × 2 bytes = 24 KiB, and twice that in `f32`.
+/// The weights of all fractions: 2048 × 6 × 2 bytes = 24 KiB, and twice that in `f32`. The integers have one row
+/// more, so that 16 bytes can be read from each row on.
 struct LanczosTable {
     fixed: Vec<[i16; MAX_TAPS]>,
     float: Vec<[f32; MAX_TAPS]>,
@@ -121,7 +122,7 @@ struct LanczosTable {
 static LANCZOS: LazyLock<LanczosTable> = LazyLock::new(|| {
     let float: Vec<_> = (0..ONE).map(|fraction| lanczos(f64::from(fraction) / f64::from(ONE))).collect();
     LanczosTable {
-        fixed: float.iter().map(quantise).collect(),
+        fixed: float.iter().map(quantise).chain([[0; MAX_TAPS]]).collect(),
         float: float.iter().map(|weights| weights.map(|weight| weight as f32)).collect(),
     }
 });
@@ -144,6 +145,14 @@ fn quantise(weights: &[f64; MAX_TAPS]) -> [i16; MAX_TAPS] {
     let largest = if weights[2] >= weights[3] { 2 } else { 3 };
     fixed[largest] += missing;
     fixed
+}
+
+impl Lanczos {
+    /// The integer weights of all fractions, [`MAX_TAPS`] each, and one row more.
+    #[cfg(target_arch = "x86_64")]
+    pub fn table() -> &'static [i16] {
+        LANCZOS.fixed.as_flattened()
+    }
 }
 
 impl Kernel for Lanczos {

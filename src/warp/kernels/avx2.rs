@@ -10,7 +10,7 @@
 use super::{Fixed, Horizontal, Interpolation, Kernel, Passes, Vertical, scalar, with_kernel};
 use crate::cpu::Avx2;
 use crate::warp::blocks::{BLOCK, Block};
-use crate::warp::weights::{Cubic, FRACTION_BITS, Linear, Nearest, ONE, WEIGHT_BITS};
+use crate::warp::weights::{Cubic, FRACTION_BITS, Lanczos, Linear, MAX_TAPS, Nearest, ONE, WEIGHT_BITS};
 use std::arch::x86_64::*;
 
 /// The largest step that is served.
@@ -54,31 +54,32 @@ trait VectorKernel: Kernel {
     ///
     /// # Safety
     /// The CPU must have AVX2.
-    unsafe fn weights(fraction: __m256i) -> [__m256i; 4];
+    unsafe fn weights(fraction: __m256i) -> [__m256i; MAX_TAPS];
 }
 
 impl VectorKernel for Nearest {
     #[inline(always)]
-    unsafe fn weights(_: __m256i) -> [__m256i; 4] {
+    unsafe fn weights(_: __m256i) -> [__m256i; MAX_TAPS] {
         // SAFETY: the caller's promise.
-        unsafe { [_mm256_set1_epi16(1 << WEIGHT_BITS); 4] }
+        unsafe { [_mm256_set1_epi16(1 << WEIGHT_BITS); MAX_TAPS] }
     }
 }
 
 impl VectorKernel for Linear {
     #[inline(always)]
-    unsafe fn weights(fraction: __m256i) -> [__m256i; 4] {
+    unsafe fn weights(fraction: __m256i) -> [__m256i; MAX_TAPS] {
         // SAFETY: the caller's promise.
         unsafe {
             let t = _mm256_slli_epi16::<{ (WEIGHT_BITS - FRACTION_BITS) as i32 }>(fraction);
-            [_mm256_sub_epi16(_mm256_set1_epi16(1 << WEIGHT_BITS), t), t, t, t]
+            let none = _mm256_setzero_si256();
+            [_mm256_sub_epi16(_mm256_set1_epi16(1 << WEIGHT_BITS), t), t, none, none, none, none]
         }
     }
 }
 
 impl VectorKernel for Cubic {
     #[inline(always)]
-    unsafe fn weights(fraction: __m256i) -> [__m256i; 4] {
+    unsafe fn weights(fraction: __m256i) -> [__m256i; MAX_TAPS] {
         // SAFETY: the caller's promise.
         unsafe {
             let t15 = _mm256_slli_epi16::<{ 15 - FRACTION_BITS as i32 }>(fraction);
@@ -91,7 +92,48 @@ impl VectorKernel for Cubic {
             let third = _mm256_sub_epi16(_mm256_add_epi16(t14, first), _mm256_add_epi16(last, last));
             let second = _mm256_sub_epi16(_mm256_set1_epi16(1 << WEIGHT_BITS), t14);
             let second = _mm256_sub_epi16(second, _mm256_add_epi16(first, first));
-            [first, _mm256_add_epi16(second, last), third, last]
+            let none = _mm256_setzero_si256();
+            [first, _mm256_add_epi16(second, last), third, last, none, none]
+        }
+    }
+}
+
+impl VectorKernel for Lanczos {
+    /// The weights of each fraction lie in one row of the table: 16 rows are read and transposed, which takes no
+    /// gathers, slow on many CPUs.
+    #[inline(always)]
+    unsafe fn weights(fraction: __m256i) -> [__m256i; MAX_TAPS] {
+        let table = Lanczos::table();
+        debug_assert!(table.len() >= (ONE as usize - 1) * MAX_TAPS + 8);
+        // SAFETY: the caller's promise; masked, a fraction is that of one of the rows, and 8 numbers may be read
+        // from the first of each on.
+        unsafe {
+            let mut rows = [0u16; 16];
+            let fraction = _mm256_and_si256(fraction, _mm256_set1_epi16(ONE as i16 - 1));
+            _mm256_storeu_si256(rows.as_mut_ptr().cast(), fraction);
+            // No closures: they would be compiled for any CPU.
+            let mut lanes = [_mm256_setzero_si256(); 8];
+            for (index, lanes) in lanes.iter_mut().enumerate() {
+                let row = table.as_ptr().add(usize::from(rows[index]) * MAX_TAPS);
+                let next = table.as_ptr().add(usize::from(rows[index + 8]) * MAX_TAPS);
+                let low = _mm256_castsi128_si256(_mm_loadu_si128(row.cast()));
+                *lanes = _mm256_inserti128_si256::<1>(low, _mm_loadu_si128(next.cast()));
+            }
+            // In both halves alike: taps 0 and 1, 2 and 3, 4 and 5 of lanes 0 to 3 and of lanes 4 to 7.
+            let mut four = [[_mm256_setzero_si256(); 3]; 2];
+            for (index, four) in four.iter_mut().enumerate() {
+                let (a, b) = (lanes[4 * index], lanes[4 * index + 1]);
+                let (c, d) = (lanes[4 * index + 2], lanes[4 * index + 3]);
+                let (ab, cd) = (_mm256_unpacklo_epi16(a, b), _mm256_unpacklo_epi16(c, d));
+                let last = _mm256_unpacklo_epi32(_mm256_unpackhi_epi16(a, b), _mm256_unpackhi_epi16(c, d));
+                *four = [_mm256_unpacklo_epi32(ab, cd), _mm256_unpackhi_epi32(ab, cd), last];
+            }
+            let mut weights = [_mm256_setzero_si256(); MAX_TAPS];
+            for (index, (low, high)) in four[0].into_iter().zip(four[1]).enumerate() {
+                weights[2 * index] = _mm256_unpacklo_epi64(low, high);
+                weights[2 * index + 1] = _mm256_unpackhi_epi64(low, high);
+            }
+            weights
         }
     }
 }
@@ -159,7 +201,7 @@ unsafe fn sum<K: VectorKernel>(taps: impl Taps, block: &Block, lanes: &Lanes) ->
         let position = positions(block, lanes);
         let weights = K::weights(_mm256_and_si256(position, _mm256_set1_epi16(ONE as i16 - 1)));
 
-        let mut samples = [_mm256_setzero_si256(); 4];
+        let mut samples = [_mm256_setzero_si256(); MAX_TAPS];
         for (tap, samples) in samples.iter_mut().enumerate().take(K::TAPS) {
             *samples = taps.load(tap);
         }
@@ -315,7 +357,7 @@ impl Passes for Fixed {
                 }
             };
             true
-        }, Lanczos => false)
+        })
     }
 
     fn horizontal_avx2(
@@ -336,6 +378,39 @@ impl Passes for Fixed {
                 }
             };
             true
-        }, Lanczos => false)
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn check<K: VectorKernel>() {
+        for first in (0..ONE as i16).step_by(16) {
+            let fractions: [i16; 16] = std::array::from_fn(|lane| (first + 7 * lane as i16) % ONE as i16);
+            let mut weights = [[0i16; 16]; MAX_TAPS];
+            // SAFETY: the caller shows that the CPU has AVX2; all arrays are 32 bytes.
+            unsafe {
+                let found = K::weights(_mm256_loadu_si256(fractions.as_ptr().cast()));
+                for (weights, found) in weights.iter_mut().zip(found) {
+                    _mm256_storeu_si256(weights.as_mut_ptr().cast(), found);
+                }
+            }
+            for (lane, fraction) in fractions.into_iter().enumerate() {
+                let truth = K::fixed(fraction);
+                assert!((0..K::TAPS).all(|tap| weights[tap][lane] == truth[tap]), "{fraction}");
+            }
+        }
+    }
+
+    #[test]
+    fn weights_are_those_of_plain_rust() {
+        if Avx2::detect().is_some() {
+            check::<Nearest>();
+            check::<Linear>();
+            check::<Cubic>();
+            check::<Lanczos>();
+        }
     }
 }
