@@ -7,6 +7,8 @@
 //! displacement takes few values, mostly one. A block therefore holds the least whole part, how
 //! many more there are, and the rest as 16-bit numbers; a kernel reads as many neighbouring
 //! vectors as there are taps and whole parts, never gathers.
+//!
+//! With AVX2, a block is made by 13 instructions, eight blocks at a time, and its share of the knots by 9.
 
 use super::Placement;
 use super::inverse::{Field, cubic};
