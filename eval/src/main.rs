@@ -402,17 +402,11 @@ fn share_left(left: &Stats, uncorrected: &Stats) -> String {
     format!(" {} | {share} |", pixels(left))
 }
 
-/// Prints the median milliseconds of a frame: in all, for analysis, for the warp; and those of the slowest frame.
+/// Prints what a frame costs: see [`speed::table`].
 fn speed(file: &std::path::Path, lookahead: usize) -> Result<()> {
-    // On a thread of the pool, as the element calls the library: no task waits for a thread to wake up. The first frames
-    // have nothing to be compared with or wait for the lookahead.
+    // On a thread of the pool, as the element calls the library: no task waits for a thread to wake up.
     let costs = rayon::scope(|_| speed::of_file(file, lookahead))?;
-    let steady = || costs.iter().skip(lookahead + 2);
-    let total = speed::median_ms(steady().map(|cost| cost.analysis + cost.warp));
-    let analysis = speed::median_ms(steady().map(|cost| cost.analysis));
-    let warp = speed::median_ms(steady().map(|cost| cost.warp));
-    let slowest = costs.iter().map(|cost| cost.analysis + cost.warp).max().unwrap_or_default();
-    println!("{total:.2} {analysis:.2} {warp:.2} {:.2}", slowest.as_secs_f64() * 1e3);
+    print!("{}", speed::table(&costs, lookahead));
     Ok(())
 }
 

@@ -19,6 +19,12 @@ pub struct Cost {
     pub warp: Duration,
 }
 
+impl Cost {
+    fn whole(&self) -> Duration {
+        self.analysis + self.warp
+    }
+}
+
 /// The three planes of a frame.
 type Planes = [Vec<u8>; 3];
 
@@ -103,9 +109,39 @@ impl Job {
     }
 }
 
+/// Milliseconds of the median frame, of its analysis, of its warp and of the slowest frame; the mean of all frames; the
+/// 95th percentile. A line of headings, then one of figures.
+///
+/// Medians and percentile leave out the first frames, which have nothing to be compared with or wait for the lookahead.
+pub fn table(costs: &[Cost], lookahead: usize) -> String {
+    let steady = || costs.iter().skip(lookahead + 2);
+    let mean = costs.iter().map(|cost| milliseconds(cost.whole())).sum::<f64>() / costs.len() as f64;
+    let figures = [
+        median_ms(steady().map(Cost::whole)),
+        median_ms(steady().map(|cost| cost.analysis)),
+        median_ms(steady().map(|cost| cost.warp)),
+        quantile_ms(costs.iter().map(Cost::whole), 1.0),
+        mean,
+        quantile_ms(steady().map(Cost::whole), 0.95),
+    ];
+    let line = |cells: [String; 6]| cells.map(|cell| format!("{cell:>8}")).join(" ");
+    let headings = ["median", "analysis", "warp", "slowest", "mean", "p95"].map(String::from);
+    format!("{}\n{}\n", line(headings), line(figures.map(|figure| format!("{figure:.2}"))))
+}
+
 /// The median, in milliseconds.
 pub fn median_ms(times: impl Iterator<Item = Duration>) -> f64 {
-    let mut times: Vec<f64> = times.map(|time| time.as_secs_f64() * 1e3).collect();
+    quantile_ms(times, 0.5)
+}
+
+/// The time that this share of the times are below, in milliseconds.
+fn quantile_ms(times: impl Iterator<Item = Duration>, share: f64) -> f64 {
+    let mut times: Vec<f64> = times.map(milliseconds).collect();
     times.sort_by(f64::total_cmp);
-    times.get(times.len() / 2).copied().unwrap_or(f64::NAN)
+    let index = ((times.len() as f64 * share) as usize).min(times.len().saturating_sub(1));
+    times.get(index).copied().unwrap_or(f64::NAN)
+}
+
+fn milliseconds(time: Duration) -> f64 {
+    time.as_secs_f64() * 1e3
 }
