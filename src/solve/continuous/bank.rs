@@ -19,7 +19,7 @@ use nalgebra::Vector2;
 
 /// A hypothesis that is less likely than another one by a factor of e to this power is given up.
 const DECISIVE: f64 = 12.0;
-/// Frames after which the camera may be another one.
+/// Frames with one hypothesis after which the camera may be another one.
 const OTHER_CAMERA: usize = 90;
 /// Logarithm of the probability that it is, one in a thousand; and after a cut, one in twenty.
 const OTHER_CAMERA_ODDS: [f64; 2] = [-7.0, -3.0];
@@ -166,10 +166,11 @@ impl Bank {
             // The last one is tried first.
             self.to_try.sort_by_key(|direction| direction.is_by_rows() == by_rows);
         }
-        if !self.to_try.is_empty() {
+        if self.is_in_question() || !self.to_try.is_empty() {
             self.since_tried = 0;
         }
         if self.hypotheses.len() <= MOST_BESIDE
+            && !self.hypotheses.iter().any(|one| one.joins)
             && self.leading().moves(window)
             && let Some(direction) = self.to_try.pop()
         {
