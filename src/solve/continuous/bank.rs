@@ -21,11 +21,22 @@ use nalgebra::Vector2;
 const DECISIVE: f64 = 12.0;
 /// Frames with one hypothesis after which the camera may be another one.
 const OTHER_CAMERA: usize = 90;
-/// Logarithm of the probability that it is, one in a thousand; and after a cut, one in twenty.
+/// Logarithm of the probability that it is, then or after a gap, one in a thousand; and after a cut, one in twenty.
 const OTHER_CAMERA_ODDS: [f64; 2] = [-7.0, -3.0];
 /// Hypotheses beside which another one is tried. A single rival may stay undecided for minutes, and what it says of the axis
 /// tells nothing of another camera.
 const MOST_BESIDE: usize = 2;
+
+/// What lies between a frame and the one before it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Break {
+    /// Correspondences.
+    None,
+    /// Nothing, or time.
+    Gap,
+    /// Another picture.
+    Cut,
+}
 
 /// The hypotheses about the camera of a stream.
 #[derive(Debug)]
@@ -115,8 +126,9 @@ impl Bank {
         self.hypotheses.par_iter_mut().for_each(|hypothesis| hypothesis.prepare(window));
     }
 
-    /// Fits each hypothesis to the window of a frame and weighs them; `starts` after a start, a gap or a cut.
-    pub fn settle(&mut self, window: PairWindow<'_>, starts: bool) {
+    /// Fits each hypothesis to the window of a frame and weighs them; `before` is what lies before the frame.
+    pub fn settle(&mut self, window: PairWindow<'_>, before: Break) {
+        let starts = before != Break::None;
         let longest = window.usual_interval();
         let is_known = self.camera.is_known();
         self.hypotheses.par_iter_mut().for_each(|hypothesis| {
@@ -129,7 +141,7 @@ impl Bank {
         self.hypotheses.par_iter_mut().for_each(|hypothesis| hypothesis.conclude(window));
         self.weigh(window);
         self.sort();
-        self.try_other_cameras(window, starts);
+        self.try_other_cameras(window, before);
     }
 
     /// The part of a window that the hypotheses are fitted to: the same for all, so that their evidence can be compared.
@@ -151,16 +163,15 @@ impl Bank {
         self.hypotheses.extend(found);
     }
 
-    /// Whether the camera is still the one that is known: now and then, and after a cut (`starts`), each direction is tried
-    /// anew beside the likeliest hypothesis, one at a time, for each costs as much as that one.
-    fn try_other_cameras(&mut self, window: PairWindow<'_>, starts: bool) {
+    /// Whether the camera is still the one that is known: now and then, and after a gap or a cut, each direction is tried anew beside the likeliest hypothesis, one at a time, for each costs as much as that one.
+    fn try_other_cameras(&mut self, window: PairWindow<'_>, before: Break) {
         self.since_tried += 1;
-        let is_cut = starts && std::mem::replace(&mut self.has_begun, true);
+        let starts_anew = before != Break::None && std::mem::replace(&mut self.has_begun, true);
         if self.camera.is_known() {
             return;
         }
-        if is_cut || self.since_tried >= OTHER_CAMERA {
-            self.other_odds = OTHER_CAMERA_ODDS[usize::from(is_cut)];
+        if starts_anew || self.since_tried >= OTHER_CAMERA {
+            self.other_odds = OTHER_CAMERA_ODDS[usize::from(before == Break::Cut)];
             let by_rows = self.leading().direction.is_by_rows();
             self.to_try = self.camera.directions();
             // The last one is tried first.

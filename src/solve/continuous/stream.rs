@@ -4,7 +4,7 @@
 //! What is not known of the camera is a bank of hypotheses, each with a fit of its own; the motion given out is that of
 //! the likeliest one.
 
-use super::bank::Bank;
+use super::bank::{Bank, Break};
 use super::camera::{Camera, KNOWN};
 use super::hypothesis::Hypothesis;
 use super::overlay::StaticOverlay;
@@ -69,6 +69,8 @@ struct Entry {
     /// Timestamp in frame periods.
     stamp: f64,
     to_next: Option<Pair>,
+    /// Whether correspondences with the frame before were looked for and too few found.
+    is_cut: bool,
     /// The flow of the same pair, to the next frame and back from it, for what moves on its own.
     flows: [FlowField; 2],
 }
@@ -141,14 +143,16 @@ impl Continuous {
         let (centre, radius) = (self.centre, self.radius);
         let mut latest = self.frames.iter_mut().rev();
         let (last, before) = (latest.next(), latest.next());
+        let mut is_cut = false;
         if let (Some(last), Some(found)) = (last, found) {
             let before = before.and_then(|entry| entry.to_next.as_ref());
             self.fixed.part(found.grid, &mut self.scene);
             let area = self.pixel_scale * self.pixel_scale;
             self.scene.iter_mut().for_each(|found| found.covariance /= area);
             last.to_next = Pair::new(&self.scene, centre, radius, [last.stamp, stamp], before);
-            if let Some(pair) = &mut last.to_next {
-                pair.measured = found.grid.len();
+            match &mut last.to_next {
+                Some(pair) => pair.measured = found.grid.len(),
+                None => is_cut = true,
             }
             if let Some(flow) = found.flow {
                 last.flows.iter_mut().zip(flow).for_each(|(own, flow)| own.clone_from(flow));
@@ -156,7 +160,7 @@ impl Continuous {
         }
         let mut flows = self.spare.pop().unwrap_or_default();
         flows.iter_mut().for_each(FlowField::clear);
-        self.frames.push_back(Entry { stamp, to_next: None, flows });
+        self.frames.push_back(Entry { stamp, to_next: None, is_cut, flows });
         self.prepare();
     }
 
@@ -219,10 +223,15 @@ impl Continuous {
             .take(past + ahead)
             .filter_map(|entry| entry.to_next.as_ref())
             .collect();
-        let stamp = self.frames.get(own)?.stamp;
-        let starts = past == 0 || !self.continues;
+        let frame = self.frames.get(own)?;
+        let stamp = frame.stamp;
+        let before = match past == 0 || !self.continues {
+            false => Break::None,
+            true if frame.is_cut => Break::Cut,
+            true => Break::Gap,
+        };
         let window = self.bank.window(PairWindow { pairs: &pairs, past });
-        self.bank.settle(window, starts);
+        self.bank.settle(window, before);
         self.continues = !pairs.is_empty();
         let motion = (!pairs.is_empty()).then(|| self.motion(window, stamp));
         let mut motion = motion.filter(Motion::is_finite);

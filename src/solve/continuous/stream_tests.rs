@@ -362,8 +362,11 @@ fn found_after_a_cut(before: f64, after: f64, frames: usize, seed: u64) -> [(f64
     let mut found = Vec::new();
     for (k, stamp) in stamps.iter().enumerate() {
         let film = if k < 40 { &before } else { &after };
-        let pair = k.checked_sub(1).filter(|_| k != 40);
-        let pair = pair.map(|last| film.pair(stamps[last], *stamp, &mut random));
+        // At the cut, none are found.
+        let pair = k.checked_sub(1).map(|last| match k {
+            40 => Vec::new(),
+            _ => film.pair(stamps[last], *stamp, &mut random),
+        });
         push(&mut continuous, pair.as_deref(), *stamp);
         if k >= LOOKAHEAD {
             continuous.settle();
