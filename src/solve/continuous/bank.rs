@@ -23,8 +23,8 @@ const DECISIVE: f64 = 12.0;
 const OTHER_CAMERA: usize = 90;
 /// Logarithm of the probability that it is, then or after a gap, one in a thousand; and after a cut, one in twenty.
 const OTHER_CAMERA_ODDS: [f64; 2] = [-7.0, -3.0];
-/// Hypotheses beside which another one is tried. A single rival may stay undecided for minutes, and what it says of the axis
-/// tells nothing of another camera.
+/// Hypotheses beside which another one is tried: the likeliest, and a rival, as one along the other axis may stay undecided for
+/// minutes.
 const MOST_BESIDE: usize = 2;
 
 /// What lies between a frame and the one before it.
