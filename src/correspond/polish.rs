@@ -13,7 +13,7 @@ use super::Correspondence;
 use super::patch::FINE;
 use super::template::{Effort, Template};
 use super::to_full;
-use crate::cpu::CpuLevel;
+use crate::cpu::for_each_cpu;
 use crate::pyramid::Level;
 use nalgebra::{Matrix2, Vector2};
 
@@ -52,48 +52,30 @@ pub(super) struct Start {
     pub(super) distortion: Matrix2<f32>,
 }
 
-/// Registers a point; `None` where its patch leaves the frame or is not found again near the start.
-pub(super) fn polish(
-    cpu: CpuLevel,
-    levels: [&Level; 2],
-    start: &Start,
-    scale: f64,
-) -> Option<Correspondence> {
-    match cpu {
-        // SAFETY: the level is a proof of AVX2.
-        #[cfg(target_arch = "x86_64")]
-        CpuLevel::Avx2(_) => unsafe { polish_avx2(levels, start, scale) },
-        _ => polish_scalar(levels, start, scale),
+for_each_cpu! {
+    /// Registers a point; `None` where its patch leaves the frame or is not found again near the start.
+    pub(super) fn polish(levels: [&Level; 2], start: &Start, scale: f64) -> Option<Correspondence> {
+        let [first, second] = levels;
+        let from = Vector2::new(start.corner.0 as f32, start.corner.1 as f32);
+        let back = start.distortion.try_inverse()?;
+        let template = Template::distorted(first, start.corner, &back, DAMPING)?;
+        let found = template.find(second, from + start.shift, EFFORT)?;
+        let strays = (found.corner - from - start.shift).norm();
+        // Not a number is refused too.
+        if !(strays <= MOST_STRAY && found.correlation >= LEAST_CORRELATION && template.texture >= 0.0) {
+            return None;
+        }
+        let middle = 0.5 * (FINE as f32 - 1.0);
+        let centre = |corner: Vector2<f32>| to_full(corner.add_scalar(middle), scale);
+        let covariance = covariance(template.matrix, found.residual)?;
+        Some(Correspondence {
+            from: centre(from),
+            to: centre(found.corner),
+            texture: template.texture,
+            residual: found.residual,
+            covariance: covariance.map(f64::from) * (scale * scale),
+        })
     }
-}
-
-#[cfg(target_arch = "x86_64")]
-#[target_feature(enable = "avx2")]
-fn polish_avx2(levels: [&Level; 2], start: &Start, scale: f64) -> Option<Correspondence> {
-    polish_scalar(levels, start, scale)
-}
-
-#[inline(always)]
-fn polish_scalar([first, second]: [&Level; 2], start: &Start, scale: f64) -> Option<Correspondence> {
-    let from = Vector2::new(start.corner.0 as f32, start.corner.1 as f32);
-    let back = start.distortion.try_inverse()?;
-    let template = Template::distorted(first, start.corner, &back, DAMPING)?;
-    let found = template.find(second, from + start.shift, EFFORT)?;
-    let strays = (found.corner - from - start.shift).norm();
-    // Not a number is refused too.
-    if !(strays <= MOST_STRAY && found.correlation >= LEAST_CORRELATION && template.texture >= 0.0) {
-        return None;
-    }
-    let middle = 0.5 * (FINE as f32 - 1.0);
-    let centre = |corner: Vector2<f32>| to_full(corner.add_scalar(middle), scale);
-    let covariance = covariance(template.matrix, found.residual)?;
-    Some(Correspondence {
-        from: centre(from),
-        to: centre(found.corner),
-        texture: template.texture,
-        residual: found.residual,
-        covariance: covariance.map(f64::from) * (scale * scale),
-    })
 }
 
 /// C in squared analysed pixels, given H (without damping) and the residual's deviation s.
