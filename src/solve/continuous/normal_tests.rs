@@ -215,6 +215,23 @@ fn the_normal_equations_are_those_of_the_residuals() {
 }
 
 #[test]
+fn all_instructions_add_up_the_same() {
+    let setting = Setting::new(true, 0.8, 1.0);
+    let (residuals, normal) = setting.sums(&setting.pair(1.0));
+    let found: Vec<_> = CpuLevel::supported()
+        .map(|cpu| {
+            let mut normal = normal.clone();
+            setting.view(|view| View { cpu, ..*view }.normal(&residuals, &mut normal));
+            let size = normal.equations.places.len();
+            let entries: Vec<f64> =
+                (0..size * size).map(|k| normal.equations.entry(k / size, k % size)).collect();
+            (entries, normal.equations.sides, normal.shared, normal.shared_right)
+        })
+        .collect();
+    assert!(found.windows(2).all(|two| two[0] == two[1]) && found[0].0.iter().any(|entry| *entry != 0.0));
+}
+
+#[test]
 fn the_normal_equations_of_tracks_are_those_of_what_is_new() {
     let setting = Setting::new(true, 0.8, 1.0);
     let mut pair = setting.pair(0.01);
