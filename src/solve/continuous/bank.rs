@@ -163,7 +163,8 @@ impl Bank {
         self.hypotheses.extend(found);
     }
 
-    /// Whether the camera is still the one that is known: now and then, and after a gap or a cut, each direction is tried anew beside the likeliest hypothesis, one at a time, for each costs as much as that one.
+    /// Whether the camera is still the one that is known: now and then, and after a gap or a cut, each direction is tried
+    /// anew beside the likeliest hypothesis, one at a time, for each costs as much as that one.
     fn try_other_cameras(&mut self, window: PairWindow<'_>, before: Break) {
         self.since_tried += 1;
         let starts_anew = before != Break::None && std::mem::replace(&mut self.has_begun, true);

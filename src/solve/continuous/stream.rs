@@ -225,10 +225,12 @@ impl Continuous {
             .collect();
         let frame = self.frames.get(own)?;
         let stamp = frame.stamp;
-        let before = match past == 0 || !self.continues {
-            false => Break::None,
-            true if frame.is_cut => Break::Cut,
-            true => Break::Gap,
+        let before = if past > 0 && self.continues {
+            Break::None
+        } else if frame.is_cut {
+            Break::Cut
+        } else {
+            Break::Gap
         };
         let window = self.bank.window(PairWindow { pairs: &pairs, past });
         self.bank.settle(window, before);

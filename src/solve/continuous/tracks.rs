@@ -72,18 +72,15 @@ struct Joint {
 }
 
 impl Joint {
-    #[inline(always)]
     fn of(leg: &Leg) -> Self {
         Self { product: leg.parallax.dot(&leg.residual), length: leg.parallax.norm_squared() }
     }
 
-    #[inline(always)]
     fn with(self, other: Self) -> Self {
         Self { product: self.product + other.product, length: self.length + other.length }
     }
 
     /// By how much parallax makes rᵀ·C⁻¹·r less than |r|²/σ², times σ²; C = τ²·w·wᵀ + σ²·I.
-    #[inline(always)]
     fn explained(self, scatter: &Scatter) -> f64 {
         scatter.depths * self.product * self.product / (scatter.noise + scatter.depths * self.length)
     }
@@ -91,7 +88,6 @@ impl Joint {
 
 impl Scatter {
     /// Tells the noise of a pair, at least `least` px², from its parallax; all is noise where that has no say.
-    #[inline(always)]
     pub fn of(residuals: &PairResiduals, least: f64, squares: &mut Vec<(f64, f64)>) -> Self {
         let all = residuals.sigma * residuals.sigma;
         let mut scatter = Self { noise: all, depths: 0.0 };
@@ -118,7 +114,6 @@ impl Scatter {
     }
 
     /// σ²·eᵀ·V⁻¹·e of what is new in a residual: what both take of rᵀ·C⁻¹·r, less what the one before does.
-    #[inline(always)]
     fn square(&self, now: &Leg, before: &Leg) -> f64 {
         let known = Joint::of(before);
         let both = known.with(Joint::of(now));
