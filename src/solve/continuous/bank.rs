@@ -19,8 +19,10 @@ use nalgebra::Vector2;
 
 /// A hypothesis that is less likely than another one by a factor of e to this power is given up.
 const DECISIVE: f64 = 12.0;
-/// Frames with one hypothesis after which the camera may be another one.
-const OTHER_CAMERA: usize = 90;
+/// Frames with one hypothesis after which the camera may be another one: at first, and at most. Each time that it is not,
+/// twice as many, for what has not happened in n frames happens in the next one with a probability of about 1/n (Laplace's
+/// rule of succession).
+const OTHER_CAMERA: [usize; 2] = [90, 16 * 90];
 /// Logarithm of the probability that it is, then or after a gap, one in a thousand; and after a cut, one in twenty.
 const OTHER_CAMERA_ODDS: [f64; 2] = [-7.0, -3.0];
 /// Hypotheses beside which another one is tried: the likeliest, and a rival, as one along the other axis may stay undecided for
@@ -55,6 +57,8 @@ pub(super) struct Bank {
     other_odds: f64,
     /// Frames since there was one to be tried.
     since_tried: usize,
+    /// Frames from then on to the next time.
+    until_tried: usize,
     has_begun: bool,
 }
 
@@ -71,6 +75,7 @@ impl Bank {
             to_try: Vec::new(),
             other_odds: OTHER_CAMERA_ODDS[0],
             since_tried: 0,
+            until_tried: OTHER_CAMERA[0],
             has_begun: false,
         };
         bank.hypotheses = camera.directions().into_iter().map(|direction| bank.fresh(direction)).collect();
@@ -171,7 +176,9 @@ impl Bank {
         if self.camera.is_known() {
             return;
         }
-        if starts_anew || self.since_tried >= OTHER_CAMERA {
+        if starts_anew || self.since_tried >= self.until_tried {
+            let [first, longest] = OTHER_CAMERA;
+            self.until_tried = if starts_anew { first } else { (2 * self.until_tried).min(longest) };
             self.other_odds = OTHER_CAMERA_ODDS[usize::from(before == Break::Cut)];
             let by_rows = self.leading().direction.is_by_rows();
             self.to_try = self.camera.directions();
@@ -220,12 +227,14 @@ impl Bank {
     }
 
     /// Puts the likeliest first and gives up those that are far less likely, once the first knows its γ: until then it may
-    /// have fared well for another reason, and the other one badly because it was not found yet.
+    /// have fared well for another reason, and the other one badly because it was not found yet. One on trial gives up
+    /// nothing: a few windows have their pairs, and so their errors, in common.
     fn sort(&mut self) {
+        self.end_trials();
         self.hypotheses.sort_by(|a, b| b.score.total_cmp(&a.score));
         let first = self.leading();
         let least = first.score - DECISIVE;
-        if first.knows_readout() {
+        if first.knows_readout() && !first.is_on_trial {
             // The first one stays, whatever numbers a broken window brought about.
             let mut is_first = true;
             self.hypotheses.retain(|hypothesis| {
@@ -233,6 +242,24 @@ impl Bank {
             });
         }
         drop_twins(&mut self.hypotheses);
+    }
+
+    /// Gives up hypotheses on trial that have turned out less likely than those of the same direction beside which they are
+    /// tried: each would cost as much as that one for as long as nothing tells them apart.
+    fn end_trials(&mut self) {
+        for index in (0..self.hypotheses.len()).rev() {
+            let tried = &mut self.hypotheses[index];
+            if !tried.ends_trial() {
+                continue;
+            }
+            tried.is_on_trial = false;
+            let (direction, score) = (tried.direction, tried.score);
+            let mut others = self.hypotheses.iter_mut().filter(|other| other.direction == direction);
+            if let Some(better) = others.find(|other| other.score > score) {
+                better.put_off_trials();
+                self.hypotheses.remove(index);
+            }
+        }
     }
 
     /// The probability of each hypothesis.

@@ -55,6 +55,11 @@ impl EvidenceRecord {
         self.windows.truncate(REMEMBERED);
     }
 
+    /// How many windows that count whole it has seen.
+    pub fn weight(&self) -> f64 {
+        self.windows.iter().map(|window| window.weight).sum()
+    }
+
     /// Logarithm of the odds of this hypothesis against another one by the windows that both have seen.
     pub fn log_odds(&self, other: &Self) -> f64 {
         let both = || self.windows.iter().zip(&other.windows);

@@ -10,10 +10,11 @@ use crate::readout::ReadoutDirection;
 const VIBRATES: f64 = -5.0;
 /// Residuals below this many times the noise floor count as noise.
 const NOTICEABLE: f64 = 4.0;
-/// Steps, at most, where it is learnt how a vibration goes on, to the first path and to each one after it: that needs
-/// more of them, and what it changes hardly shows between frames, so that none is spared. Only the first frame of all
-/// takes them at once.
-const FORESIGHT_STEPS: [usize; 2] = [36, 3];
+/// Steps, at most, where it is learnt how a vibration goes on: to the first path, to those of one frame until then, and to
+/// each path after it: that needs more of them, and what it changes hardly shows between frames, so that none is spared. Only
+/// the first frame of all takes them at once. Twelve with each frame instead of six would leave up to a
+/// twelfth less over 60 frames, and take twice as long for three of them.
+const FORESIGHT_STEPS: [usize; 3] = [36, 6, 3];
 /// A path is tried at another knot density where more than this share of its residuals is common to the matches of a line.
 const BY_LINE: f64 = 0.7;
 /// Readout ratios, by the direction of a hypothesis, from which a vibration is looked for where the readout is unknown.
@@ -25,6 +26,8 @@ const WELL_KNOWN: f64 = 0.02;
 const EVIDENT: f64 = 4.0;
 /// Frames from one trial of another knot density, or search for the readout, to the next.
 const TRIAL: usize = 15;
+/// And at most, where several trials in a row have failed, each after twice as long.
+const LONGEST_TRIAL: usize = 8 * TRIAL;
 
 /// Pairs to which a fit is begun while more are to come.
 const LEAST_PAIRS: usize = 2;
@@ -45,8 +48,11 @@ pub(super) struct Hypothesis {
     pub score: f64,
     /// How well it explains the windows so far.
     pub evidence: EvidenceRecord,
-    /// Frames since the other knot density was tried.
+    /// Frames since the other knot density was tried, and from then on to the next time.
     since_trial: usize,
+    until_trial: usize,
+    /// Whether it is tried beside one of the other knot density, and nothing is decided yet.
+    pub is_on_trial: bool,
     /// Frames since γ was sought from several starts, if ever.
     since_sought: Option<usize>,
     /// Whether γ has come to rest since.
@@ -77,6 +83,8 @@ impl Hypothesis {
             score: 0.0,
             evidence: EvidenceRecord::default(),
             since_trial: TRIAL,
+            until_trial: TRIAL,
+            is_on_trial: false,
             since_sought: None,
             rests: true,
             settled: false,
@@ -183,7 +191,7 @@ impl Hypothesis {
     /// Goes on along the path in hand; whether γ came to rest.
     fn follow(&mut self, window: PairWindow<'_>) -> bool {
         let steps = if self.solver.is_foreseeing() {
-            self.foresight_steps(STEPS[0])
+            self.foresight_steps(FORESIGHT_STEPS[1])
         } else {
             self.foresight = 0;
             STEPS[usize::from(self.rests)]
@@ -195,7 +203,7 @@ impl Hypothesis {
 
     /// Steps to a path of which it is learnt how it goes on, at most so many.
     fn foresight_steps(&mut self, most: usize) -> usize {
-        let [first, later] = FORESIGHT_STEPS;
+        let [first, _, later] = FORESIGHT_STEPS;
         let steps = first.saturating_sub(self.foresight).min(most).max(later);
         self.foresight += steps;
         steps
@@ -273,6 +281,17 @@ impl Hypothesis {
         self.rests && ranked.all(|(other, solver)| !apart(&solver) || evidence - other > TOLD)
     }
 
+    /// Whether it is on trial and has seen enough: as many windows as begin with other pairs than the first one ends with.
+    pub fn ends_trial(&self) -> bool {
+        self.is_on_trial && self.evidence.weight() >= KnotDensity::Vibrating.past() as f64
+    }
+
+    /// Waits twice as long with the next trial of the other knot density, as one has failed.
+    pub fn put_off_trials(&mut self) {
+        self.since_trial = 0;
+        self.until_trial = (2 * self.until_trial).min(LONGEST_TRIAL);
+    }
+
     /// Whether the path leaves what one of the other knot density may explain.
     fn wants_other_density(&self, window: PairWindow<'_>) -> bool {
         let own = window.own();
@@ -290,7 +309,7 @@ impl Hypothesis {
         if window.pairs.is_empty() || self.knows_little(window) {
             return None;
         }
-        if self.trial.is_none() && self.since_trial >= TRIAL && self.wants_other_density(window) {
+        if self.trial.is_none() && self.since_trial >= self.until_trial && self.wants_other_density(window) {
             self.since_trial = 0;
             let density = self.solver.density.other();
             let is_sought = density == KnotDensity::Vibrating && self.is_vague();
@@ -309,10 +328,10 @@ impl Hypothesis {
         let mut other = Self::new(self.direction, self.signs, solver);
         let odds = if other.solver.density == KnotDensity::Vibrating { VIBRATES } else { -VIBRATES };
         (other.prior, other.since_trial, other.since_sought) = (self.prior + odds, 0, self.since_sought);
-        other.score = other.prior;
+        (other.score, other.is_on_trial) = (other.prior, true);
         let steps = match (other.solver.is_foreseeing(), starts) {
             (true, true) => other.foresight_steps(FORESIGHT_STEPS[0]),
-            (true, false) => other.foresight_steps(STEPS[0]),
+            (true, false) => other.foresight_steps(FORESIGHT_STEPS[1]),
             (false, true) => FORESIGHT_STEPS[0],
             (false, false) => STEPS[0],
         };
