@@ -109,6 +109,9 @@ enum Command {
         /// Frames the library may look ahead.
         #[arg(long, default_value_t = 4)]
         lookahead: usize,
+        /// Before the figures of all, the milliseconds of each frame.
+        #[arg(long)]
+        by_frame: bool,
     },
     /// Runs all systems on all sequences and writes docs/accuracy.md and docs/figures; to folders below
     /// target/eval where a sequence, a number of frames or textures are given.
@@ -265,7 +268,7 @@ fn main() -> Result<()> {
             chosen.print(dense::POINTS_HEADING, dense::points_row)
         }
         Command::Flow { points: false, export: None, chosen } => chosen.print(dense::HEADING, dense::row),
-        Command::Speed { file, lookahead } => speed(&file, lookahead),
+        Command::Speed { file, lookahead, by_frame } => speed(&file, lookahead, by_frame),
         Command::Report { scenes, sequence: sequences, frames, redraw, place } => {
             let photographs = place.textures.is_some();
             let options = report::Options { scenes, sequences, frames, photographs, redraw };
@@ -403,9 +406,12 @@ fn share_left(left: &Stats, uncorrected: &Stats) -> String {
 }
 
 /// Prints what a frame costs: see [`speed::table`].
-fn speed(file: &std::path::Path, lookahead: usize) -> Result<()> {
+fn speed(file: &std::path::Path, lookahead: usize, by_frame: bool) -> Result<()> {
     // On a thread of the pool, as the element calls the library: no task waits for a thread to wake up.
     let costs = rayon::scope(|_| speed::of_file(file, lookahead))?;
+    if by_frame {
+        print!("{}", speed::frames(&costs));
+    }
     print!("{}", speed::table(&costs, lookahead));
     Ok(())
 }

@@ -129,6 +129,12 @@ pub fn table(costs: &[Cost], lookahead: usize) -> String {
     format!("{}\n{}\n", line(headings), line(figures.map(|figure| format!("{figure:.2}"))))
 }
 
+/// Number and milliseconds of each frame, a line each.
+pub fn frames(costs: &[Cost]) -> String {
+    let line = |(number, cost): (usize, &Cost)| format!("{number:>8} {:>8.2}\n", milliseconds(cost.whole()));
+    costs.iter().enumerate().map(line).collect()
+}
+
 /// The median, in milliseconds.
 pub fn median_ms(times: impl Iterator<Item = Duration>) -> f64 {
     quantile_ms(times, 0.5)
