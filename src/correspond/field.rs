@@ -22,53 +22,60 @@ pub(super) struct Motion {
     pub(super) shift: Vector2<f32>,
 }
 
-/// The 5 × 5 cells around a cell of a grid.
-pub(super) struct Neighbourhood<'a> {
-    motions: &'a [Option<Motion>],
+/// How the motions of a grid's cells change from one cell to the next, per pixel.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Slopes {
     columns: usize,
-    index: usize,
+    rows: usize,
+    /// To the cell on the right; `None` where one of the two did not move.
+    right: Vec<Option<Vector2<f32>>>,
+    /// To the cell below.
+    down: Vec<Option<Vector2<f32>>>,
 }
 
-impl<'a> Neighbourhood<'a> {
-    /// Around cell `index` of a grid with `columns` a row; `motions` are those of the whole grid.
-    pub(super) fn new(motions: &'a [Option<Motion>], columns: usize, index: usize) -> Self {
-        Self { motions, columns, index }
+impl Slopes {
+    /// Makes these the slopes of `motions`, those of a whole grid with `columns` a row.
+    pub(super) fn fill(&mut self, motions: &[Option<Motion>], columns: usize) {
+        self.columns = columns.max(1);
+        self.rows = motions.len() / self.columns;
+        let between = |index: usize, step: usize, axis: usize| {
+            let (a, b) =
+                (motions.get(index).copied().flatten()?, motions.get(index + step).copied().flatten()?);
+            let distance = b.at[axis] - a.at[axis];
+            (distance > 0.0).then(|| (b.shift - a.shift) / distance)
+        };
+        self.right.clear();
+        self.right.extend((0..motions.len()).map(|index| between(index, 1, 0)));
+        self.down.clear();
+        self.down.extend((0..motions.len()).map(|index| between(index, self.columns, 1)));
     }
 
-    /// I + ∂shift/∂x, how the picture around the cell is distorted: medians of the slopes between adjacent cells. Up to
-    /// half of them may be wrong or belong to something else that moves.
-    pub(super) fn distortion(&self) -> Matrix2<f32> {
-        Matrix2::identity() + Matrix2::from_columns(&[slope(self.pairs(1, 0), 0), slope(self.pairs(0, 1), 1)])
-    }
-
-    fn ranges(&self) -> (Range<usize>, Range<usize>) {
-        let (column, row) = (self.index % self.columns, self.index / self.columns);
-        let rows = self.motions.len() / self.columns;
+    /// I + ∂shift/∂x, how the picture around a cell is distorted: medians of the slopes between adjacent ones of the 5 × 5
+    /// cells around it. Up to half of them may be wrong or belong to something else that moves.
+    pub(super) fn distortion(&self, index: usize) -> Matrix2<f32> {
+        let (column, row) = (index % self.columns, index / self.columns);
         let around = |at: usize, count: usize| at.saturating_sub(REACH)..(at + REACH + 1).min(count);
-        (around(column, self.columns), around(row, rows))
+        let (across, along) = (around(column, self.columns), around(row, self.rows));
+        let [last, bottom] = [&across, &along].map(|range| range.start..range.end.saturating_sub(1));
+        let right = self.median(&self.right, last, along);
+        let down = self.median(&self.down, across, bottom);
+        Matrix2::identity() + Matrix2::from_columns(&[right, down])
     }
 
-    fn motion(&self, column: usize, row: usize) -> Option<Motion> {
-        self.motions.get(row * self.columns + column).copied().flatten()
+    /// Median of the slopes of some cells; none where it is none to be believed.
+    fn median(
+        &self,
+        slopes: &[Option<Vector2<f32>>],
+        columns: Range<usize>,
+        rows: Range<usize>,
+    ) -> Vector2<f32> {
+        let rows = rows.filter_map(|row| {
+            let start = row * self.columns;
+            slopes.get(start + columns.start..start + columns.end)
+        });
+        let slope = median(rows.flatten().copied().flatten()).unwrap_or_default();
+        if slope.amax() <= MOST_DISTORTION { slope } else { Vector2::zeros() }
     }
-
-    /// Cells that moved, each with the one `right` and `down` of it.
-    fn pairs(&self, right: usize, down: usize) -> impl Iterator<Item = (Motion, Motion)> {
-        let (across, rows) = self.ranges();
-        let (last, bottom) = (across.end - right, rows.end - down);
-        let cells = (rows.start..bottom).flat_map(move |j| (across.start..last).map(move |i| (i, j)));
-        cells.filter_map(move |(i, j)| Some((self.motion(i, j)?, self.motion(i + right, j + down)?)))
-    }
-}
-
-/// Median change of the motion per pixel along an axis.
-fn slope(pairs: impl Iterator<Item = (Motion, Motion)>, axis: usize) -> Vector2<f32> {
-    let slopes = pairs.filter_map(|(a, b)| {
-        let distance = b.at[axis] - a.at[axis];
-        (distance > 0.0).then(|| (b.shift - a.shift) / distance)
-    });
-    let slope = median(slopes).unwrap_or_default();
-    if slope.amax() <= MOST_DISTORTION { slope } else { Vector2::zeros() }
 }
 
 /// Median of each component; `None` of fewer than [`FEWEST_PAIRS`].
@@ -91,6 +98,12 @@ fn median(values: impl Iterator<Item = Vector2<f32>>) -> Option<Vector2<f32>> {
 mod tests {
     use super::*;
 
+    fn slopes(motions: &[Option<Motion>], columns: usize) -> Slopes {
+        let mut slopes = Slopes::default();
+        slopes.fill(motions, columns);
+        slopes
+    }
+
     #[test]
     fn a_rotation_is_found_among_outliers() {
         let slope = Matrix2::new(-0.004, -0.087, 0.087, -0.004);
@@ -101,13 +114,13 @@ mod tests {
         motions[6] = Some(Motion { at: Vector2::new(30.0, 22.0), shift: Vector2::new(90.0, 40.0) });
         motions[13] = None;
         for index in [0, 6, 12, 24] {
-            let found = Neighbourhood::new(&motions, 5, index).distortion();
+            let found = slopes(&motions, 5).distortion(index);
             assert!((found - Matrix2::identity() - slope).amax() < 1e-5);
         }
     }
 
     #[test]
     fn without_neighbours_nothing_is_distorted() {
-        assert_eq!(Neighbourhood::new(&[None, None], 2, 0).distortion(), Matrix2::identity());
+        assert_eq!(slopes(&[None, None], 2).distortion(0), Matrix2::identity());
     }
 }

@@ -1,6 +1,6 @@
 //! Correspondences sampled from dense flow at the grid.
 
-use super::field::{Motion, Neighbourhood};
+use super::field::{Motion, Slopes};
 use super::grid::{Grid, centre};
 use super::polish::{Start, polish};
 use super::{Correspondence, to_full};
@@ -38,6 +38,7 @@ pub struct Sampler {
     flow: DenseFlow,
     motions: Vec<Option<Motion>>,
     found: Vec<Option<Correspondence>>,
+    slopes: Slopes,
     /// Scratch.
     deviations: Vec<f64>,
 }
@@ -69,6 +70,7 @@ impl Sampler {
             flow,
             motions: vec![None; cells],
             found: vec![None; cells],
+            slopes: Slopes::default(),
             deviations: Vec::new(),
         }
     }
@@ -104,12 +106,12 @@ impl Sampler {
         for (index, motion) in self.motions.iter_mut().enumerate() {
             *motion = grid.corner(index).and_then(|corner| sampled(field, corner, scale));
         }
-        let (motions, cpu) = (&self.motions, self.cpu);
+        self.slopes.fill(&self.motions, grid.columns);
+        let (motions, slopes, cpu) = (&self.motions, &self.slopes, self.cpu);
         self.found.par_iter_mut().enumerate().with_min_len(16).for_each(|(index, found)| {
             *found = grid.corner(index).and_then(|corner| {
                 let motion = motions.get(index).copied().flatten()?;
-                let distortion = Neighbourhood::new(motions, grid.columns, index).distortion();
-                let start = Start { corner, shift: motion.shift, distortion };
+                let start = Start { corner, shift: motion.shift, distortion: slopes.distortion(index) };
                 polish(cpu, [from, to], &start, scale)
             });
         });

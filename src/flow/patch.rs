@@ -131,15 +131,11 @@ impl<C: Cpu> Template<C> {
         let samples = level.from(left, top)?;
         let rows = Rows::<{ SIDE + 1 }, { SIDE + 1 }>::new(samples, level.stride())?;
         let (across, down) = (cpu.splat(across), cpu.splat(down));
-        let blended = |r: usize| {
-            let left = cpu.load(rows.at(r, 0));
-            cpu.fused(across, cpu.load(rows.at(r, 1)) - left, left)
-        };
         let mut slopes = [cpu.splat(0.0); 3];
         let (mut differences, mut squares) = ([cpu.splat(0.0); 2], [cpu.splat(0.0); 2]);
-        let mut above = blended(0);
+        let mut above = blended(cpu, &rows, 0, across);
         for r in 0..SIDE {
-            let below = blended(r + 1);
+            let below = blended(cpu, &rows, r + 1, across);
             let difference = cpu.fused(down, below - above, above) - self.values[r];
             slopes[0] = cpu.fused(self.gradient_x[r], difference, slopes[0]);
             slopes[1] = cpu.fused(self.gradient_y[r], difference, slopes[1]);
@@ -179,6 +175,19 @@ impl<C: Cpu> Template<C> {
         let [sum, square, ..] = cpu.totals([sums[0], sums[1], sums[0], sums[1]]);
         Some((square - sum * sum * (1.0 / AREA)).max(0.0))
     }
+}
+
+/// A row of samples, each `across` of the way to the next one on the right. A function, as a closure would be compiled for any
+/// CPU where it is not optimised enough to be inlined.
+#[inline(always)]
+fn blended<C: Cpu>(
+    cpu: C,
+    rows: &Rows<'_, { SIDE + 1 }, { SIDE + 1 }>,
+    row: usize,
+    across: C::Lanes,
+) -> C::Lanes {
+    let left = cpu.load(rows.at(row, 0));
+    cpu.fused(across, cpu.load(rows.at(row, 1)) - left, left)
 }
 
 /// Whole pixels and the rest, 0 to 1, of positions much smaller than 2²².
