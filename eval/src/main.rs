@@ -82,7 +82,8 @@ enum Command {
     /// the wrong readouts. Without names, of all sequences that a rolling shutter distorts; the next report then has
     /// the table.
     Blind {
-        /// Measures each sequence once and runs only the estimator: quicker, and on the same data whatever estimates.
+        /// Measures each sequence once and runs only the estimator: quicker, and on the same data whatever estimates. Not
+        /// where frames are repeated, which the estimator never sees.
         #[arg(long)]
         recorded: bool,
         /// Does 9 of the 30 runs of each sequence.
@@ -309,7 +310,9 @@ fn blind(chosen: &Chosen, recorded: bool, extent: Extent) -> Result<()> {
     println!("{}", blind::HEADING);
     let mut table = format!("{}\n", blind::HEADING);
     for settings in if chosen.sequence.is_empty() { distorted() } else { chosen.settings()? } {
-        let footage = chosen.footage(Settings { frames: blind::NEEDED_FRAMES, ..settings })?;
+        let frames = settings.timeline.captures(blind::NEEDED_FRAMES, settings.fps);
+        let recorded = recorded && !settings.timeline.repeats_frames();
+        let footage = chosen.footage(Settings { frames, ..settings })?;
         let blind = if recorded { Blind::recorded(&footage, extent)? } else { Blind::of(&footage, extent)? };
         let row = blind.row();
         println!("{row}");

@@ -45,6 +45,17 @@ impl Timeline {
         }
     }
 
+    /// Captures that make at least so many frames, `fps` of which are taken a second.
+    pub fn captures(&self, frames: usize, fps: f64) -> usize {
+        let count = (0..).find(|captures| self.deliveries(*captures, fps).len() >= frames);
+        count.unwrap_or(frames)
+    }
+
+    /// Whether some frames show what the one before them shows.
+    pub fn repeats_frames(&self) -> bool {
+        matches!(self, Self::Duplicates(_) | Self::Resampled(_))
+    }
+
     /// Frames a second of the clip, where `fps` are captured.
     pub fn fps(&self, fps: f64) -> f64 {
         match self {
@@ -72,6 +83,7 @@ mod tests {
         let timeline = Timeline::Drops(vec![1, 3]);
         assert_eq!(captures(&timeline, 6), [0, 2, 4, 5]);
         assert_eq!(stamps(&timeline, 6, 30.0), [0.0, 2.0, 4.0, 5.0]);
+        assert_eq!(timeline.captures(4, 30.0), 6);
     }
 
     #[test]
@@ -88,6 +100,7 @@ mod tests {
         assert_eq!(captures(&timeline, 12), [0, 1, 2, 4, 5, 6, 7, 8, 10, 11]);
         assert_eq!(stamps(&timeline, 4, 25.0), [0.0, 1.0, 2.0]);
         assert_eq!(timeline.fps(30.0), 25.0);
+        assert_eq!(timeline.captures(10, 30.0), 12);
     }
 
     #[test]
