@@ -302,3 +302,58 @@ fn drop_twins(hypotheses: &mut Vec<Hypothesis>) {
     }
     *hypotheses = kept;
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::evidence::Window;
+    use super::*;
+    use crate::motion::generators::Model;
+    use crate::readout::ReadoutTime;
+
+    /// A bank of one direction in which a hypothesis has been on trial for so many windows, this much likelier than the one
+    /// beside it; both in this order.
+    fn bank_with_trial(windows: usize, odds: f64) -> Bank {
+        let direction = Some(ReadoutDirection::TopToBottom);
+        let readout_time = ReadoutTime::Unknown;
+        let camera = Camera { model: Model::Auto, direction, readout_time, focal_length: None };
+        let mut bank = Bank::new(camera, [640, 480], 320.0, 0.03);
+        let mut tried = bank.fresh(ReadoutDirection::TopToBottom);
+        (tried.is_on_trial, tried.score) = (true, odds);
+        for _ in 0..windows {
+            tried.evidence.add(Window { weight: 1.0, design_effect: 1.0, evidence: 0.0, pairs: 8 });
+        }
+        bank.hypotheses.push(tried);
+        bank
+    }
+
+    #[test]
+    fn a_trial_ends_once_it_has_seen_other_pairs() {
+        let mut bank = bank_with_trial(5, -1.0);
+        bank.end_trials();
+        assert_eq!(bank.hypotheses.len(), 2);
+        let mut bank = bank_with_trial(6, -1.0);
+        bank.end_trials();
+        assert_eq!(bank.hypotheses.len(), 1);
+        assert!(!bank.leading().is_on_trial);
+    }
+
+    #[test]
+    fn what_is_likelier_after_its_trial_stays() {
+        let mut bank = bank_with_trial(6, 1.0);
+        bank.sort();
+        assert_eq!(bank.hypotheses.len(), 2);
+        assert!(bank.leading().score > 0.0 && bank.hypotheses.iter().all(|one| !one.is_on_trial));
+    }
+
+    #[test]
+    fn one_on_trial_gives_up_nothing() {
+        let mut bank = bank_with_trial(1, 2.0 * DECISIVE);
+        bank.hypotheses.iter_mut().for_each(|one| one.solver.shared[0] = 0.5);
+        bank.hypotheses[1].solver.know_readout(Running::new(0.5, 0.001));
+        bank.sort();
+        assert_eq!(bank.hypotheses.len(), 2);
+        bank.hypotheses[0].is_on_trial = false;
+        bank.sort();
+        assert_eq!(bank.hypotheses.len(), 1);
+    }
+}
