@@ -27,7 +27,7 @@ pub(super) struct Motion {
 pub(super) struct Slopes {
     columns: usize,
     rows: usize,
-    /// To the cell on the right; `None` where one of the two did not move.
+    /// To the cell on the right; `None` where one of the two did not move. Those of the last column are not used.
     right: Vec<Option<Vector2<f32>>>,
     /// To the cell below.
     down: Vec<Option<Vector2<f32>>>,

@@ -191,7 +191,7 @@ impl Hypothesis {
     /// Goes on along the path in hand; whether γ came to rest.
     fn follow(&mut self, window: PairWindow<'_>) -> bool {
         let steps = if self.solver.is_foreseeing() {
-            self.foresight_steps(FORESIGHT_STEPS[1])
+            self.foresight_steps(false)
         } else {
             self.foresight = 0;
             STEPS[usize::from(self.rests)]
@@ -201,9 +201,10 @@ impl Hypothesis {
         rests
     }
 
-    /// Steps to a path of which it is learnt how it goes on, at most so many.
-    fn foresight_steps(&mut self, most: usize) -> usize {
-        let [first, _, later] = FORESIGHT_STEPS;
+    /// Steps to a path of which it is learnt how it goes on; whether those to the first path are taken at once.
+    fn foresight_steps(&mut self, at_once: bool) -> usize {
+        let [first, of_a_frame, later] = FORESIGHT_STEPS;
+        let most = if at_once { first } else { of_a_frame };
         let steps = first.saturating_sub(self.foresight).min(most).max(later);
         self.foresight += steps;
         steps
@@ -330,8 +331,7 @@ impl Hypothesis {
         (other.prior, other.since_trial, other.since_sought) = (self.prior + odds, 0, self.since_sought);
         (other.score, other.is_on_trial) = (other.prior, true);
         let steps = match (other.solver.is_foreseeing(), starts) {
-            (true, true) => other.foresight_steps(FORESIGHT_STEPS[0]),
-            (true, false) => other.foresight_steps(FORESIGHT_STEPS[1]),
+            (true, _) => other.foresight_steps(starts),
             (false, true) => FORESIGHT_STEPS[0],
             (false, false) => STEPS[0],
         };
