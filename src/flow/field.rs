@@ -13,12 +13,26 @@ pub struct Cell {
 }
 
 /// A dense optical flow, row by row, in cells.
-#[derive(Clone, Debug, Default, PartialEq)]
+#[derive(Debug, Default, PartialEq)]
 pub struct FlowField {
     pub(super) columns: usize,
     pub(super) rows: usize,
     pub(super) side: f64,
     pub(super) cells: Vec<Cell>,
+}
+
+impl Clone for FlowField {
+    fn clone(&self) -> Self {
+        let mut other = Self::default();
+        other.clone_from(self);
+        other
+    }
+
+    /// Keeps the memory of its cells.
+    fn clone_from(&mut self, other: &Self) {
+        (self.columns, self.rows, self.side) = (other.columns, other.rows, other.side);
+        self.cells.clone_from(&other.cells);
+    }
 }
 
 impl FlowField {

@@ -40,6 +40,12 @@ impl SplinePath {
         block * BLOCK as i64 + within
     }
 
+    /// Places of a generator's coefficients, in the order of their knots.
+    pub fn places(&self, generator: usize) -> Places {
+        let blocks = self.coefficients.len() / BLOCK;
+        Places { generator, count: blocks * ratio(generator) as usize }
+    }
+
     /// The coefficient of a generator at one of its knots; 0 outside.
     pub fn coefficient(&self, generator: usize, knot: i64) -> f64 {
         let place = usize::try_from(self.place(generator, knot)).ok();
@@ -104,6 +110,30 @@ impl SplinePath {
     }
 }
 
+/// Places of a generator's coefficients among those of a path.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Places {
+    generator: usize,
+    /// How many there are.
+    pub count: usize,
+}
+
+impl Places {
+    /// That of the coefficient at a knot, the first one being 0.
+    pub fn at(self, knot: usize) -> usize {
+        let ratio = ratio(self.generator) as usize;
+        let (block, within) = (knot / ratio, knot % ratio);
+        let first = if self.generator < TURNS { within * TURNS } else { (RATIO as usize - 1) * TURNS };
+        block * BLOCK + first + self.generator
+    }
+
+    /// Each of so many in a row.
+    pub fn runs(self, length: usize) -> impl Iterator<Item = impl Fn(usize) -> usize> {
+        let starts = 0..(self.count + 1).saturating_sub(length);
+        starts.map(move |start| move |index| self.at(start + index))
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -116,6 +146,14 @@ mod tests {
             .collect();
         places.sort_unstable();
         assert_eq!(places, (0..5 * BLOCK as i64).collect::<Vec<_>>());
+        for j in 0..GENERATORS {
+            let expected: Vec<usize> = path.knots(j).map(|knot| path.place(j, knot) as usize).collect();
+            let places = path.places(j);
+            assert_eq!((0..places.count).map(|knot| places.at(knot)).collect::<Vec<_>>(), expected);
+            let runs: Vec<[usize; 2]> = places.runs(3).map(|at| [at(0), at(2)]).collect();
+            assert!(runs.iter().copied().eq(expected.windows(3).map(|run| [run[0], run[2]])));
+            assert_eq!(places.runs(places.count + 1).count(), 0);
+        }
     }
 
     #[test]

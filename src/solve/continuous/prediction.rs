@@ -24,12 +24,14 @@ const OVERSHOOT: f64 = 1.5;
 pub(super) struct Prediction {
     /// The newest first.
     weights: Vec<f64>,
+    /// What is new in a step, as weights of coefficients in a row.
+    error: Vec<f64>,
 }
 
 impl Prediction {
     /// Each step is like the one before.
     pub fn even() -> Self {
-        Self { weights: vec![1.0] }
+        Self::with_weights(vec![1.0])
     }
 
     /// Number of steps from which the next one is told.
@@ -41,15 +43,19 @@ impl Prediction {
         self.weights.get(lag).copied().unwrap_or(0.0)
     }
 
-    /// What is new in a step, as weights of `order` + 2 coefficients in a row.
-    pub fn error(&self) -> Vec<f64> {
-        let steps: Vec<f64> = self.weights.iter().rev().map(|weight| -weight).chain([1.0]).collect();
-        let mut error = vec![0.0; steps.len() + 1];
-        for (k, step) in steps.iter().enumerate() {
+    fn with_weights(weights: Vec<f64>) -> Self {
+        let steps = weights.iter().rev().map(|weight| -weight).chain([1.0]);
+        let mut error = vec![0.0; weights.len() + 2];
+        for (k, step) in steps.enumerate() {
             error[k] -= step;
             error[k + 1] += step;
         }
-        error
+        Self { weights, error }
+    }
+
+    /// What is new in a step, as weights of `order` + 2 coefficients in a row.
+    pub fn error(&self) -> &[f64] {
+        &self.error
     }
 
     /// Learns as many weights as there are moments of. `hold`, in px², is what keeps them small.
@@ -66,7 +72,7 @@ impl Prediction {
         }
         let learnt = matrix.cholesky().map(|factor| old + factor.solve(&right) * OVERSHOOT);
         if let Some(weights) = learnt.filter(|weights| weights.iter().all(|weight| weight.is_finite())) {
-            self.weights = weights.iter().copied().collect();
+            *self = Self::with_weights(weights.iter().copied().collect());
         }
     }
 }
@@ -83,17 +89,22 @@ pub(super) struct Moments {
 }
 
 impl Moments {
-    /// Of the coefficients at these places in a row, with their covariance.
-    pub fn of(places: &[usize], order: usize, coefficients: &[f64], covariance: &Banded) -> Self {
+    /// Of the coefficients at these places, `order` + 2 in a row, with their covariance.
+    pub fn of<At: Fn(usize) -> usize>(
+        runs: impl Iterator<Item = At>,
+        order: usize,
+        coefficients: &[f64],
+        covariance: &Banded,
+    ) -> Self {
         let mut moments = Self {
             path: DMatrix::zeros(order + 1, order + 1),
             spread: DMatrix::zeros(order + 1, order + 1),
             count: 0.0,
         };
-        for at in places.windows(order + 2) {
+        for at in runs {
             moments.count += 1.0;
             // The two ends of the step at some lag.
-            let ends = |lag: usize| [at[order + 1 - lag], at[order - lag]];
+            let ends = |lag: usize| [at(order + 1 - lag), at(order - lag)];
             let step = |lag: usize| ends(lag).map(|end| coefficients[end]);
             for k in 0..=order {
                 let ([a, b], [new, old]) = (ends(k), step(k));
@@ -134,10 +145,10 @@ mod tests {
     /// Moments of a path that is known.
     fn moments(order: usize, path: impl Fn(f64) -> f64) -> Moments {
         let coefficients: Vec<f64> = (0..60).map(|k| path(k as f64)).collect();
-        let places: Vec<usize> = (0..coefficients.len()).collect();
+        let runs = (0..coefficients.len() - order - 1).map(|start| move |index: usize| start + index);
         let mut covariance = Banded::default();
         covariance.reset((0..coefficients.len()).map(|row| row.saturating_sub(4)));
-        Moments::of(&places, order, &coefficients, &covariance)
+        Moments::of(runs, order, &coefficients, &covariance)
     }
 
     #[test]
@@ -165,7 +176,7 @@ mod tests {
     fn the_error_of_an_even_path_s_prediction_is_its_second_difference() {
         assert_eq!(Prediction::even().error(), [1.0, -2.0, 1.0]);
         // c₃ − c₂ − ½·(c₂ − c₁) + ¼·(c₁ − c₀).
-        let prediction = Prediction { weights: vec![0.5, -0.25] };
+        let prediction = Prediction::with_weights(vec![0.5, -0.25]);
         assert_eq!(prediction.error(), [-0.25, 0.75, -1.5, 1.0]);
     }
 
@@ -175,7 +186,7 @@ mod tests {
         let mut covariance = Banded::default();
         covariance.reset([0; 3]);
         (0..3).for_each(|k| covariance.add(k, k, 1.0));
-        let moments = Moments::of(&[0, 1, 2], 1, &[0.0, 1.0, 4.0], &covariance);
+        let moments = Moments::of(std::iter::once(|index: usize| index), 1, &[0.0, 1.0, 4.0], &covariance);
         assert_eq!(moments.path, DMatrix::from_row_slice(2, 2, &[9.0, 3.0, 3.0, 1.0]));
         assert_eq!(moments.spread, DMatrix::from_row_slice(2, 2, &[2.0, -1.0, -1.0, 2.0]));
         assert_eq!((moments.count, moments.bend()), (1.0, 4.0));

@@ -66,12 +66,6 @@ impl Smoothness {
         *self = Self::new(self.active, self.turns);
     }
 
-    /// Places of a generator's coefficients.
-    fn places(path: &SplinePath, generator: usize) -> Vec<usize> {
-        let places = path.knots(generator).map(|knot| path.place(generator, knot));
-        places.filter_map(|place| usize::try_from(place).ok()).collect()
-    }
-
     /// Number of steps from which a generator's next one may be told, of `order` at most; it has so many coefficients.
     fn order(generator: usize, order: usize, coefficients: usize) -> usize {
         if generator < TURNS { order.min(coefficients / KNOTS_TO_A_WEIGHT).max(1) } else { 1 }
@@ -81,11 +75,11 @@ impl Smoothness {
     /// from up to `order` steps.
     pub fn reach(&self, path: &SplinePath, order: usize, first: &mut [usize]) {
         for j in 0..GENERATORS {
-            let places = Self::places(path, j);
-            let order = Self::order(j, order, places.len()).max(self.predictions[j].order());
-            for linked in places.windows(order + 2) {
-                for row in &linked[1..] {
-                    first[*row] = first[*row].min(linked[0]);
+            let places = path.places(j);
+            let order = Self::order(j, order, places.count).max(self.predictions[j].order());
+            for at in places.runs(order + 2) {
+                for row in (1..order + 2).map(&at) {
+                    first[row] = first[row].min(at(0));
                 }
             }
         }
@@ -98,14 +92,14 @@ impl Smoothness {
             let rate = RATES[usize::from(j >= TURNS)];
             let (innovation, first) =
                 if self.active[j] { (share * self.variance[j], rate) } else { (NONE, NONE) };
-            let places = Self::places(path, j);
-            for (difference, variance) in [(&self.predictions[j].error()[..], innovation), (&FIRST, first)] {
-                for at in places.windows(difference.len()) {
-                    let value: f64 = difference.iter().zip(at).map(|(weight, at)| weight * c[*at]).sum();
+            let places = path.places(j);
+            for (difference, variance) in [(self.predictions[j].error(), innovation), (&FIRST, first)] {
+                for at in places.runs(difference.len()) {
+                    let value: f64 = difference.iter().enumerate().map(|(p, weight)| weight * c[at(p)]).sum();
                     for (p, one) in difference.iter().enumerate() {
-                        right[at[p]] -= one * value / variance;
+                        right[at(p)] -= one * value / variance;
                         for (q, other) in difference[..=p].iter().enumerate() {
-                            matrix.add(at[p], at[q], one * other / variance);
+                            matrix.add(at(p), at(q), one * other / variance);
                         }
                     }
                 }
@@ -121,17 +115,22 @@ impl Smoothness {
     /// make it.
     pub fn learn(&mut self, path: &SplinePath, covariance: &Banded, order: usize, noise: f64) {
         for j in (0..GENERATORS).filter(|j| self.active[*j]) {
-            let places = Self::places(path, j);
-            let moments = |order: usize| Moments::of(&places, order, &path.coefficients, covariance);
-            let order = Self::order(j, order, places.len());
+            let places = path.places(j);
+            let moments =
+                |order: usize| Moments::of(places.runs(order + 2), order, &path.coefficients, covariance);
+            let order = Self::order(j, order, places.count);
             let mut least = LIMITS[0];
             let mut sums = moments(order);
             if order > 1 && sums.bend() > (NOTICEABLE * noise).powi(2) {
                 least = noise * noise;
                 self.predictions[j].learn(&sums, HOLD * self.variance[j]);
             } else {
-                self.predictions[j] = Prediction::even();
-                sums = moments(1);
+                if order > 1 {
+                    sums = moments(1);
+                }
+                if self.predictions[j].order() > 1 {
+                    self.predictions[j] = Prediction::even();
+                }
             }
             let [energy, trace] = sums.innovation(&self.predictions[j]);
             let old = self.variance[j];
