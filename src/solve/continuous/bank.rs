@@ -11,6 +11,7 @@ use super::hypothesis::Hypothesis;
 use super::pair::ScanAxis;
 use super::pair_window::PairWindow;
 use super::running::Running;
+use super::search::TOLD;
 use super::smoothness::Smoothness;
 use super::solver::{KnotDensity, Solver};
 use crate::parallel::*;
@@ -142,6 +143,7 @@ impl Bank {
             }
             hypothesis.settle(window, starts);
         });
+        self.share_smoothness(window);
         self.challenge(window, starts);
         self.hypotheses.par_iter_mut().for_each(|hypothesis| hypothesis.conclude(window));
         self.weigh(window);
@@ -154,6 +156,36 @@ impl Bank {
         let is_vibrating = self.hypotheses.iter().any(Hypothesis::looks_for_vibration);
         let density = if is_vibrating { KnotDensity::Vibrating } else { KnotDensity::Usual };
         window.recent(density, self.is_in_question())
+    }
+
+    /// Offers the smoothness of the path with the most evidence to the other hypotheses of its knot density: one that has learnt
+    /// a worse one than it could is not less likely for that.
+    fn share_smoothness(&mut self, window: PairWindow<'_>) {
+        if !self.can_compare(window) {
+            return;
+        }
+        let evidence = |hypothesis: &mut Hypothesis| hypothesis.solver.evidence(window.pairs);
+        let evidence: Vec<Option<f64>> = self.hypotheses.par_iter_mut().map(evidence).collect();
+        for density in [KnotDensity::Usual, KnotDensity::Vibrating] {
+            let found = self.hypotheses.iter().zip(&evidence).filter_map(|(hypothesis, evidence)| {
+                let solver = &hypothesis.solver;
+                (solver.density == density).then_some((evidence.as_ref()?, &solver.smoothness))
+            });
+            let Some((most, smoothness)) = found.max_by(|a, b| a.0.total_cmp(b.0)) else { continue };
+            let smoothness = smoothness.clone();
+            self.hypotheses.par_iter_mut().zip(&evidence).for_each(|(hypothesis, evidence)| {
+                let evidence = evidence.unwrap_or(f64::NEG_INFINITY);
+                if hypothesis.solver.density == density && evidence < most - TOLD {
+                    hypothesis.try_smoothness(&smoothness, evidence, window);
+                }
+            });
+        }
+    }
+
+    /// Whether there are hypotheses whose evidence of a window tells anything.
+    fn can_compare(&self, window: PairWindow<'_>) -> bool {
+        let is_new = |hypothesis: &Hypothesis| hypothesis.joins || hypothesis.knows_little(window);
+        self.is_in_question() && !window.pairs.is_empty() && !self.hypotheses.iter().any(is_new)
     }
 
     /// Adds hypotheses of the other knot density where the path leaves what that may explain.
@@ -200,13 +232,10 @@ impl Bank {
 
     /// Compares the hypotheses by the evidence of the same windows.
     fn weigh(&mut self, window: PairWindow<'_>) {
-        let hypotheses = &mut self.hypotheses;
-        if hypotheses.len() < 2
-            || window.pairs.is_empty()
-            || hypotheses.iter().any(|hypothesis| hypothesis.joins || hypothesis.knows_little(window))
-        {
+        if !self.can_compare(window) {
             return;
         }
+        let hypotheses = &mut self.hypotheses;
         let weight = hypotheses.iter().map(|hypothesis| hypothesis.weight(window)).fold(0.0, f64::max);
         let design_effects = hypotheses.iter().map(|hypothesis| hypothesis.solver.design_effect());
         let design_effect = design_effects.fold(f64::INFINITY, f64::min);

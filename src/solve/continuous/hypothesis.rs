@@ -3,6 +3,7 @@
 use super::evidence::EvidenceRecord;
 use super::pair_window::{PairWindow, breadth};
 use super::search::{STEPS, Search, TOLD, VAGUE, iterate};
+use super::smoothness::Smoothness;
 use super::solver::{KnotDensity, Solver};
 use crate::readout::ReadoutDirection;
 
@@ -24,7 +25,7 @@ const END: f64 = 0.9;
 /// A readout ratio that is known as well as this, or that is so many deviations from none, may be relied upon.
 const WELL_KNOWN: f64 = 0.02;
 const EVIDENT: f64 = 4.0;
-/// Frames from one trial of another knot density, or search for the readout, to the next.
+/// Frames from one trial of another knot density or smoothness, or search for the readout, to the next.
 const TRIAL: usize = 15;
 /// And at most, where several trials in a row have failed, each after twice as long.
 const LONGEST_TRIAL: usize = 8 * TRIAL;
@@ -51,6 +52,8 @@ pub(super) struct Hypothesis {
     /// Frames since the other knot density was tried, and from then on to the next time.
     since_trial: usize,
     until_trial: usize,
+    /// Frames until it may try another one's smoothness.
+    until_offer: usize,
     /// Whether it is tried beside one of the other knot density, and nothing is decided yet.
     pub is_on_trial: bool,
     /// Frames since γ was sought from several starts, if ever.
@@ -84,6 +87,7 @@ impl Hypothesis {
             evidence: EvidenceRecord::default(),
             since_trial: TRIAL,
             until_trial: TRIAL,
+            until_offer: 0,
             is_on_trial: false,
             since_sought: None,
             rests: true,
@@ -179,9 +183,27 @@ impl Hypothesis {
         self.settled = found.unwrap_or_else(|| self.follow(window));
     }
 
+    /// Fits a window with the smoothness that another hypothesis has learnt, and goes on with that where it explains more:
+    /// how the camera moves does not depend on which edge is read first. Tried again some time after it has failed.
+    pub fn try_smoothness(&mut self, smoothness: &Smoothness, evidence: f64, window: PairWindow<'_>) {
+        if self.until_offer > 0 {
+            return;
+        }
+        let mut tried = self.solver.clone();
+        tried.smoothness = smoothness.clone();
+        let rests = iterate(&mut tried, window, STEPS[1]);
+        if tried.evidence(window.pairs).is_some_and(|found| found > evidence) {
+            self.solver = tried;
+            self.settled &= rests;
+        } else {
+            self.until_offer = TRIAL;
+        }
+    }
+
     /// Adds the window's estimate to the beliefs if γ has come to rest.
     pub fn conclude(&mut self, window: PairWindow<'_>) {
         self.since_trial += 1;
+        self.until_offer = self.until_offer.saturating_sub(1);
         self.is_lost = self.explains_little(window);
         if self.settled && !window.pairs.is_empty() && !self.knows_little(window) {
             self.solver.remember(self.weight(window) / window.pairs.len() as f64);

@@ -1,6 +1,8 @@
 //! Cameras of which nothing is known at first, or of which little can be.
 
 use super::film::*;
+use super::*;
+use crate::solve::continuous::search::TOLD;
 
 #[test]
 fn a_camera_at_rest_is_left_alone() {
@@ -56,4 +58,31 @@ fn errors_are_no_larger_than_expected_and_not_far_below() {
         // errors of a fifth of what is expected.
         assert!((0.1..1.3).contains(&ratio), "noise {noise}, sway {sway}, known {is_known}: {ratio}");
     }
+}
+
+#[test]
+fn a_hypothesis_takes_a_smoothness_that_explains_more_and_no_other() {
+    let film = Film::new(0.8, true);
+    let (_, mut continuous) = film.solved(film.camera(), &regular(20), 5);
+    let pairs: Vec<&Pair> = continuous.frames.iter().filter_map(|entry| entry.to_next.as_ref()).collect();
+    let window = PairWindow { pairs: &pairs[pairs.len() - 6..], past: 4 };
+    let bank = &mut continuous.bank;
+    bank.settle(window, Break::Gap);
+    // What was learnt while the camera stood still.
+    let mut still = bank.leading().clone();
+    still.solver.restart();
+    still.solver.smoothness = still.solver.smoothness.started(1e-7);
+    let most = bank.hypotheses[0].solver.evidence(window.pairs).unwrap();
+    let least = still.solver.evidence(window.pairs).unwrap();
+    assert!(least < most - TOLD, "{least} {most}");
+    let learnt = still.solver.smoothness.clone();
+    bank.hypotheses[0].try_smoothness(&learnt, most, window);
+    assert!(bank.hypotheses[0].solver.evidence(window.pairs).unwrap() >= most);
+    bank.hypotheses.push(still);
+    bank.settle(window, Break::None);
+    let [least, most] = [f64::min, f64::max].map(|of| {
+        let evidence = bank.hypotheses.iter_mut().map(|one| one.solver.evidence(window.pairs).unwrap());
+        evidence.reduce(of).unwrap()
+    });
+    assert!(bank.hypotheses.len() == 2 && least > most - TOLD, "{least} of {most}");
 }
