@@ -1,0 +1,159 @@
+//! `rsrectify fix`: clips → rectified clips.
+
+mod codec;
+mod pipeline;
+mod plan;
+mod streams;
+mod unfinished;
+
+use crate::clips;
+use crate::interruption::Interruption;
+use crate::playback::{Event, Playback};
+use crate::readout::{self, Extent};
+use crate::rectifier_options::RectifierOptions;
+use anyhow::{Context, Result, bail};
+use clap::Args;
+use codec::{Codec, Container};
+use gst::prelude::*;
+use indicatif::{ProgressBar, ProgressStyle};
+use pipeline::Progress;
+use plan::Job;
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::time::Instant;
+use streams::Audio;
+use unfinished::Unfinished;
+
+/// What the user may ask of `fix`.
+#[derive(Args, Debug)]
+pub struct FixOptions {
+    /// Clips, folders of clips, or patterns such as 'card/*.MP4'.
+    #[arg(required = true, value_name = "CLIP")]
+    pub clips: Vec<PathBuf>,
+    /// The file to write, or the folder for all; without it each clip goes beside its original, its name ending in
+    /// -rectified. A folder is one that is there already, ends in a slash, or is meant for several clips.
+    #[arg(long, short, value_name = "FILE|FOLDER")]
+    pub output: Option<PathBuf>,
+    /// Replaces files that are there.
+    #[arg(long)]
+    pub overwrite: bool,
+    /// Says what would be done, and does nothing.
+    #[arg(long)]
+    pub dry_run: bool,
+    /// Shows each clip before and after, side by side.
+    #[arg(long)]
+    pub compare: bool,
+    /// How the video is encoded.
+    #[arg(long, value_enum, default_value = "h264")]
+    pub codec: Codec,
+    /// The kind of file; without it the one that the output's name says, else the clip's own, else the codec's usual one.
+    #[arg(long, value_enum)]
+    pub container: Option<Container>,
+    /// Constant quality on the encoder's scale, 0 the best: H.264 and HEVC to 50 (18 unless given), AV1 to 63 (20).
+    #[arg(long)]
+    pub quality: Option<u32>,
+    /// Bit rate in kbit/s instead of a constant quality.
+    #[arg(long, value_parser = clap::value_parser!(u32).range(1..=100_000), conflicts_with = "quality")]
+    pub bitrate: Option<u32>,
+    /// What becomes of the audio.
+    #[arg(long, value_enum, default_value = "copy")]
+    pub audio: Audio,
+    #[command(flatten)]
+    pub rectifier: RectifierOptions,
+}
+
+/// Rectifies all clips; whether all could be.
+pub fn run(options: &FixOptions, interruption: &Interruption) -> Result<bool> {
+    let jobs = plan::jobs(options)?;
+    let count = jobs.len();
+    let mut failed = Vec::new();
+    for job in jobs {
+        interruption.check()?;
+        if let Err(error) = one(&job, options, interruption) {
+            interruption.check()?;
+            eprintln!("error: {}: {error:#}", job.input.display());
+            failed.push(job.input);
+        }
+    }
+    if count > 1 {
+        let done = if options.dry_run { "can be rectified" } else { "rectified" };
+        println!("{} of {count} clips {done}", count - failed.len());
+        failed.iter().for_each(|clip| println!("failed: {}", clip.display()));
+    }
+    Ok(failed.is_empty())
+}
+
+/// Rectifies a clip.
+fn one(job: &Job, options: &FixOptions, interruption: &Interruption) -> Result<()> {
+    clips::check(&job.input)?;
+    job.check(options.overwrite)?;
+    let mut recipe = job.recipe.clone();
+    recipe.codec.check(recipe.container, recipe.rate)?;
+    if options.dry_run {
+        let (codec, container) = (recipe.codec, recipe.container);
+        println!("{} -> {}: {codec} in {container}", job.input.display(), job.output.display());
+        return Ok(());
+    }
+    let analysis = &mut recipe.rectifier.analysis;
+    if analysis.wants_readout()
+        && let Some(found) = readout::find(&job.input, analysis.settings(), Extent::Stretches, interruption)?
+    {
+        println!("readout: {found}");
+        if found.doubt().is_none() {
+            // 0 would leave it to the rectifier again.
+            analysis.readout_time = Some(found.milliseconds.max(1e-6));
+            analysis.readout_direction = Some(found.direction.into());
+        }
+    }
+    if let Some(folder) = job.output.parent() {
+        // `--output` may name a folder that is not there yet.
+        if options.output.is_some() && job.is_in_folder {
+            std::fs::create_dir_all(folder).with_context(|| format!("cannot make {}", folder.display()))?;
+        }
+    }
+    let unfinished = Unfinished::beside(&job.output);
+    let progress = Arc::new(Progress::default());
+    let pipeline = pipeline::build(&recipe, &job.input, unfinished.path(), &progress)?;
+    play(pipeline, &progress, interruption)?;
+    let frames = progress.frames();
+    if frames == 0 {
+        bail!("no frame could be decoded");
+    }
+    unfinished.finish(&job.output)?;
+    println!("{}: {frames} frames", job.output.display());
+    Ok(())
+}
+
+/// Runs the pipeline to its end.
+fn play(pipeline: gst::Pipeline, progress: &Progress, interruption: &Interruption) -> Result<()> {
+    let bar = ProgressBar::no_length().with_style(ProgressStyle::with_template("{spinner} {msg}")?);
+    let mut playback = Playback::new(pipeline)?;
+    playback.set_state(gst::State::Playing);
+    let started = Instant::now();
+    loop {
+        show(&bar, playback.pipeline(), progress, started)?;
+        match playback.next(gst::ClockTime::from_mseconds(100), interruption)? {
+            Event::End => break,
+            Event::Warning(warning) => bar.suspend(|| eprintln!("warning: {warning}")),
+            Event::Ready | Event::Nothing => {}
+        }
+    }
+    bar.finish_and_clear();
+    Ok(())
+}
+
+fn show(bar: &ProgressBar, pipeline: &gst::Pipeline, progress: &Progress, started: Instant) -> Result<()> {
+    if bar.length().is_none()
+        && let Some(encoder) = pipeline.by_name("encoder")
+        && let Some(input) = encoder.static_pad("sink")
+        && let Some(duration) = input.peer_query_duration::<gst::ClockTime>()
+    {
+        bar.set_length(duration.mseconds());
+        bar.set_style(ProgressStyle::with_template("{wide_bar} {percent:>3} % {msg}, {eta} left")?);
+    }
+    bar.set_position(progress.milliseconds());
+    let frames = progress.frames();
+    let rate = frames as f64 / started.elapsed().as_secs_f64().max(1e-3);
+    bar.set_message(format!("{frames} frames, {rate:.0} frames/s"));
+    Ok(())
+}

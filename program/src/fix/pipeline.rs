@@ -1,0 +1,263 @@
+//! A clip → the rectified clip, as a GStreamer pipeline.
+//!
+//! Frames are rectified as the sensor delivered them and turned upright only afterwards: the rows of
+//! a phone's portrait clip are read top to bottom before it is rotated.
+
+use super::codec::{Codec, Container, Rate};
+use super::streams::{self, Audio, Kind, Route};
+use crate::elements::{NO_VIDEO, make, named, pad, parse};
+use crate::rectifier_options::RectifierOptions;
+use anyhow::{Context, Result, anyhow};
+use gst::prelude::*;
+use std::collections::HashSet;
+use std::path::Path;
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
+
+/// Turns frames as the clip's rotation tag says.
+const UPRIGHT: &str = "videoconvert ! videoflip video-direction=auto";
+
+/// What is to become of a clip.
+#[derive(Clone, Debug)]
+pub struct Recipe {
+    /// How the video is encoded.
+    pub codec: Codec,
+    /// The file around it.
+    pub container: Container,
+    /// How much may be lost.
+    pub rate: Rate,
+    /// What becomes of the audio.
+    pub audio: Audio,
+    /// Whether the clip is shown before and after, side by side.
+    pub compare: bool,
+    /// The rectifier's settings.
+    pub rectifier: RectifierOptions,
+}
+
+/// How far the encoder has come.
+#[derive(Default)]
+pub struct Progress {
+    frames: AtomicU64,
+    milliseconds: AtomicU64,
+}
+
+impl Progress {
+    /// Frames that have come to the encoder.
+    pub fn frames(&self) -> u64 {
+        self.frames.load(Ordering::Relaxed)
+    }
+
+    /// The time of the last of them in the clip.
+    pub fn milliseconds(&self) -> u64 {
+        self.milliseconds.load(Ordering::Relaxed)
+    }
+
+    fn watch(self: &Arc<Self>, encoder_input: &gst::Pad) {
+        let progress = self.clone();
+        encoder_input.add_probe(gst::PadProbeType::BUFFER, move |_, info| {
+            progress.frames.fetch_add(1, Ordering::Relaxed);
+            if let Some(time) = info.buffer().and_then(|buffer| buffer.pts()) {
+                progress.milliseconds.store(time.mseconds(), Ordering::Relaxed);
+            }
+            gst::PadProbeReturn::Ok
+        });
+    }
+}
+
+/// Decoded video → the encoded stream.
+fn video_branch(recipe: &Recipe) -> Result<gst::Bin> {
+    let rectified = format!("rsrectify name=rectifier ! queue ! {UPRIGHT}");
+    let shown = if recipe.compare {
+        format!(
+            "tee name=both  both. ! queue name=original ! {UPRIGHT} ! side.  both. ! {rectified} ! side. \
+             compositor name=side background=black"
+        )
+    } else {
+        rectified
+    };
+    let bin =
+        parse(&format!("queue ! videoconvert name=decoded ! {shown} ! {}", recipe.codec.description()))?;
+    let rectifier = named(&bin, "rectifier")?;
+    recipe.rectifier.apply(&rectifier)?;
+    if recipe.compare {
+        // Frames that wait for their rectified twins: a queue's usual bound in bytes is less than
+        // one frame of 4K.
+        let original = named(&bin, "original")?;
+        original.set_property("max-size-buffers", rectifier.property::<u32>("lookahead") + 8);
+        original.set_property("max-size-bytes", 0u32);
+        original.set_property("max-size-time", 0u64);
+        place_side_by_side(&named(&bin, "side")?)?;
+    }
+    let encoder = named(&bin, "encoder")?;
+    recipe.codec.configure(&encoder, recipe.rate);
+    warn_of_fewer_bits(&encoder, &named(&bin, "decoded")?)?;
+    Ok(bin)
+}
+
+/// Puts the second picture to the right of the first, as soon as its width is known.
+fn place_side_by_side(compositor: &gst::Element) -> Result<()> {
+    on_caps(&pad(compositor, "sink_1")?, |pad, caps| {
+        if let Some(width) = caps.structure(0).and_then(|s| s.get::<i32>("width").ok()) {
+            pad.set_property("xpos", width);
+        }
+    });
+    Ok(())
+}
+
+/// Says so where the encoder takes fewer bits than the clip has.
+fn warn_of_fewer_bits(encoder: &gst::Element, decoded: &gst::Element) -> Result<()> {
+    let bits = |caps: &gst::CapsRef| {
+        let info = gst_video::VideoInfo::from_caps(&caps.to_owned()).ok()?;
+        info.format_info().depth().first().copied()
+    };
+    let source = pad(decoded, "sink")?;
+    let source = source.downgrade();
+    let owner = encoder.downgrade();
+    on_caps(&pad(encoder, "sink")?, move |_, caps| {
+        let before = source.upgrade().and_then(|pad| pad.current_caps()).and_then(|caps| bits(&caps));
+        if let (Some(before), Some(after)) = (before, bits(caps))
+            && after < before
+            && let Some(encoder) = owner.upgrade()
+        {
+            gst::element_warning!(
+                encoder,
+                gst::StreamError::Format,
+                ("the encoder takes {after} bits, the clip has {before}; another --codec keeps them")
+            );
+        }
+    });
+    Ok(())
+}
+
+/// Calls back with the caps that come to a pad.
+fn on_caps(pad: &gst::Pad, call: impl Fn(&gst::Pad, &gst::CapsRef) + Send + Sync + 'static) {
+    pad.add_probe(gst::PadProbeType::EVENT_DOWNSTREAM, move |pad, info| {
+        if let Some(gst::EventView::Caps(event)) = info.event().map(|event| event.view()) {
+            call(pad, event.caps());
+        }
+        gst::PadProbeReturn::Ok
+    });
+}
+
+/// Links what the decoder finds to the muxer.
+struct Linker {
+    pipeline: gst::glib::WeakRef<gst::Pipeline>,
+    muxer: gst::Element,
+    video: gst::Bin,
+    container: Container,
+    audio: Audio,
+    has_video: AtomicBool,
+    /// The streams of raw audio that the file holds as it is.
+    pcm: Mutex<HashSet<String>>,
+}
+
+impl Linker {
+    /// Whether the decoder goes on with a stream that has come to a pad inside it.
+    fn decodes(&self, pad: &gst::Pad, caps: &gst::CapsRef) -> bool {
+        let is_raw = caps.structure(0).is_some_and(|format| format.has_name("audio/x-raw"));
+        let parent = pad.parent_element().and_then(|element| element.factory());
+        if is_raw
+            && parent.is_some_and(|factory| factory.klass().contains("Demuxer"))
+            && let Some(stream) = pad.stream_id()
+        {
+            self.pcm.lock().unwrap_or_else(PoisonError::into_inner).insert(stream.into());
+        }
+        !streams::is_copied(self.container, self.audio, caps)
+    }
+
+    fn link(&self, pad: &gst::Pad) -> Result<()> {
+        let caps = pad.current_caps().unwrap_or_else(|| pad.query_caps(None));
+        let kind = Kind::of(&caps);
+        if kind == Kind::Video && !self.has_video.swap(true, Ordering::Relaxed) {
+            return self.join(pad, &self.video, kind);
+        }
+        let is_pcm = pad.stream_id().is_some_and(|stream| {
+            self.pcm.lock().unwrap_or_else(PoisonError::into_inner).contains(stream.as_str())
+        });
+        match streams::route(self.container, self.audio, &caps, is_pcm) {
+            Route::Copied(branch) | Route::Encoded(branch) => self.join(pad, &parse(&branch)?, kind),
+            Route::LeftOut => {
+                if !(kind == Kind::Audio && self.audio == Audio::None) {
+                    self.warn_of_loss(&caps);
+                }
+                Ok(())
+            }
+        }
+    }
+
+    fn warn_of_loss(&self, caps: &gst::CapsRef) {
+        let name = caps.structure(0).map_or("unknown", |format| format.name().as_str());
+        if let Some(pipeline) = self.pipeline.upgrade() {
+            gst::element_warning!(
+                pipeline,
+                gst::StreamError::Format,
+                ("a stream of {name} is left out: it cannot go into {} files", self.container)
+            );
+        }
+    }
+
+    fn join(&self, pad: &gst::Pad, branch: &gst::Bin, kind: Kind) -> Result<()> {
+        let pipeline = self.pipeline.upgrade().context("the pipeline is gone")?;
+        pipeline.add(branch)?;
+        branch.link_pads(Some("src"), &self.muxer, Some(kind.muxer_pad()))?;
+        branch.sync_state_with_parent()?;
+        let input = crate::elements::pad(branch, "sink")?;
+        pad.link(&input).map_err(|e| anyhow!("the {} stream cannot be used: {e}", pad.name()))?;
+        Ok(())
+    }
+
+    fn report(&self, error: &anyhow::Error) {
+        if let Some(pipeline) = self.pipeline.upgrade() {
+            gst::element_error!(pipeline, gst::StreamError::Failed, ("{error:#}"));
+        }
+    }
+}
+
+/// The pipeline that rectifies `input` into `output`; its encoder is called `encoder`.
+pub fn build(
+    recipe: &Recipe,
+    input: &Path,
+    output: &Path,
+    progress: &Arc<Progress>,
+) -> Result<gst::Pipeline> {
+    let pipeline = gst::Pipeline::new();
+    let (source, decoder) = (make("filesrc")?, make("decodebin")?);
+    let (muxer, sink) = (make(recipe.container.muxer())?, make("filesink")?);
+    source.set_property("location", input);
+    sink.set_property("location", output);
+    pipeline.add_many([&source, &decoder, &muxer, &sink])?;
+    source.link(&decoder)?;
+    muxer.link(&sink)?;
+
+    let video = video_branch(recipe)?;
+    progress.watch(&pad(&named(&video, "encoder")?, "sink")?);
+
+    let linker = Arc::new(Linker {
+        pipeline: pipeline.downgrade(),
+        muxer,
+        video,
+        container: recipe.container,
+        audio: recipe.audio,
+        has_video: AtomicBool::new(false),
+        pcm: Mutex::default(),
+    });
+    let on_stream = linker.clone();
+    decoder.connect("autoplug-continue", false, move |values| {
+        let pad = values.get(1).and_then(|v| v.get::<gst::Pad>().ok());
+        let caps = values.get(2).and_then(|v| v.get::<gst::Caps>().ok());
+        let goes_on = pad.zip(caps).is_none_or(|(pad, caps)| on_stream.decodes(&pad, &caps));
+        Some(goes_on.to_value())
+    });
+    let on_pad = linker.clone();
+    decoder.connect_pad_added(move |_, pad| {
+        if let Err(error) = on_pad.link(pad) {
+            on_pad.report(&error);
+        }
+    });
+    decoder.connect_no_more_pads(move |_| {
+        if !linker.has_video.load(Ordering::Relaxed) {
+            linker.report(&anyhow!(NO_VIDEO));
+        }
+    });
+    Ok(pipeline)
+}
