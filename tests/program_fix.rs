@@ -1,71 +1,18 @@
 //! `rsrectify fix`, run as a user runs it, on clips made here.
 
 mod common;
+#[path = "common/program.rs"]
+mod program;
 
 use common::shake::{FPS, RATIO, shaken};
 use gst::prelude::*;
+use program::{CLIP, Folder, TONE, rsrectify};
 use std::path::{Path, PathBuf};
-use std::process::{Command, Output};
+use std::process::Output;
 
 const FRAMES: usize = 30;
-const CLIP: &str = "videotestsrc num-buffers=30 pattern=gradient \
-    ! video/x-raw,format=I420,width=320,height=240,framerate=30/1 ! x264enc speed-preset=ultrafast ! mux.";
-const TONE: &str = "audiotestsrc num-buffers=40 ! audio/x-raw,rate=44100,channels=2";
-
-/// A folder of its own for each test, removed at the end.
-struct Folder(PathBuf);
-
-impl Folder {
-    fn new(name: &str) -> Self {
-        gst::init().unwrap();
-        let path = std::env::temp_dir().join(format!("rsrectify-{name}-{}", std::process::id()));
-        std::fs::create_dir_all(&path).unwrap();
-        Self(path)
-    }
-
-    fn file(&self, name: &str) -> PathBuf {
-        self.0.join(name)
-    }
-
-    /// Writes a clip: `streams` feed `mux`.
-    fn clip(&self, name: &str, muxer: &str, streams: &str) -> PathBuf {
-        let path = self.file(name);
-        let description = format!("{muxer} name=mux ! filesink name=out {streams}");
-        let pipeline = gst::parse::launch(&description).unwrap().downcast::<gst::Pipeline>().unwrap();
-        pipeline.by_name("out").unwrap().set_property("location", &path);
-        pipeline.set_state(gst::State::Playing).unwrap();
-        let last = [gst::MessageType::Eos, gst::MessageType::Error];
-        let message = pipeline.bus().unwrap().timed_pop_filtered(gst::ClockTime::NONE, &last);
-        assert_eq!(message.unwrap().type_(), gst::MessageType::Eos, "{description}");
-        pipeline.set_state(gst::State::Null).unwrap();
-        path
-    }
-
-    /// Names of all files.
-    fn names(&self) -> Vec<String> {
-        let entries = std::fs::read_dir(&self.0).unwrap();
-        let mut names: Vec<_> = entries.map(|e| e.unwrap().file_name().into_string().unwrap()).collect();
-        names.sort();
-        names
-    }
-}
-
-impl Drop for Folder {
-    fn drop(&mut self) {
-        let _ = std::fs::remove_dir_all(&self.0);
-    }
-}
-
-/// Runs the program.
-fn rsrectify() -> Command {
-    let mut command = Command::new(env!("CARGO_BIN_EXE_rsrectify"));
-    // The element is in the program.
-    command.env_remove("GST_PLUGIN_PATH").arg("fix");
-    command
-}
-
 fn fix(input: &Path, output: &Path, options: &[&str]) -> Output {
-    rsrectify().arg(input).arg("--output").arg(output).args(options).output().unwrap()
+    rsrectify("fix").arg(input).arg("--output").arg(output).args(options).output().unwrap()
 }
 
 /// Runs the program to its end; what it says.

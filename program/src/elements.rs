@@ -13,7 +13,7 @@ fn package(element: &str) -> &'static str {
         "x265enc" | "av1enc" | "av1parse" | "h264parse" | "h265parse" | "compositor" | "timecodestamper" => {
             "gstreamer1.0-plugins-bad"
         }
-        "mp4mux" | "qtmux" | "matroskamux" | "videoflip" => "gstreamer1.0-plugins-good",
+        "mp4mux" | "qtmux" | "matroskamux" | "videoflip" | "capssetter" => "gstreamer1.0-plugins-good",
         name if name.starts_with("av") => "gstreamer1.0-libav",
         _ => "gstreamer1.0-plugins-base",
     }

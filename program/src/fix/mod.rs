@@ -4,6 +4,7 @@ mod codec;
 mod pipeline;
 mod plan;
 mod streams;
+mod timecode;
 mod unfinished;
 
 use crate::clips;

@@ -5,13 +5,14 @@
 
 use super::codec::{Codec, Container, Rate};
 use super::streams::{self, Audio, Kind, Route};
+use super::timecode::Timecode;
 use crate::elements::{NO_VIDEO, make, named, pad, parse};
 use crate::rectifier_options::RectifierOptions;
 use anyhow::{Context, Result, anyhow};
 use gst::prelude::*;
 use std::collections::HashSet;
 use std::path::Path;
-use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 
 /// Turns frames as the clip's rotation tag says.
@@ -65,7 +66,7 @@ impl Progress {
 }
 
 /// Decoded video → the encoded stream.
-fn video_branch(recipe: &Recipe) -> Result<gst::Bin> {
+fn video_branch(recipe: &Recipe, timecode: Option<gst_video::VideoTimeCode>) -> Result<gst::Bin> {
     let rectified = format!("rsrectify name=rectifier ! queue ! {UPRIGHT}");
     let shown = if recipe.compare {
         format!(
@@ -75,8 +76,15 @@ fn video_branch(recipe: &Recipe) -> Result<gst::Bin> {
     } else {
         rectified
     };
-    let bin =
-        parse(&format!("queue ! videoconvert name=decoded ! {shown} ! {}", recipe.codec.description()))?;
+    let stamped = if timecode.is_some() { "timecodestamper name=stamper set=always ! " } else { "" };
+    let encoded = recipe.codec.description();
+    let bin = parse(&format!("queue ! videoconvert name=decoded ! {shown} ! {stamped}{encoded}"))?;
+    if let Some(timecode) = timecode {
+        let stamper = named(&bin, "stamper")?;
+        let drops = timecode.flags().contains(gst_video::VideoTimeCodeFlags::DROP_FRAME);
+        stamper.set_property("drop-frame", drops);
+        stamper.set_property("set-internal-timecode", timecode);
+    }
     let rectifier = named(&bin, "rectifier")?;
     recipe.rectifier.apply(&rectifier)?;
     if recipe.compare {
@@ -110,13 +118,14 @@ fn warn_of_fewer_bits(encoder: &gst::Element, decoded: &gst::Element) -> Result<
         let info = gst_video::VideoInfo::from_caps(&caps.to_owned()).ok()?;
         info.format_info().depth().first().copied()
     };
-    let source = pad(decoded, "sink")?;
-    let source = source.downgrade();
+    // A pad has its caps only once all that follows has taken them.
+    let bits_before = Arc::new(AtomicU32::new(0));
+    let noted = bits_before.clone();
+    on_caps(&pad(decoded, "sink")?, move |_, caps| noted.store(bits(caps).unwrap_or(0), Ordering::Relaxed));
     let owner = encoder.downgrade();
     on_caps(&pad(encoder, "sink")?, move |_, caps| {
-        let before = source.upgrade().and_then(|pad| pad.current_caps()).and_then(|caps| bits(&caps));
-        if let (Some(before), Some(after)) = (before, bits(caps))
-            && after < before
+        let before = bits_before.load(Ordering::Relaxed);
+        if let Some(after) = bits(caps).filter(|after| *after < before)
             && let Some(encoder) = owner.upgrade()
         {
             gst::element_warning!(
@@ -139,6 +148,47 @@ fn on_caps(pad: &gst::Pad, call: impl Fn(&gst::Pad, &gst::CapsRef) + Send + Sync
     });
 }
 
+fn pad_of(bin: &gst::Bin, element: &str) -> Result<gst::Pad> {
+    pad(&named(bin, element)?, "sink")
+}
+
+/// Makes plain text of the Pango markup that comes to a pad.
+fn strip_markup(pad: &gst::Pad) {
+    pad.add_probe(gst::PadProbeType::BUFFER, |_, info| {
+        if let Some(gst::PadProbeData::Buffer(buffer)) = &mut info.data {
+            let text = buffer.map_readable().map(|bytes| plain_text(&String::from_utf8_lossy(&bytes)));
+            let mut plain = text.map(|text| gst::Buffer::from_mut_slice(text.into_bytes()));
+            if let Ok(plain) = &mut plain
+                && let Some(target) = plain.get_mut()
+            {
+                let kept = gst::BufferCopyFlags::TIMESTAMPS | gst::BufferCopyFlags::FLAGS;
+                // Without times the muxer refuses the buffer, and says so.
+                let _ = buffer.copy_into(target, kept, ..);
+            }
+            if let Ok(plain) = plain {
+                *buffer = plain;
+            }
+        }
+        gst::PadProbeReturn::Ok
+    });
+}
+
+/// Text without the tags of Pango markup, its entities resolved.
+fn plain_text(markup: &str) -> String {
+    let mut text = String::with_capacity(markup.len());
+    let mut rest = markup;
+    while let Some(start) = rest.find('<') {
+        text.push_str(rest.get(..start).unwrap_or_default());
+        let tag = rest.get(start..).unwrap_or_default();
+        rest = tag.find('>').and_then(|end| tag.get(end + 1..)).unwrap_or_default();
+    }
+    text.push_str(rest);
+    // The ampersand last, or "&amp;lt;" would become "<".
+    [("&lt;", "<"), ("&gt;", ">"), ("&quot;", "\""), ("&apos;", "'"), ("&#39;", "'"), ("&amp;", "&")]
+        .iter()
+        .fold(text, |text, (entity, character)| text.replace(entity, character))
+}
+
 /// Links what the decoder finds to the muxer.
 struct Linker {
     pipeline: gst::glib::WeakRef<gst::Pipeline>,
@@ -155,9 +205,13 @@ impl Linker {
     /// Whether the decoder goes on with a stream that has come to a pad inside it.
     fn decodes(&self, pad: &gst::Pad, caps: &gst::CapsRef) -> bool {
         let is_raw = caps.structure(0).is_some_and(|format| format.has_name("audio/x-raw"));
-        let parent = pad.parent_element().and_then(|element| element.factory());
+        // Its pads stand for those of the demuxer inside.
+        let inner = pad.downcast_ref::<gst::GhostPad>().and_then(|pad| pad.target());
+        let owner = inner.and_then(|pad| pad.parent_element()).and_then(|element| element.factory());
         if is_raw
-            && parent.is_some_and(|factory| factory.klass().contains("Demuxer"))
+            && owner.is_some_and(|factory| {
+                factory.metadata("klass").is_some_and(|klass| klass.contains("Demuxer"))
+            })
             && let Some(stream) = pad.stream_id()
         {
             self.pcm.lock().unwrap_or_else(PoisonError::into_inner).insert(stream.into());
@@ -176,6 +230,11 @@ impl Linker {
         });
         match streams::route(self.container, self.audio, &caps, is_pcm) {
             Route::Copied(branch) | Route::Encoded(branch) => self.join(pad, &parse(&branch)?, kind),
+            Route::Stripped(branch) => {
+                let branch = parse(&branch)?;
+                strip_markup(&pad_of(&branch, "markup")?);
+                self.join(pad, &branch, kind)
+            }
             Route::LeftOut => {
                 if !(kind == Kind::Audio && self.audio == Audio::None) {
                     self.warn_of_loss(&caps);
@@ -229,7 +288,18 @@ pub fn build(
     source.link(&decoder)?;
     muxer.link(&sink)?;
 
-    let video = video_branch(recipe)?;
+    let timecode = Timecode::of(input).and_then(Timecode::to_gst);
+    if timecode.is_some() && muxer.has_property("force-create-timecode-trak") {
+        muxer.set_property("force-create-timecode-trak", true);
+    }
+    if let Some(timecode) = timecode.as_ref().filter(|_| recipe.container == Container::Mkv) {
+        gst::element_warning!(
+            pipeline,
+            gst::StreamError::Format,
+            ("the timecode, from {timecode} on, is left out: it cannot go into MKV files")
+        );
+    }
+    let video = video_branch(recipe, timecode.filter(|_| recipe.container != Container::Mkv))?;
     progress.watch(&pad(&named(&video, "encoder")?, "sink")?);
 
     let linker = Arc::new(Linker {
@@ -260,4 +330,16 @@ pub fn build(
         }
     });
     Ok(pipeline)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn markup_becomes_plain_text() {
+        assert_eq!(plain_text("plain"), "plain");
+        assert_eq!(plain_text("<span color=\"#fff\"><i>a</i> &lt;b&gt;</span> &amp;amp; c"), "a <b> &amp; c");
+        assert_eq!(plain_text("an open <tag"), "an open ");
+    }
 }

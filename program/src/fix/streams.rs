@@ -59,6 +59,8 @@ pub enum Route {
     Copied(String),
     /// Encoded anew.
     Encoded(String),
+    /// As plain text: `markup` is the element whose input is to be stripped of it.
+    Stripped(String),
     /// Not at all.
     LeftOut,
 }
@@ -124,8 +126,22 @@ pub fn route(container: Container, audio: Audio, caps: &gst::CapsRef, is_pcm: bo
         (Kind::Audio, Audio::Copy | Audio::Aac) => Route::Encoded(format!(
             "{BOUNDLESS_QUEUE} ! audioconvert ! audioresample ! avenc_aac bitrate=192000 ! aacparse"
         )),
+        (Kind::Subtitles, _) if is_markup(caps) && container.takes("subtitle_%u", &plain_text()) => {
+            Route::Stripped(format!(
+                "{BOUNDLESS_QUEUE} ! capssetter name=markup replace=true caps=text/x-raw,format=utf8"
+            ))
+        }
         _ => Route::LeftOut,
     }
+}
+
+fn is_markup(caps: &gst::CapsRef) -> bool {
+    let format = caps.structure(0).filter(|format| format.has_name("text/x-raw"));
+    format.and_then(|format| format.get::<&str>("format").ok()) == Some("pango-markup")
+}
+
+fn plain_text() -> gst::Caps {
+    gst::Caps::builder("text/x-raw").field("format", "utf8").build()
 }
 
 #[cfg(test)]
@@ -151,11 +167,10 @@ mod tests {
             ("audio/x-dts,channels=6,rate=48000", false, false),
             ("audio/x-raw,format=S16LE,channels=2,rate=48000,layout=interleaved", false, true),
             ("application/x-ass", false, false),
-            ("text/x-raw,format=pango-markup", false, false),
         ] {
             assert_eq!(is_copied(Container::Mp4, caps), mp4, "{caps}");
             assert_eq!(is_copied(Container::Mov, caps), mov, "{caps}");
-            assert_eq!(is_copied(Container::Mkv, caps), !caps.contains("pango"), "{caps}");
+            assert!(is_copied(Container::Mkv, caps), "{caps}");
         }
     }
 
@@ -163,6 +178,7 @@ mod tests {
     fn audio_that_cannot_be_copied_is_encoded_and_subtitles_are_left_out() {
         assert!(matches!(way(Container::Mp4, "audio/x-flac,channels=2,rate=44100"), Route::Encoded(_)));
         assert_eq!(way(Container::Mp4, "application/x-ass"), Route::LeftOut);
+        assert!(matches!(way(Container::Mkv, "text/x-raw,format=pango-markup"), Route::Stripped(_)));
         assert_eq!(way(Container::Mkv, "application/x-gopro"), Route::LeftOut);
         let caps = gst::Caps::from_str("audio/mpeg,mpegversion=4,channels=2").unwrap();
         assert_eq!(route(Container::Mp4, Audio::None, &caps, false), Route::LeftOut);
