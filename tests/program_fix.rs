@@ -4,10 +4,10 @@ mod common;
 #[path = "common/program.rs"]
 mod program;
 
-use common::shake::{FPS, RATIO, shaken};
+use common::shake::{FPS, RATIO, write_shaken};
 use gst::prelude::*;
 use program::{CLIP, Folder, TONE, rsrectify};
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::process::Output;
 
 const FRAMES: usize = 30;
@@ -170,28 +170,11 @@ fn failures_say_why_and_leave_nothing_behind() {
     assert_eq!(folder.names(), ["in.mp4", "sound.mp4", "text.mp4"]);
 }
 
-/// A film of a camera that is shaken for `seconds` and reads from the bottom up.
-fn shaken_clip(folder: &Folder, seconds: f64) -> PathBuf {
-    let path = folder.file("shaken.mp4");
-    let pipeline = common::film::launch(&format!(
-        "appsrc name=in format=time ! videoconvert ! x264enc quantizer=15 pass=qual vbv-buf-capacity=0 key-int-max=30 \
-         speed-preset=ultrafast ! mp4mux ! filesink location={}",
-        path.display()
-    ));
-    let input = pipeline.by_name("in").unwrap().downcast::<gst_app::AppSrc>().unwrap();
-    input.set_caps(Some(&common::numbered_caps()));
-    pipeline.set_state(gst::State::Playing).unwrap();
-    (0..(seconds * FPS) as usize).for_each(|number| assert!(input.push_buffer(shaken(number)).is_ok()));
-    input.end_of_stream().unwrap();
-    common::wait_for(&pipeline, gst::MessageType::Eos);
-    pipeline.set_state(gst::State::Null).unwrap();
-    path
-}
-
 #[test]
 fn the_readout_is_found_before_the_first_frame() {
     let folder = Folder::new("readout");
-    let (input, output) = (shaken_clip(&folder, 1.5), folder.file("out.mp4"));
+    let (input, output) = (folder.file("in.mp4"), folder.file("out.mp4"));
+    write_shaken(&input, 1.5);
     let said = succeeds(&input, &output, &[]);
     let readout = said.lines().find_map(|line| line.strip_prefix("readout: ")).unwrap();
     let milliseconds: f64 = readout.split(' ').next().unwrap().parse().unwrap();

@@ -7,6 +7,7 @@ mod clips;
 mod elements;
 mod fix;
 mod interruption;
+mod measure;
 mod playback;
 mod readout;
 mod rectifier_options;
@@ -36,6 +37,9 @@ enum Command {
     /// can hold them.
     #[command(after_help = EXIT_CODES)]
     Fix(Box<fix::FixOptions>),
+    /// Measures the readout time of the clips' cameras, its direction, and the focal length.
+    #[command(after_help = EXIT_CODES)]
+    Measure(measure::MeasureOptions),
 }
 
 fn run(cli: &Cli) -> Result<bool> {
@@ -44,6 +48,7 @@ fn run(cli: &Cli) -> Result<bool> {
     let interruption = Interruption::catch()?;
     match &cli.command {
         Command::Fix(options) => fix::run(options, &interruption),
+        Command::Measure(options) => measure::run(options, &interruption),
     }
 }
 

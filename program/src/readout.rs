@@ -45,6 +45,8 @@ pub struct Found {
     pub deviation: f64,
     /// Milliseconds from one frame to the next.
     pub period: f64,
+    /// Frame width and height in pixels.
+    pub size: [u32; 2],
     /// The focal length, where anything is known of it.
     pub focal_length: Option<FocalLength>,
     /// Frames that were analysed.
@@ -132,7 +134,7 @@ impl Summary {
     }
 
     /// What was found; `None` of a clip without frames.
-    pub fn found(&self, frame_rate: Option<f64>) -> Option<Found> {
+    pub fn found(&self, size: [u32; 2], frame_rate: Option<f64>) -> Option<Found> {
         let last = self.last.as_ref()?;
         let readout = last.motion.readout();
         let mean = (self.intervals.1 > 0).then(|| self.intervals.0 / f64::from(self.intervals.1));
@@ -140,6 +142,7 @@ impl Summary {
             milliseconds: readout.time() * 1e3,
             direction: readout.direction(),
             deviation: last.readout_deviation,
+            size,
             period: 1e3 * frame_rate.map(f64::recip).or(mean).unwrap_or(0.0),
             focal_length: self.focal_length,
             frames: self.frames,
@@ -181,5 +184,5 @@ pub fn find(
         _ => analysis.run(None, interruption, &mut note)?,
     }
     bar.finish_and_clear();
-    Ok(summary.found(analysis.frame_rate()))
+    Ok(summary.found(analysis.size(), analysis.frame_rate()))
 }

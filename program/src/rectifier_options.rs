@@ -114,6 +114,30 @@ pub struct AnalysisOptions {
     pub grid_rows: Option<u32>,
 }
 
+/// What may be known of a camera whose readout is to be found.
+#[derive(Args, Clone, Debug, Default)]
+#[command(next_help_heading = "Analysis")]
+pub struct MeasureSettings {
+    /// Edge of the frame, as it is stored, that is read first.
+    #[arg(long, value_name = "DIRECTION", value_enum)]
+    pub readout_direction: Option<Direction>,
+    /// Focal length in frame widths, if known.
+    #[arg(long, value_name = "WIDTHS", value_parser = widths)]
+    pub focal_length: Option<f64>,
+    /// Frames looked ahead: 8 for strong shake.
+    #[arg(long, value_name = "FRAMES", value_parser = clap::value_parser!(u32).range(0..=64))]
+    pub lookahead: Option<u32>,
+}
+
+impl MeasureSettings {
+    /// The library's settings.
+    pub fn settings(&self) -> Settings {
+        let Self { readout_direction, focal_length, lookahead } = *self;
+        AnalysisOptions { readout_direction, focal_length, lookahead, ..AnalysisOptions::default() }
+            .settings()
+    }
+}
+
 /// Properties of the element; those not given keep its defaults.
 #[derive(Args, Clone, Debug, Default)]
 #[command(next_help_heading = "Rectifier")]
