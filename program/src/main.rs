@@ -11,6 +11,7 @@ mod measure;
 mod playback;
 mod readout;
 mod rectifier_options;
+mod track;
 
 use anyhow::Result;
 use clap::{Parser, Subcommand};
@@ -40,6 +41,9 @@ enum Command {
     /// Measures the readout time of the clips' cameras, its direction, and the focal length.
     #[command(after_help = EXIT_CODES)]
     Measure(measure::MeasureOptions),
+    /// Writes the motion of each frame and row, and a virtual gyroscope for Gyroflow.
+    #[command(after_help = EXIT_CODES)]
+    Track(Box<track::TrackOptions>),
 }
 
 fn run(cli: &Cli) -> Result<bool> {
@@ -49,6 +53,7 @@ fn run(cli: &Cli) -> Result<bool> {
     match &cli.command {
         Command::Fix(options) => fix::run(options, &interruption),
         Command::Measure(options) => measure::run(options, &interruption),
+        Command::Track(options) => track::run(options, &interruption),
     }
 }
 
