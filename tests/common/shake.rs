@@ -13,7 +13,7 @@ pub const FPS: f64 = 30.0;
 pub const RATIO: f64 = 0.6;
 
 /// Where the picture is at a time in seconds: two tones an axis, up to 9 px a frame.
-fn shake(time: f64) -> (f64, f64) {
+pub fn shake(time: f64) -> (f64, f64) {
     let tone = |hertz: f64, phase: f64| (std::f64::consts::TAU * hertz * time + phase).sin();
     (10.0 * tone(2.3, 0.0) + 5.0 * tone(4.1, 1.0), 8.0 * tone(2.9, 0.5) + 4.0 * tone(4.7, 2.0))
 }
