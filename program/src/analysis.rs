@@ -61,7 +61,7 @@ impl Analysis {
         let first = sink.try_pull_preroll(gst::ClockTime::ZERO);
         let caps = first.as_ref().and_then(|sample| sample.caps());
         let caps = caps.context("no frame could be decoded")?;
-        let info = gst_video::VideoInfo::from_caps(&caps.to_owned())?;
+        let info = gst_video::VideoInfo::from_caps(caps)?;
         if info.interlace_mode() != gst_video::VideoInterlaceMode::Progressive {
             bail!("is interlaced: each frame holds two exposures; deinterlace it first");
         }

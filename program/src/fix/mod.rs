@@ -38,7 +38,7 @@ pub struct FixOptions {
     /// Replaces files that are there.
     #[arg(long)]
     pub overwrite: bool,
-    /// Says what would be done, and does nothing.
+    /// Says which file each clip would become, without opening it.
     #[arg(long)]
     pub dry_run: bool,
     /// Shows each clip before and after, side by side.
@@ -50,7 +50,8 @@ pub struct FixOptions {
     /// The kind of file; without it the one that the output's name says, else the clip's own, else the codec's usual one.
     #[arg(long, value_enum)]
     pub container: Option<Container>,
-    /// Constant quality on the encoder's scale, 0 the best: H.264 and HEVC to 50 (18 unless given), AV1 to 63 (20).
+    /// Constant quality on the encoder's scale, 0 the best: H.264 to 50 and HEVC to 51 (18 unless given), AV1
+    /// to 63 (20); ProRes and FFV1 have none.
     #[arg(long)]
     pub quality: Option<u32>,
     /// Bit rate in kbit/s instead of a constant quality.
@@ -77,7 +78,7 @@ pub fn run(options: &FixOptions, interruption: &Interruption) -> Result<bool> {
         }
     }
     if count > 1 {
-        let done = if options.dry_run { "can be rectified" } else { "rectified" };
+        let done = if options.dry_run { "would be rectified" } else { "rectified" };
         println!("{} of {count} clips {done}", count - failed.len());
         failed.iter().for_each(|clip| println!("failed: {}", clip.display()));
     }
@@ -96,14 +97,17 @@ fn one(job: &Job, options: &FixOptions, interruption: &Interruption) -> Result<(
         return Ok(());
     }
     let analysis = &mut recipe.rectifier.analysis;
-    if analysis.wants_readout()
-        && let Some(found) = readout::find(&job.input, analysis.settings(), Extent::Stretches, interruption)?
-    {
-        println!("readout: {found}");
-        if found.doubt().is_none() {
-            // 0 would leave it to the rectifier again.
-            analysis.readout_time = Some(found.milliseconds.max(1e-6));
-            analysis.readout_direction = Some(found.direction.into());
+    if analysis.wants_readout() {
+        let found = readout::find(&job.input, analysis.settings(), Extent::Stretches, interruption);
+        interruption.check()?;
+        // What cannot be analysed may still be played; if not, playing it says why.
+        if let Ok(Some(found)) = found {
+            println!("readout: {found}");
+            if found.doubt().is_none() {
+                // 0 would leave it to the rectifier again.
+                analysis.readout_time = Some(found.milliseconds.max(1e-6));
+                analysis.readout_direction = Some(found.direction.into());
+            }
         }
     }
     if let Some(folder) = job.output.parent() {

@@ -115,7 +115,7 @@ fn place_side_by_side(compositor: &gst::Element) -> Result<()> {
 /// Says so where the encoder takes fewer bits than the clip has.
 fn warn_of_fewer_bits(encoder: &gst::Element, decoded: &gst::Element) -> Result<()> {
     let bits = |caps: &gst::CapsRef| {
-        let info = gst_video::VideoInfo::from_caps(&caps.to_owned()).ok()?;
+        let info = gst_video::VideoInfo::from_caps(caps).ok()?;
         info.format_info().depth().first().copied()
     };
     // A pad has its caps only once all that follows has taken them.
