@@ -23,16 +23,15 @@ fn fix(input: &Path, output: &Path, options: &[&str]) -> String {
 fn contents(path: &Path) -> (Vec<String>, Vec<gst::Toc>) {
     let pipeline = common::film::launch("filesrc name=in ! parsebin name=parse");
     pipeline.by_name("in").unwrap().set_property("location", path);
-    let types = std::sync::Arc::new(std::sync::Mutex::new(Vec::new()));
-    let (seen, sinks) = (types.clone(), pipeline.clone());
+    let pads = std::sync::Arc::new(std::sync::Mutex::new(Vec::new()));
+    let (seen, sinks) = (pads.clone(), pipeline.clone());
     pipeline.by_name("parse").unwrap().connect_pad_added(move |_, pad| {
-        let caps = pad.current_caps().unwrap_or_else(|| pad.query_caps(None));
-        seen.lock().unwrap().push(caps.structure(0).unwrap().name().to_string());
         // Subtitles are sparse: nothing must wait for their first line.
         let sink = gst::ElementFactory::make("fakesink").property("async", false).build().unwrap();
         sinks.add(&sink).unwrap();
         sink.sync_state_with_parent().unwrap();
         pad.link(&sink.static_pad("sink").unwrap()).unwrap();
+        seen.lock().unwrap().push(pad.clone());
     });
     pipeline.set_state(gst::State::Playing).unwrap();
     let mut tables = Vec::new();
@@ -44,8 +43,10 @@ fn contents(path: &Path) -> (Vec<String>, Vec<gst::Toc>) {
             _ => {}
         }
     }
+    // Parsers know the type from the first frames on.
+    let name = |pad: &gst::Pad| pad.current_caps().unwrap().structure(0).unwrap().name().to_string();
+    let mut types: Vec<_> = pads.lock().unwrap().iter().map(name).collect();
     pipeline.set_state(gst::State::Null).unwrap();
-    let mut types = types.lock().unwrap().clone();
     types.sort();
     (types, tables)
 }
@@ -128,6 +129,28 @@ fn all_audio_and_subtitles_are_kept() {
         // The demuxer of Matroska gives out markup.
         let first = if file.ends_with("mkv") { "fish &amp; chips" } else { "fish & chips" };
         assert_eq!(lines, [first, "the end"], "{file}");
+    }
+}
+
+#[test]
+fn audio_is_copied_where_the_container_holds_it() {
+    let folder = Folder::new("audio");
+    let short = CLIP.replace("num-buffers=30", "num-buffers=20").replace("! mux.", "! h264parse ! mux.");
+    let tone = TONE.replace("44100", "48000").replace("num-buffers=40", "num-buffers=30");
+    for (encoder, [mp4, mov, mkv]) in [
+        ("avenc_ac3", ["x-ac3", "x-ac3", "x-ac3"]),
+        ("avenc_eac3", ["mpeg", "mpeg", "x-eac3"]),
+        ("vorbisenc", ["mpeg", "mpeg", "x-vorbis"]),
+        ("flacenc", ["mpeg", "mpeg", "x-flac"]),
+        ("identity", ["mpeg", "x-raw", "x-raw"]),
+    ] {
+        let streams = format!("{short} {tone} ! audioconvert ! {encoder} ! queue ! mux.");
+        let input = folder.clip("in.mkv", "matroskamux", &streams);
+        for (file, kind) in [("out.mp4", mp4), ("out.mov", mov), ("out.mkv", mkv)] {
+            let output = folder.file(file);
+            assert_eq!(fix(&input, &output, &[]), "", "{encoder}, {file}");
+            assert_eq!(contents(&output).0, [&format!("audio/{kind}"), "video/x-h264"], "{encoder}, {file}");
+        }
     }
 }
 
