@@ -1,7 +1,7 @@
 //! Arguments → jobs: which clip becomes which file.
 
-use super::FixOptions;
 use super::codec::{Container, Rate};
+use super::options::FixOptions;
 use super::pipeline::Recipe;
 use crate::clips;
 use anyhow::{Context, Result, bail};
