@@ -205,7 +205,8 @@ fn chapters_and_colour_stay() {
         muxer.set_toc(Some(&toc));
     });
     let output = folder.file("out.mkv");
-    fix(&input, &output, &[]);
+    assert_eq!(fix(&input, &output, &[]), "");
+    assert!(fix(&input, &folder.file("out.mp4"), &[]).contains("chapters are left out"));
     let titles = |path: &Path| {
         let tables = contents(path).1;
         let chapters = tables.last().map(|toc| toc.entries()).unwrap_or_default();

@@ -13,6 +13,7 @@ use crate::interruption::Interruption;
 use crate::playback::{Event, Playback};
 use crate::readout::{self, Extent};
 use anyhow::{Context, Result, bail};
+use codec::Container;
 use gst::prelude::*;
 use indicatif::{ProgressBar, ProgressStyle};
 pub use options::FixOptions;
@@ -77,7 +78,7 @@ fn one(job: &Job, options: &FixOptions, interruption: &Interruption) -> Result<(
     let unfinished = Unfinished::beside(&job.output);
     let progress = Arc::new(Progress::default());
     let pipeline = pipeline::build(&recipe, &job.input, unfinished.path(), &progress)?;
-    play(pipeline, &progress, interruption)?;
+    play(pipeline, recipe.container, &progress, interruption)?;
     let frames = progress.frames();
     if frames == 0 {
         bail!("no frame could be decoded");
@@ -88,7 +89,12 @@ fn one(job: &Job, options: &FixOptions, interruption: &Interruption) -> Result<(
 }
 
 /// Runs the pipeline to its end.
-fn play(pipeline: gst::Pipeline, progress: &Progress, interruption: &Interruption) -> Result<()> {
+fn play(
+    pipeline: gst::Pipeline,
+    container: Container,
+    progress: &Progress,
+    interruption: &Interruption,
+) -> Result<()> {
     let bar = ProgressBar::no_length().with_style(ProgressStyle::with_template("{spinner} {msg}")?);
     let mut playback = Playback::new(pipeline)?;
     playback.set_state(gst::State::Playing);
@@ -98,7 +104,12 @@ fn play(pipeline: gst::Pipeline, progress: &Progress, interruption: &Interruptio
         match playback.next(gst::ClockTime::from_mseconds(100), interruption)? {
             Event::End => break,
             Event::Warning(warning) => bar.suspend(|| eprintln!("warning: {warning}")),
-            Event::Ready | Event::Nothing => {}
+            Event::Chapters if container != Container::Mkv => {
+                bar.suspend(|| {
+                    eprintln!("warning: chapters are left out: {container} files cannot hold them here")
+                });
+            }
+            Event::Chapters | Event::Ready | Event::Nothing => {}
         }
     }
     bar.finish_and_clear();
