@@ -114,3 +114,14 @@ fn an_interruption_leaves_no_half_file() {
     assert!(said(&output).contains("interrupted"), "{}", said(&output));
     assert_eq!(folder.names(), ["a.mp4"]);
 }
+
+#[test]
+fn manual_pages_and_completions_are_written() {
+    let folder = Folder::new("manual");
+    let output = rsrectify("man").arg(&folder.0).output().unwrap();
+    assert!(output.status.success(), "{}", said(&output));
+    let page = std::fs::read_to_string(folder.file("rsrectify-fix.1")).unwrap();
+    assert!(page.contains("Exit codes") && page.contains("overwrite"), "{page}");
+    let output = rsrectify("completions").arg("bash").output().unwrap();
+    assert!(said(&output).contains("--same\\-camera") || said(&output).contains("--same-camera"));
+}

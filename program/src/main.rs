@@ -13,9 +13,10 @@ mod readout;
 mod rectifier_options;
 mod track;
 
-use anyhow::Result;
-use clap::{Parser, Subcommand};
+use anyhow::{Context, Result};
+use clap::{CommandFactory, Parser, Subcommand};
 use interruption::{Interrupted, Interruption};
+use std::path::PathBuf;
 use std::process::ExitCode;
 
 const EXIT_CODES: &str = "Exit codes:
@@ -26,7 +27,7 @@ const EXIT_CODES: &str = "Exit codes:
 
 /// Takes rolling-shutter distortion out of video files.
 #[derive(Parser)]
-#[command(version, after_help = EXIT_CODES)]
+#[command(name = "rsrectify", version, after_help = EXIT_CODES)]
 struct Cli {
     #[command(subcommand)]
     command: Command,
@@ -44,16 +45,40 @@ enum Command {
     /// Writes the motion of each frame and row, and a virtual gyroscope for Gyroflow.
     #[command(after_help = EXIT_CODES)]
     Track(Box<track::TrackOptions>),
+    /// Prints what a shell needs to complete the command line.
+    Completions {
+        /// The shell.
+        shell: clap_complete::Shell,
+    },
+    /// Writes the manual pages: rsrectify.1, rsrectify-fix.1 and so on.
+    Man {
+        /// The folder, such as ~/.local/share/man/man1.
+        folder: PathBuf,
+    },
+}
+
+/// What the commands that play clips need.
+fn start() -> Result<Interruption> {
+    gst::init()?;
+    gstrsrectify::plugin_register_static()?;
+    Interruption::catch()
 }
 
 fn run(cli: &Cli) -> Result<bool> {
-    gst::init()?;
-    gstrsrectify::plugin_register_static()?;
-    let interruption = Interruption::catch()?;
     match &cli.command {
-        Command::Fix(options) => fix::run(options, &interruption),
-        Command::Measure(options) => measure::run(options, &interruption),
-        Command::Track(options) => track::run(options, &interruption),
+        Command::Fix(options) => fix::run(options, &start()?),
+        Command::Measure(options) => measure::run(options, &start()?),
+        Command::Track(options) => track::run(options, &start()?),
+        Command::Completions { shell } => {
+            clap_complete::generate(*shell, &mut Cli::command(), "rsrectify", &mut std::io::stdout());
+            Ok(true)
+        }
+        Command::Man { folder } => {
+            std::fs::create_dir_all(folder).with_context(|| format!("cannot make {}", folder.display()))?;
+            clap_mangen::generate_to(Cli::command(), folder)
+                .with_context(|| format!("cannot write to {}", folder.display()))?;
+            Ok(true)
+        }
     }
 }
 
@@ -69,5 +94,15 @@ fn main() -> ExitCode {
             eprintln!("error: {error:#}");
             ExitCode::from(2)
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_command_line_is_consistent() {
+        Cli::command().debug_assert();
     }
 }
