@@ -29,6 +29,8 @@ pub(super) struct Settled {
     pub residual: f64,
     /// Standard deviation of the readout ratio; 0 where it was given.
     pub readout_deviation: f64,
+    /// Focal length in frame widths and its standard deviation, where one is known.
+    pub focal_length: Option<(f64, f64)>,
 }
 
 /// A frame and how it was found to be joined to the one before.
@@ -119,6 +121,7 @@ impl Engine {
                     inliers: motion.inliers,
                     residual: motion.sigma,
                     readout_deviation: motion.readout_deviation,
+                    focal_length: motion.focal_length,
                 })
             }),
         }
@@ -169,6 +172,7 @@ impl Sequential {
             inliers: fit.inliers,
             residual: fit.energy.sqrt(),
             readout_deviation: 0.0,
+            focal_length: None,
         })
     }
 }

@@ -114,6 +114,19 @@ pub struct FrameSolution {
     pub residual: f64,
     /// Standard deviation of the readout ratio that was found; 0 where it was given.
     pub readout_deviation: f64,
+    /// The focal length; `None` where nothing is known of it: of a frame without a motion, from the sequential estimator,
+    /// and of a model without perspective.
+    pub focal_length: Option<FocalLength>,
+}
+
+/// A focal length, given or found.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[non_exhaustive]
+pub struct FocalLength {
+    /// In frame widths.
+    pub widths: f64,
+    /// Standard deviation in frame widths; 0 where it was given.
+    pub deviation: f64,
 }
 
 /// Time spent so far.
@@ -351,6 +364,7 @@ impl Rectifier {
             inliers: 0,
             residual: 0.0,
             readout_deviation,
+            focal_length: None,
         }
     }
 
@@ -367,6 +381,7 @@ impl Rectifier {
             inliers: settled.inliers,
             residual: settled.residual,
             readout_deviation: settled.readout_deviation,
+            focal_length: settled.focal_length.map(|(widths, deviation)| FocalLength { widths, deviation }),
         }
     }
 }

@@ -182,6 +182,7 @@ fn a_duplicate_is_corrected_as_much_as_its_frame() {
             inliers: 700,
             residual: 1.0,
             readout_deviation: 0.0,
+            focal_length: None,
         };
         for repeats in [false, true] {
             let frame = Waiting { readout, correspondences: 0, repeats };

@@ -3,7 +3,9 @@
 //! It shows a texture, known at every point, while the rows are read from the bottom up in 0.6 of the frame
 //! period: the row exposed at t shows the texture shifted by X(t).
 
-use super::{SIZE, time};
+use super::{SIZE, film, numbered_caps, time, wait_for};
+use gst::prelude::*;
+use std::path::Path;
 
 /// Frames a second.
 pub const FPS: f64 = 30.0;
@@ -11,7 +13,7 @@ pub const FPS: f64 = 30.0;
 pub const RATIO: f64 = 0.6;
 
 /// Where the picture is at a time in seconds: two tones an axis, up to 9 px a frame.
-fn shake(time: f64) -> (f64, f64) {
+pub fn shake(time: f64) -> (f64, f64) {
     let tone = |hertz: f64, phase: f64| (std::f64::consts::TAU * hertz * time + phase).sin();
     (10.0 * tone(2.3, 0.0) + 5.0 * tone(4.1, 1.0), 8.0 * tone(2.9, 0.5) + 4.0 * tone(4.7, 2.0))
 }
@@ -48,4 +50,20 @@ pub fn shaken(number: usize) -> gst::Buffer {
     let mut buffer = gst::Buffer::from_mut_slice(pixels);
     buffer.get_mut().unwrap().set_pts(time(number));
     buffer
+}
+
+/// Writes `seconds` of the film into an MP4 file.
+pub fn write_shaken(path: &Path, seconds: f64) {
+    let pipeline = film::launch(&format!(
+        "appsrc name=in format=time ! videoconvert ! x264enc quantizer=15 pass=qual vbv-buf-capacity=0 key-int-max=30 \
+         speed-preset=ultrafast ! mp4mux ! filesink location={}",
+        path.display()
+    ));
+    let input = pipeline.by_name("in").unwrap().downcast::<gst_app::AppSrc>().unwrap();
+    input.set_caps(Some(&numbered_caps()));
+    pipeline.set_state(gst::State::Playing).unwrap();
+    (0..(seconds * FPS) as usize).for_each(|number| assert!(input.push_buffer(shaken(number)).is_ok()));
+    input.end_of_stream().unwrap();
+    wait_for(&pipeline, gst::MessageType::Eos);
+    pipeline.set_state(gst::State::Null).unwrap();
 }

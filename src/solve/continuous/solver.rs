@@ -401,6 +401,11 @@ impl Solver {
         self.beliefs[0].information().sqrt().recip()
     }
 
+    /// Standard deviation of κ.
+    pub fn kappa_deviation(&self) -> f64 {
+        self.beliefs[1].information().sqrt().recip()
+    }
+
     /// Steps of the turns from which the next one is told, at most.
     fn order(&self) -> usize {
         if self.is_foreseeing() { ORDER } else { 1 }

@@ -56,6 +56,8 @@ pub struct Motion {
     pub sigma: f64,
     /// Standard deviation of the readout ratio that was found, in frame periods; 0 where it was given.
     pub readout_deviation: f64,
+    /// Focal length in frame widths and its standard deviation, where the model has a perspective.
+    pub focal_length: Option<(f64, f64)>,
 }
 
 impl Motion {
@@ -295,6 +297,7 @@ impl Continuous {
             inliers,
             sigma: sigma * self.pixel_scale,
             readout_deviation: self.readout_deviation(),
+            focal_length: self.focal_length(),
         }
     }
 
@@ -331,6 +334,19 @@ impl Continuous {
     /// Standard deviation of the readout ratio that was found; 0 where it was given.
     fn readout_deviation(&self) -> f64 {
         if self.camera.is_known() { 0.0 } else { self.bank.readout_deviation() }
+    }
+
+    /// Focal length in frame widths and its standard deviation, to first order that of κ; `None` where the model has no
+    /// perspective, or none shows.
+    fn focal_length(&self) -> Option<(f64, f64)> {
+        let solver = &self.bank.leading().solver;
+        let (kappa, deviation) = (solver.shared[1], solver.kappa_deviation());
+        if !self.camera.model.has_perspective() || kappa <= 0.0 {
+            return None;
+        }
+        let focal = 0.5 / kappa.sqrt();
+        let is_given = self.camera.focal_length.is_some();
+        Some((focal, if is_given { 0.0 } else { 0.5 * focal * deviation / kappa }))
     }
 
     /// The shutter that a solver found.

@@ -1,78 +1,30 @@
-//! The example `rectify`, run as a user runs it, on clips made here.
+//! `rsrectify fix`, run as a user runs it, on clips made here.
 
 mod common;
+#[path = "common/program.rs"]
+mod program;
 
-use common::shake::{FPS, RATIO, shaken};
+use common::shake::{FPS, RATIO, write_shaken};
 use gst::prelude::*;
-use std::path::{Path, PathBuf};
-use std::process::{Command, Output};
+use program::{CLIP, Folder, TONE, rsrectify};
+use std::path::Path;
+use std::process::Output;
 
 const FRAMES: usize = 30;
-const CLIP: &str = "videotestsrc num-buffers=30 pattern=gradient \
-    ! video/x-raw,format=I420,width=320,height=240,framerate=30/1 ! x264enc speed-preset=ultrafast ! mux.";
-const TONE: &str = "audiotestsrc num-buffers=40 ! audio/x-raw,rate=44100,channels=2";
-
-/// A folder of its own for each test, removed at the end.
-struct Folder(PathBuf);
-
-impl Folder {
-    fn new(name: &str) -> Self {
-        gst::init().unwrap();
-        let path = std::env::temp_dir().join(format!("rsrectify-{name}-{}", std::process::id()));
-        std::fs::create_dir_all(&path).unwrap();
-        Self(path)
-    }
-
-    fn file(&self, name: &str) -> PathBuf {
-        self.0.join(name)
-    }
-
-    /// Writes a clip: `streams` feed `mux`.
-    fn clip(&self, name: &str, muxer: &str, streams: &str) -> PathBuf {
-        let path = self.file(name);
-        let description = format!("{muxer} name=mux ! filesink name=out {streams}");
-        let pipeline = gst::parse::launch(&description).unwrap().downcast::<gst::Pipeline>().unwrap();
-        pipeline.by_name("out").unwrap().set_property("location", &path);
-        pipeline.set_state(gst::State::Playing).unwrap();
-        let last = [gst::MessageType::Eos, gst::MessageType::Error];
-        let message = pipeline.bus().unwrap().timed_pop_filtered(gst::ClockTime::NONE, &last);
-        assert_eq!(message.unwrap().type_(), gst::MessageType::Eos, "{description}");
-        pipeline.set_state(gst::State::Null).unwrap();
-        path
-    }
-
-    /// Names of all files.
-    fn names(&self) -> Vec<String> {
-        let entries = std::fs::read_dir(&self.0).unwrap();
-        let mut names: Vec<_> = entries.map(|e| e.unwrap().file_name().into_string().unwrap()).collect();
-        names.sort();
-        names
-    }
+fn fix(input: &Path, output: &Path, options: &[&str]) -> Output {
+    rsrectify("fix").arg(input).arg("--output").arg(output).args(options).output().unwrap()
 }
 
-impl Drop for Folder {
-    fn drop(&mut self) {
-        let _ = std::fs::remove_dir_all(&self.0);
-    }
-}
-
-/// Runs the example; cargo builds it beside the tests.
-fn rectify(input: &Path, output: &Path, options: &[&str]) -> Output {
-    let test = std::env::current_exe().unwrap();
-    let program = test.parent().unwrap().parent().unwrap().join("examples/rectify");
-    Command::new(program).arg(input).arg(output).args(options).output().unwrap()
-}
-
-/// Runs the example to its end; what it says.
+/// Runs the program to its end; what it says.
 fn succeeds(input: &Path, output: &Path, options: &[&str]) -> String {
-    let result = rectify(input, output, options);
+    let result = fix(input, output, options);
     assert!(result.status.success(), "{}", String::from_utf8_lossy(&result.stderr));
     String::from_utf8(result.stdout).unwrap()
 }
 
 /// Checks that the program gives up with one line that contains `reason`.
 fn fails(input: &Path, output: &Path, reason: &str) {
-    let result = rectify(input, output, &[]);
+    let result = fix(input, output, &[]);
     let message = String::from_utf8_lossy(&result.stderr);
     assert_eq!(result.status.code(), Some(1), "{message}");
     assert!(message.starts_with("error: ") && message.trim_end().lines().count() == 1, "{message}");
@@ -208,7 +160,6 @@ fn failures_say_why_and_leave_nothing_behind() {
     let folder = Folder::new("fail");
     let output = folder.file("out.mp4");
     fails(&folder.file("none.mp4"), &output, "No such file");
-    fails(&folder.0, &output, "is a folder");
     std::fs::write(folder.file("text.mp4"), "no video at all\n").unwrap();
     fails(&folder.file("text.mp4"), &output, "text.mp4");
     let sound = folder.clip("sound.mp4", "mp4mux", &format!("{TONE} ! avenc_aac ! mux."));
@@ -219,28 +170,11 @@ fn failures_say_why_and_leave_nothing_behind() {
     assert_eq!(folder.names(), ["in.mp4", "sound.mp4", "text.mp4"]);
 }
 
-/// A film of a camera that is shaken for `seconds` and reads from the bottom up.
-fn shaken_clip(folder: &Folder, seconds: f64) -> PathBuf {
-    let path = folder.file("shaken.mp4");
-    let pipeline = common::film::launch(&format!(
-        "appsrc name=in format=time ! videoconvert ! x264enc quantizer=15 pass=qual vbv-buf-capacity=0 key-int-max=30 \
-         speed-preset=ultrafast ! mp4mux ! filesink location={}",
-        path.display()
-    ));
-    let input = pipeline.by_name("in").unwrap().downcast::<gst_app::AppSrc>().unwrap();
-    input.set_caps(Some(&common::numbered_caps()));
-    pipeline.set_state(gst::State::Playing).unwrap();
-    (0..(seconds * FPS) as usize).for_each(|number| assert!(input.push_buffer(shaken(number)).is_ok()));
-    input.end_of_stream().unwrap();
-    common::wait_for(&pipeline, gst::MessageType::Eos);
-    pipeline.set_state(gst::State::Null).unwrap();
-    path
-}
-
 #[test]
 fn the_readout_is_found_before_the_first_frame() {
     let folder = Folder::new("readout");
-    let (input, output) = (shaken_clip(&folder, 1.5), folder.file("out.mp4"));
+    let (input, output) = (folder.file("in.mp4"), folder.file("out.mp4"));
+    write_shaken(&input, 1.5);
     let said = succeeds(&input, &output, &[]);
     let readout = said.lines().find_map(|line| line.strip_prefix("readout: ")).unwrap();
     let milliseconds: f64 = readout.split(' ').next().unwrap().parse().unwrap();

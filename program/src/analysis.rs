@@ -1,0 +1,165 @@
+//! A clip's frames → the motion of each, without rectifying any.
+
+use crate::elements::{NO_VIDEO, launch, named, pad};
+use crate::interruption::Interruption;
+use crate::playback::{Event, Playback};
+use anyhow::{Context, Result, anyhow, bail};
+use gst::prelude::*;
+use gst_video::prelude::*;
+use rsrectify::Rectifier;
+use rsrectify::plane::{Luma, Plane, PlaneLayout, SampleFormat};
+use rsrectify::rectifier::{Duplicate, FrameSolution, Settings};
+use std::collections::VecDeque;
+use std::path::Path;
+
+/// What is analysed: formats whose first plane is the luma.
+const FORMATS: &str =
+    "video/x-raw,format={I420,YV12,NV12,NV21,Y42B,Y444,GRAY8,I420_10LE,I422_10LE,Y444_10LE}";
+/// How long each look for a message or a frame is.
+const LOOK: gst::ClockTime = gst::ClockTime::from_mseconds(100);
+
+/// The motion of a frame of the clip.
+#[derive(Debug)]
+pub struct Frame {
+    /// When its readout begins, in seconds of the clip.
+    pub time: Option<f64>,
+    /// Its motion.
+    pub solution: FrameSolution,
+}
+
+/// A clip that is analysed: all of it or stretches, with one memory of the camera.
+pub struct Analysis {
+    playback: Playback,
+    sink: gst_app::AppSink,
+    info: gst_video::VideoInfo,
+    rectifier: Rectifier,
+    /// Times of the frames whose motion has not come.
+    waiting: VecDeque<Option<f64>>,
+}
+
+impl Analysis {
+    /// Opens a clip.
+    pub fn open(clip: &Path, settings: Settings, interruption: &Interruption) -> Result<Self> {
+        let pipeline = launch(&format!(
+            "filesrc name=source ! decodebin name=decoder ! videoconvert name=decoded ! {FORMATS} ! appsink name=sink sync=false max-buffers=8"
+        ))?;
+        named(&pipeline, "source")?.set_property("location", clip);
+        let decoded = pad(&named(&pipeline, "decoded")?, "sink")?.downgrade();
+        named(&pipeline, "decoder")?
+            .downcast::<gst::Bin>()
+            .map_err(|_| anyhow!("decodebin is no bin"))?
+            .connect_no_more_pads(move |decoder| {
+                if decoded.upgrade().is_some_and(|pad| !pad.is_linked()) {
+                    gst::element_error!(decoder, gst::StreamError::WrongType, ("{NO_VIDEO}"));
+                }
+            });
+        let sink = named(&pipeline, "sink")?;
+        let sink = sink.downcast::<gst_app::AppSink>().map_err(|_| anyhow!("appsink is another element"))?;
+        let mut playback = Playback::new(pipeline)?;
+        playback.set_state(gst::State::Paused);
+        while !matches!(playback.next(LOOK, interruption)?, Event::Ready | Event::End) {}
+        let first = sink.try_pull_preroll(gst::ClockTime::ZERO);
+        let caps = first.as_ref().and_then(|sample| sample.caps());
+        let caps = caps.context("no frame could be decoded")?;
+        let info = gst_video::VideoInfo::from_caps(caps)?;
+        if info.interlace_mode() != gst_video::VideoInterlaceMode::Progressive {
+            bail!("is interlaced: each frame holds two exposures; deinterlace it first");
+        }
+        let rate = info.fps();
+        let period = (rate.numer() > 0).then(|| f64::from(rate.denom()) / f64::from(rate.numer()));
+        let rectifier = Rectifier::new(settings, info.width() as usize, info.height() as usize, period)?;
+        Ok(Self { playback, sink, info, rectifier, waiting: VecDeque::new() })
+    }
+
+    /// Frame width and height in pixels.
+    pub fn size(&self) -> [u32; 2] {
+        [self.info.width(), self.info.height()]
+    }
+
+    /// Frames a second by the file; `None` if it does not say.
+    pub fn frame_rate(&self) -> Option<f64> {
+        let rate = self.info.fps();
+        (rate.numer() > 0).then(|| f64::from(rate.numer()) / f64::from(rate.denom()))
+    }
+
+    /// How long the clip is, if it says so.
+    pub fn duration(&self) -> Option<gst::ClockTime> {
+        self.playback.pipeline().query_duration::<gst::ClockTime>()
+    }
+
+    /// Goes to `start`, up to a key frame before it, to play from there to `end`; `false` where the file does not allow it.
+    pub fn seek(
+        &mut self,
+        start: gst::ClockTime,
+        end: gst::ClockTime,
+        interruption: &Interruption,
+    ) -> Result<bool> {
+        let flags = gst::SeekFlags::FLUSH | gst::SeekFlags::KEY_UNIT;
+        let pipeline = self.playback.pipeline();
+        if pipeline.seek(1.0, flags, gst::SeekType::Set, start, gst::SeekType::Set, end).is_err() {
+            return Ok(false);
+        }
+        while !matches!(self.playback.next(LOOK, interruption)?, Event::Ready) {}
+        Ok(true)
+    }
+
+    /// Analyses up to the end, or the first frame later than `until`; `note` is given the motion of each frame, in order.
+    pub fn run(
+        &mut self,
+        until: Option<gst::ClockTime>,
+        interruption: &Interruption,
+        note: &mut dyn FnMut(Frame) -> Result<()>,
+    ) -> Result<()> {
+        self.playback.set_state(gst::State::Playing);
+        while !self.sink.is_eos() {
+            // Errors of the decoder come as messages.
+            self.playback.next(gst::ClockTime::ZERO, interruption)?;
+            let Some(sample) = self.sink.try_pull_sample(LOOK) else { continue };
+            let time = stream_time(&sample);
+            if until.zip(time).is_some_and(|(until, time)| time > until) {
+                break;
+            }
+            self.push(&sample, time)?;
+            self.pop(note)?;
+        }
+        self.rectifier.drain();
+        self.pop(note)
+    }
+
+    fn push(&mut self, sample: &gst::Sample, time: Option<gst::ClockTime>) -> Result<()> {
+        let buffer = sample.buffer().context("a frame without data")?;
+        if sample.caps().is_some_and(|caps| !self.info.to_caps().is_ok_and(|own| own.can_intersect(caps))) {
+            bail!("the frames change their size or format midway; cut the clip there");
+        }
+        let frame = gst_video::VideoFrameRef::from_buffer_ref_readable(buffer, &self.info)
+            .map_err(|_| anyhow!("a frame cannot be read"))?;
+        let stride = frame.plane_stride().first().and_then(|stride| usize::try_from(*stride).ok());
+        let format = match self.info.comp_depth(0) {
+            10 => SampleFormat::U10,
+            _ => SampleFormat::U8,
+        };
+        let layout = PlaneLayout::packed(self.info.width() as usize, self.info.height() as usize, format);
+        let layout = PlaneLayout { stride: stride.unwrap_or(layout.stride), ..layout };
+        let plane = Plane::new(frame.plane_data(0)?, layout)?;
+        let duplicate =
+            if buffer.flags().contains(gst::BufferFlags::GAP) { Duplicate::Known } else { Duplicate::Detect };
+        let seconds = time.map(|time| time.nseconds() as f64 * 1e-9);
+        self.rectifier.push(&Luma::from(plane), seconds, duplicate)?;
+        self.waiting.push_back(seconds);
+        Ok(())
+    }
+
+    fn pop(&mut self, note: &mut dyn FnMut(Frame) -> Result<()>) -> Result<()> {
+        while let Some(solution) = self.rectifier.pop() {
+            let time = self.waiting.pop_front().flatten();
+            note(Frame { time, solution })?;
+        }
+        Ok(())
+    }
+}
+
+/// The time of a frame in its clip.
+fn stream_time(sample: &gst::Sample) -> Option<gst::ClockTime> {
+    let segment = sample.segment()?.downcast_ref::<gst::ClockTime>()?;
+    segment.to_stream_time(sample.buffer()?.pts())
+}

@@ -1,0 +1,78 @@
+//! GStreamer elements by name, and what to do where one is missing.
+
+use anyhow::{Context, Result, anyhow};
+use gst::prelude::*;
+
+/// The error of a clip without video.
+pub const NO_VIDEO: &str = "there is no video in the file that could be decoded";
+
+/// Debian's package of the elements that the program names.
+fn package(element: &str) -> &'static str {
+    match element {
+        "x264enc" => "gstreamer1.0-plugins-ugly",
+        "x265enc" | "av1enc" | "av1parse" | "h264parse" | "h265parse" | "compositor" | "timecodestamper" => {
+            "gstreamer1.0-plugins-bad"
+        }
+        "mp4mux" | "qtmux" | "matroskamux" | "videoflip" | "capssetter" => "gstreamer1.0-plugins-good",
+        name if name.starts_with("av") => "gstreamer1.0-libav",
+        _ => "gstreamer1.0-plugins-base",
+    }
+}
+
+/// That an element is missing, and where it comes from.
+fn missing(element: &str) -> anyhow::Error {
+    anyhow!(
+        "GStreamer lacks the element {element}; on Debian and Ubuntu it comes with the package {}",
+        package(element)
+    )
+}
+
+/// Refuses what cannot be done for want of an element.
+pub fn require(elements: &[&str]) -> Result<()> {
+    match elements.iter().find(|element| gst::ElementFactory::find(element).is_none()) {
+        Some(element) => Err(missing(element)),
+        None => Ok(()),
+    }
+}
+
+/// An element.
+pub fn make(factory: &str) -> Result<gst::Element> {
+    gst::ElementFactory::make(factory).build().map_err(|_| missing(factory))
+}
+
+/// A part of a pipeline from its description; what is not linked in it becomes its pads.
+pub fn parse(description: &str) -> Result<gst::Bin> {
+    let mut context = gst::ParseContext::new();
+    let flags = gst::ParseFlags::FATAL_ERRORS;
+    let bin = gst::parse::bin_from_description_full(description, true, Some(&mut context), flags);
+    bin.map_err(|error| explained(&error, &context))?
+        .downcast()
+        .map_err(|_| anyhow!("not a bin: {description}"))
+}
+
+/// A whole pipeline from its description.
+pub fn launch(description: &str) -> Result<gst::Pipeline> {
+    let mut context = gst::ParseContext::new();
+    let flags = gst::ParseFlags::FATAL_ERRORS;
+    let pipeline = gst::parse::launch_full(description, Some(&mut context), flags);
+    let pipeline = pipeline.map_err(|error| explained(&error, &context))?;
+    pipeline.downcast().map_err(|_| anyhow!("not a pipeline: {description}"))
+}
+
+fn explained(error: &gst::glib::Error, context: &gst::ParseContext) -> anyhow::Error {
+    match context.missing_elements().first() {
+        Some(element) => missing(element),
+        None => anyhow!("{}", error.message()),
+    }
+}
+
+/// The element of a part that has the name.
+pub fn named(bin: &impl IsA<gst::Bin>, name: &str) -> Result<gst::Element> {
+    bin.by_name(name).with_context(|| format!("the pipeline has no {name}"))
+}
+
+/// The static pad of an element.
+pub fn pad(element: &impl IsA<gst::Element>, name: &str) -> Result<gst::Pad> {
+    let element = element.upcast_ref::<gst::Element>();
+    element.static_pad(name).with_context(|| format!("{} has no pad {name}", element.name()))
+}

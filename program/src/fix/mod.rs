@@ -1,0 +1,133 @@
+//! `rsrectify fix`: clips → rectified clips.
+
+mod codec;
+mod options;
+mod pipeline;
+mod plan;
+mod streams;
+mod timecode;
+mod unfinished;
+
+use crate::clips;
+use crate::interruption::Interruption;
+use crate::playback::{Event, Playback};
+use crate::readout::{self, Extent};
+use anyhow::{Context, Result, bail};
+use codec::Container;
+use gst::prelude::*;
+use indicatif::{ProgressBar, ProgressStyle};
+pub use options::FixOptions;
+use pipeline::Progress;
+use plan::Job;
+use std::sync::Arc;
+use std::time::Instant;
+use unfinished::Unfinished;
+
+/// Rectifies all clips; whether all could be.
+pub fn run(options: &FixOptions, interruption: &Interruption) -> Result<bool> {
+    let jobs = plan::jobs(options)?;
+    let count = jobs.len();
+    let mut failed = Vec::new();
+    for job in jobs {
+        interruption.check()?;
+        if let Err(error) = one(&job, options, interruption) {
+            interruption.check()?;
+            eprintln!("error: {}: {error:#}", job.input.display());
+            failed.push(job.input);
+        }
+    }
+    if count > 1 {
+        let done = if options.dry_run { "would be rectified" } else { "rectified" };
+        println!("{} of {count} clips {done}", count - failed.len());
+        failed.iter().for_each(|clip| println!("failed: {}", clip.display()));
+    }
+    Ok(failed.is_empty())
+}
+
+/// Rectifies a clip.
+fn one(job: &Job, options: &FixOptions, interruption: &Interruption) -> Result<()> {
+    clips::check(&job.input)?;
+    job.check(options.overwrite)?;
+    let mut recipe = job.recipe.clone();
+    recipe.codec.check(recipe.container, recipe.rate)?;
+    if options.dry_run {
+        let (codec, container) = (recipe.codec, recipe.container);
+        println!("{} -> {}: {codec} in {container}", job.input.display(), job.output.display());
+        return Ok(());
+    }
+    let analysis = &mut recipe.rectifier.analysis;
+    if analysis.wants_readout() {
+        let found = readout::find(&job.input, analysis.settings(), Extent::Stretches, interruption);
+        interruption.check()?;
+        // What cannot be analysed may still be played; if not, playing it says why.
+        if let Ok(Some(found)) = found {
+            println!("readout: {found}");
+            if found.doubt().is_none() {
+                // 0 would leave it to the rectifier again.
+                analysis.readout_time = Some(found.milliseconds.max(1e-6));
+                analysis.readout_direction = Some(found.direction.into());
+            }
+        }
+    }
+    if let Some(folder) = job.output.parent() {
+        // `--output` may name a folder that is not there yet.
+        if options.output.is_some() && job.is_in_folder {
+            std::fs::create_dir_all(folder).with_context(|| format!("cannot make {}", folder.display()))?;
+        }
+    }
+    let unfinished = Unfinished::beside(&job.output);
+    let progress = Arc::new(Progress::default());
+    let pipeline = pipeline::build(&recipe, &job.input, unfinished.path(), &progress)?;
+    play(pipeline, recipe.container, &progress, interruption)?;
+    let frames = progress.frames();
+    if frames == 0 {
+        bail!("no frame could be decoded");
+    }
+    unfinished.finish(&job.output)?;
+    println!("{}: {frames} frames", job.output.display());
+    Ok(())
+}
+
+/// Runs the pipeline to its end.
+fn play(
+    pipeline: gst::Pipeline,
+    container: Container,
+    progress: &Progress,
+    interruption: &Interruption,
+) -> Result<()> {
+    let bar = ProgressBar::no_length().with_style(ProgressStyle::with_template("{spinner} {msg}")?);
+    let mut playback = Playback::new(pipeline)?;
+    playback.set_state(gst::State::Playing);
+    let started = Instant::now();
+    loop {
+        show(&bar, playback.pipeline(), progress, started)?;
+        match playback.next(gst::ClockTime::from_mseconds(100), interruption)? {
+            Event::End => break,
+            Event::Warning(warning) => bar.suspend(|| eprintln!("warning: {warning}")),
+            Event::Chapters if container != Container::Mkv => {
+                bar.suspend(|| {
+                    eprintln!("warning: chapters are left out: {container} files cannot hold them here")
+                });
+            }
+            Event::Chapters | Event::Ready | Event::Nothing => {}
+        }
+    }
+    bar.finish_and_clear();
+    Ok(())
+}
+
+fn show(bar: &ProgressBar, pipeline: &gst::Pipeline, progress: &Progress, started: Instant) -> Result<()> {
+    if bar.length().is_none()
+        && let Some(encoder) = pipeline.by_name("encoder")
+        && let Some(input) = encoder.static_pad("sink")
+        && let Some(duration) = input.peer_query_duration::<gst::ClockTime>()
+    {
+        bar.set_length(duration.mseconds());
+        bar.set_style(ProgressStyle::with_template("{wide_bar} {percent:>3} % {msg}, {eta} left")?);
+    }
+    bar.set_position(progress.milliseconds());
+    let frames = progress.frames();
+    let rate = frames as f64 / started.elapsed().as_secs_f64().max(1e-3);
+    bar.set_message(format!("{frames} frames, {rate:.0} frames/s"));
+    Ok(())
+}

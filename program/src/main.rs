@@ -1,0 +1,108 @@
+//! `rsrectify`: takes rolling-shutter distortion out of video files, and measures it.
+//!
+//! The GStreamer element is part of the program; nothing else has to be installed for it to be found.
+
+mod analysis;
+mod clips;
+mod elements;
+mod fix;
+mod interruption;
+mod measure;
+mod playback;
+mod readout;
+mod rectifier_options;
+mod track;
+
+use anyhow::{Context, Result};
+use clap::{CommandFactory, Parser, Subcommand};
+use interruption::{Interrupted, Interruption};
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+const EXIT_CODES: &str = "Exit codes:
+  0    everything was done
+  1    a clip failed, the others were done
+  2    the command line asks for something that cannot be
+  130  interrupted; no half file is left";
+
+/// Takes rolling-shutter distortion out of video files.
+#[derive(Parser)]
+#[command(name = "rsrectify", version, after_help = EXIT_CODES)]
+struct Cli {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Subcommand)]
+enum Command {
+    /// Rectifies clips. Audio, subtitles, timecode, chapters and colour metadata are kept as far as the container
+    /// can hold them.
+    #[command(after_help = EXIT_CODES)]
+    Fix(Box<fix::FixOptions>),
+    /// Measures the readout time of the clips' cameras, its direction, and the focal length.
+    #[command(after_help = EXIT_CODES)]
+    Measure(measure::MeasureOptions),
+    /// Writes the motion of each frame and row, and a virtual gyroscope for Gyroflow.
+    #[command(after_help = EXIT_CODES)]
+    Track(Box<track::TrackOptions>),
+    /// Prints what a shell needs to complete the command line.
+    Completions {
+        /// The shell.
+        shell: clap_complete::Shell,
+    },
+    /// Writes the manual pages: rsrectify.1, rsrectify-fix.1 and so on.
+    Man {
+        /// The folder, such as ~/.local/share/man/man1.
+        folder: PathBuf,
+    },
+}
+
+/// What the commands that play clips need.
+fn start() -> Result<Interruption> {
+    gst::init()?;
+    gstrsrectify::plugin_register_static()?;
+    Interruption::catch()
+}
+
+fn run(cli: &Cli) -> Result<bool> {
+    match &cli.command {
+        Command::Fix(options) => fix::run(options, &start()?),
+        Command::Measure(options) => measure::run(options, &start()?),
+        Command::Track(options) => track::run(options, &start()?),
+        Command::Completions { shell } => {
+            clap_complete::generate(*shell, &mut Cli::command(), "rsrectify", &mut std::io::stdout());
+            Ok(true)
+        }
+        Command::Man { folder } => {
+            std::fs::create_dir_all(folder).with_context(|| format!("cannot make {}", folder.display()))?;
+            clap_mangen::generate_to(Cli::command(), folder)
+                .with_context(|| format!("cannot write to {}", folder.display()))?;
+            Ok(true)
+        }
+    }
+}
+
+fn main() -> ExitCode {
+    match run(&Cli::parse()) {
+        Ok(true) => ExitCode::SUCCESS,
+        Ok(false) => ExitCode::FAILURE,
+        Err(error) if error.is::<Interrupted>() => {
+            eprintln!("interrupted");
+            ExitCode::from(130)
+        }
+        Err(error) => {
+            eprintln!("error: {error:#}");
+            ExitCode::from(2)
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_command_line_is_consistent() {
+        Cli::command().debug_assert();
+    }
+}

@@ -1,0 +1,87 @@
+//! `rsrectify measure`: what clips say of their cameras.
+
+mod estimate;
+mod report;
+
+use crate::clips;
+use crate::interruption::Interruption;
+use crate::readout::{self, Extent};
+use crate::rectifier_options::MeasureSettings;
+use anyhow::{Context, Result};
+use clap::Args;
+use report::{Measurement, Together};
+use serde::Serialize;
+use std::path::{Path, PathBuf};
+
+/// What the user may ask of `measure`.
+#[derive(Args, Debug)]
+pub struct MeasureOptions {
+    /// Clips, folders of clips, or patterns such as 'card/*.MP4'.
+    #[arg(required = true, value_name = "CLIP")]
+    pub clips: Vec<PathBuf>,
+    /// Prints JSON; times in milliseconds, focal lengths in frame widths.
+    #[arg(long)]
+    pub json: bool,
+    /// The clips are of one camera in one mode: says what they tell together.
+    #[arg(long)]
+    pub same_camera: bool,
+    /// Analyses up to 20 s of each clip, spread over its length, instead of all of it.
+    #[arg(long)]
+    pub quick: bool,
+    #[command(flatten)]
+    pub settings: MeasureSettings,
+}
+
+/// A clip that could not be measured.
+#[derive(Debug, Serialize)]
+struct Failure {
+    clip: String,
+    error: String,
+}
+
+/// What is printed as JSON.
+#[derive(Debug, Serialize)]
+struct Report {
+    clips: Vec<Measurement>,
+    failed: Vec<Failure>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    same_camera: Option<Together>,
+}
+
+/// Measures all clips; whether all could be.
+pub fn run(options: &MeasureOptions, interruption: &Interruption) -> Result<bool> {
+    let mut report = Report { clips: Vec::new(), failed: Vec::new(), same_camera: None };
+    for clip in clips::expand(&options.clips)? {
+        match one(&clip, options, interruption) {
+            Ok(measurement) => {
+                if !options.json {
+                    println!("{measurement}");
+                }
+                report.clips.push(measurement);
+            }
+            Err(error) => {
+                interruption.check()?;
+                let (clip, error) = (clip.display().to_string(), format!("{error:#}"));
+                eprintln!("error: {clip}: {error}");
+                report.failed.push(Failure { clip, error });
+            }
+        }
+    }
+    if options.same_camera {
+        report.same_camera = Together::new(&report.clips);
+    }
+    if options.json {
+        println!("{}", serde_json::to_string_pretty(&report)?);
+    } else if let Some(together) = &report.same_camera {
+        println!("{together}");
+    }
+    Ok(report.failed.is_empty())
+}
+
+fn one(clip: &Path, options: &MeasureOptions, interruption: &Interruption) -> Result<Measurement> {
+    clips::check(clip)?;
+    let extent = if options.quick { Extent::Stretches } else { Extent::Whole };
+    let found = readout::find(clip, options.settings.settings(), extent, interruption)?;
+    let found = found.context("no frame could be decoded")?;
+    Ok(Measurement::new(clip.display().to_string(), &found))
+}

@@ -1,0 +1,290 @@
+//! What is said of a camera, as text and for JSON.
+
+use super::estimate::{Estimate, combine};
+use crate::readout::{Doubt, Found};
+use crate::rectifier_options::{Direction, name_of};
+use serde::Serialize;
+use std::fmt;
+
+/// What a clip says of its camera.
+#[derive(Clone, Debug, Serialize)]
+pub struct Measurement {
+    pub clip: String,
+    /// Pixels.
+    pub width: u32,
+    pub height: u32,
+    /// Frames a second; absent where the file does not say and there are too few frames.
+    pub frame_rate: Option<f64>,
+    pub frames: u32,
+    /// Frames of whose motion at least half is trusted.
+    pub frames_with_motion: u32,
+    /// Whether the readout can be relied on.
+    pub certain: bool,
+    /// Why not.
+    pub doubts: Vec<String>,
+    #[serde(flatten)]
+    pub camera: Camera,
+}
+
+/// Readout and focal length.
+#[derive(Clone, Debug, Serialize)]
+pub struct Camera {
+    /// Negative where the bottom row or the right column is read first.
+    pub signed_readout_ms: f64,
+    pub readout_deviation_ms: f64,
+    /// Of the signed time, 95 %.
+    pub readout_interval_ms: [f64; 2],
+    pub readout_direction: String,
+    /// Absent where nothing is known of it.
+    pub focal_length: Option<FocalLength>,
+}
+
+/// In frame widths.
+///
+/// What is estimated, and normal, is κ = (0.5/f)², by which the perspective of a frame grows.
+#[derive(Clone, Debug, Serialize)]
+pub struct FocalLength {
+    pub widths: f64,
+    /// 95 %; without an upper end where a view without perspective cannot be ruled out.
+    pub interval: [Option<f64>; 2],
+    /// Across the frame, in degrees.
+    pub field_of_view: f64,
+    #[serde(skip)]
+    kappa: Estimate,
+}
+
+impl FocalLength {
+    fn new(kappa: Estimate) -> Self {
+        let focal = |kappa: f64| (kappa > 0.0).then(|| 0.5 / kappa.sqrt());
+        let [low, high] = kappa.interval();
+        let widths = focal(kappa.value).unwrap_or(f64::INFINITY);
+        Self {
+            widths,
+            interval: [focal(high), focal(low)],
+            field_of_view: 2.0 * (0.5 / widths).atan().to_degrees(),
+            kappa,
+        }
+    }
+
+    /// κ of a focal length and its deviation in frame widths, to first order.
+    fn kappa(widths: f64, deviation: f64) -> Estimate {
+        let value = (0.5 / widths).powi(2);
+        Estimate { value, deviation: 2.0 * value * deviation / widths }
+    }
+}
+
+impl Camera {
+    fn new(readout: Estimate, direction: String, focal_length: Option<Estimate>) -> Self {
+        Self {
+            signed_readout_ms: readout.value,
+            readout_deviation_ms: readout.deviation,
+            readout_interval_ms: readout.interval(),
+            readout_direction: direction,
+            focal_length: focal_length.map(FocalLength::new),
+        }
+    }
+
+    /// The signed readout time in milliseconds.
+    pub fn readout(&self) -> Estimate {
+        Estimate { value: self.signed_readout_ms, deviation: self.readout_deviation_ms }
+    }
+}
+
+impl Measurement {
+    /// Of a clip.
+    pub fn new(clip: String, found: &Found) -> Self {
+        let sign = if found.direction.is_reversed() { -1.0 } else { 1.0 };
+        let readout = Estimate { value: sign * found.milliseconds, deviation: found.deviation_ms() };
+        let focal = found.focal_length.map(|focal| FocalLength::kappa(focal.widths, focal.deviation));
+        Self {
+            clip,
+            width: found.size[0],
+            height: found.size[1],
+            frame_rate: (found.period > 0.0).then(|| 1e3 / found.period),
+            frames: found.frames,
+            frames_with_motion: found.followed,
+            certain: found.doubt().is_none(),
+            doubts: doubts(found, &readout),
+            camera: Camera::new(readout, name_of(&Direction::from(found.direction)), focal),
+        }
+    }
+}
+
+fn doubts(found: &Found, readout: &Estimate) -> Vec<String> {
+    let mut doubts = Vec::new();
+    match found.doubt() {
+        Some(Doubt::NoMotion) => doubts.push(format!(
+            "only {} of {} frames have a motion that most of the picture follows: the camera hardly moved, or there is too \
+             little to see",
+            found.followed, found.frames
+        )),
+        Some(Doubt::Uncertain) => doubts.push(format!(
+            "the deviation is {:.0} % of the frame duration: the camera hardly speeds up or slows down; a clip in which it \
+             shakes, or pans to and fro, tells more",
+            100.0 * found.deviation
+        )),
+        None => {}
+    }
+    if readout.has_no_sign() && !found.is_global() {
+        doubts.push("the edge that is read first is undecided".to_owned());
+    }
+    doubts
+}
+
+/// What several clips of one camera say together.
+#[derive(Clone, Debug, Serialize)]
+pub struct Together {
+    /// The clips that it is made of.
+    pub clips: Vec<String>,
+    /// Those left out: no motion, or another direction.
+    pub left_out: Vec<String>,
+    pub agree: bool,
+    /// Where they do not.
+    pub disagreements: Vec<String>,
+    #[serde(flatten)]
+    pub camera: Camera,
+}
+
+impl Together {
+    /// Clips of one camera; `None` where no clip says anything.
+    pub fn new(clips: &[Measurement]) -> Option<Self> {
+        // A clip without motion states a deviation, but its direction is a guess.
+        let telling = clips.iter().filter(|clip| clip.frames_with_motion > 0);
+        let surest =
+            telling.min_by(|a, b| a.camera.readout_deviation_ms.total_cmp(&b.camera.readout_deviation_ms))?;
+        let direction = &surest.camera.readout_direction;
+        let (used, left): (Vec<_>, Vec<_>) = clips
+            .iter()
+            .partition(|clip| clip.frames_with_motion > 0 && clip.camera.readout_direction == *direction);
+        let readouts: Vec<_> = used.iter().map(|clip| clip.camera.readout()).collect();
+        let focals = used.iter().filter_map(|clip| clip.camera.focal_length.as_ref());
+        let focals: Vec<_> = focals.map(|focal| focal.kappa).collect();
+        let readout = combine(&readouts)?;
+        let focal = combine(&focals);
+        let mut disagreements = Vec::new();
+        if !readout.agree {
+            disagreements.push("the readout times differ by more than their deviations allow".to_owned());
+        }
+        if focal.is_some_and(|focal| !focal.agree) {
+            disagreements.push("the focal lengths differ by more than their deviations allow".to_owned());
+        }
+        let others = left.iter().filter(|clip| clip.certain);
+        disagreements
+            .extend(others.map(|clip| format!("{} is read {}", clip.clip, clip.camera.readout_direction)));
+        let mode =
+            |clip: &Measurement| (clip.width, clip.height, clip.frame_rate.map(|rate| rate.round() as i64));
+        if clips.iter().any(|clip| mode(clip) != mode(surest)) {
+            disagreements.push(
+                "the clips differ in size or frame rate, with which the readout usually changes".to_owned(),
+            );
+        }
+        let names = |clips: &[&Measurement]| clips.iter().map(|clip| clip.clip.clone()).collect();
+        Some(Self {
+            clips: names(&used),
+            left_out: names(&left),
+            agree: disagreements.is_empty(),
+            disagreements,
+            camera: Camera::new(readout.estimate, direction.clone(), focal.map(|focal| focal.estimate)),
+        })
+    }
+}
+
+impl fmt::Display for Camera {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let [low, high] = self.readout_interval_ms;
+        writeln!(
+            f,
+            "  readout time  {:.1} ms, 95 %: {low:.1} to {high:.1}, {}",
+            self.signed_readout_ms, self.readout_direction
+        )?;
+        match &self.focal_length {
+            Some(focal) => {
+                let [low, high] = focal.interval.map(|end| end.map(|end| format!("{end:.2}")));
+                let low = low.unwrap_or_default();
+                let high = high.map_or("or more".to_owned(), |high| format!("to {high}"));
+                writeln!(
+                    f,
+                    "  focal length  {:.2} frame widths, 95 %: {low} {high}, field of view {:.0}° across",
+                    focal.widths, focal.field_of_view
+                )
+            }
+            None => writeln!(f, "  focal length  not known"),
+        }
+    }
+}
+
+impl fmt::Display for Measurement {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let rate = self.frame_rate.map_or(String::new(), |rate| format!(", {rate:.2} frames/s"));
+        writeln!(f, "{}: {} x {}{rate}, {} frames", self.clip, self.width, self.height, self.frames)?;
+        self.camera.fmt(f)?;
+        if self.certain {
+            write!(f, "  certain       yes")?;
+        } else {
+            write!(f, "  certain       no")?;
+        }
+        self.doubts.iter().try_for_each(|doubt| write!(f, "; {doubt}"))
+    }
+}
+
+impl fmt::Display for Together {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        writeln!(f, "{} clips of one camera", self.clips.len())?;
+        self.camera.fmt(f)?;
+        write!(f, "  agree         {}", if self.agree { "yes" } else { "no" })?;
+        self.disagreements.iter().try_for_each(|reason| write!(f, "; {reason}"))?;
+        self.left_out.iter().try_for_each(|clip| write!(f, "\n  left out      {clip}"))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use rsrectify::readout::ReadoutDirection;
+
+    fn clip(name: &str, direction: ReadoutDirection, milliseconds: f64, deviation: f64) -> Measurement {
+        let found = Found {
+            milliseconds,
+            direction,
+            deviation,
+            period: 40.0,
+            size: [640, 480],
+            focal_length: None,
+            frames: 90,
+            followed: 80,
+        };
+        Measurement::new(name.to_owned(), &found)
+    }
+
+    #[test]
+    fn the_bottom_edge_first_is_negative() {
+        let up = clip("a", ReadoutDirection::BottomToTop, 20.0, 0.05);
+        assert_eq!((up.camera.signed_readout_ms, up.certain), (-20.0, true));
+        assert!((up.camera.readout_deviation_ms - 2.0).abs() < 1e-12 && up.doubts.is_empty());
+        let vague = clip("b", ReadoutDirection::TopToBottom, 10.0, 0.3);
+        assert!(!vague.certain && vague.doubts.len() == 2, "{:?}", vague.doubts);
+    }
+
+    #[test]
+    fn the_field_of_view_follows_from_the_focal_length() {
+        // f = 1/2: 90°; κ = 1 ± 0.2·1.96.
+        let focal = FocalLength::new(FocalLength::kappa(0.5, 0.05));
+        assert!((focal.field_of_view - 90.0).abs() < 1e-9);
+        let [low, high] = focal.interval.map(Option::unwrap);
+        assert!((low - 0.5 / 1.392_f64.sqrt()).abs() < 1e-9 && (high - 0.5 / 0.608_f64.sqrt()).abs() < 1e-9);
+        assert_eq!(FocalLength::new(FocalLength::kappa(3.0, 2.0)).interval[1], None);
+    }
+
+    #[test]
+    fn clips_of_one_camera_are_combined() {
+        let down = ReadoutDirection::TopToBottom;
+        let together = Together::new(&[clip("a", down, 20.0, 0.025), clip("b", down, 21.0, 0.025)]).unwrap();
+        assert!(together.agree && (together.camera.signed_readout_ms - 20.5).abs() < 1e-9);
+        assert!((together.camera.readout_deviation_ms - 0.5_f64.sqrt()).abs() < 1e-9);
+        let other = clip("c", ReadoutDirection::BottomToTop, 20.0, 0.05);
+        let together = Together::new(&[clip("a", down, 20.0, 0.025), other]).unwrap();
+        assert_eq!((together.agree, together.left_out), (false, vec!["c".to_owned()]));
+        let apart = Together::new(&[clip("a", down, 20.0, 0.025), clip("b", down, 30.0, 0.025)]).unwrap();
+        assert!(!apart.agree && apart.disagreements.len() == 1);
+    }
+}

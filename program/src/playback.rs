@@ -1,0 +1,85 @@
+//! Plays a pipeline to its end.
+
+use crate::interruption::Interruption;
+use anyhow::{Context, Result, bail};
+use gst::prelude::*;
+
+/// What plays, and stops when it is dropped.
+pub struct Playback {
+    pipeline: gst::Pipeline,
+    bus: gst::Bus,
+    /// What the decoder lacks, once it has said so.
+    missing: Option<String>,
+}
+
+/// What has happened.
+pub enum Event {
+    /// The end of all streams.
+    End,
+    /// Something the user should know.
+    Warning(String),
+    /// The clip has chapters.
+    Chapters,
+    /// The pipeline is paused, or has reached the place that it was sent to.
+    Ready,
+    /// Nothing for a tenth of a second.
+    Nothing,
+}
+
+impl Playback {
+    /// Of a pipeline that has not been started.
+    pub fn new(pipeline: gst::Pipeline) -> Result<Self> {
+        let bus = pipeline.bus().context("the pipeline has no bus")?;
+        Ok(Self { pipeline, bus, missing: None })
+    }
+
+    /// The pipeline.
+    pub fn pipeline(&self) -> &gst::Pipeline {
+        &self.pipeline
+    }
+
+    /// Starts it, or pauses it.
+    pub fn set_state(&self, state: gst::State) {
+        // Errors that hinder the start come by the bus too, with their reason.
+        let _ = self.pipeline.set_state(state);
+    }
+
+    /// Waits up to `time` for something to happen.
+    pub fn next(&mut self, time: gst::ClockTime, interruption: &Interruption) -> Result<Event> {
+        interruption.check()?;
+        let Some(message) = self.bus.timed_pop(time) else { return Ok(Event::Nothing) };
+        match message.view() {
+            gst::MessageView::Eos(_) => return Ok(Event::End),
+            gst::MessageView::AsyncDone(_) => return Ok(Event::Ready),
+            gst::MessageView::Toc(toc) if !toc.toc().0.entries().is_empty() => return Ok(Event::Chapters),
+            gst::MessageView::Error(error) => {
+                bail!("{}", self.missing.take().unwrap_or_else(|| one_line(error.error().message())))
+            }
+            gst::MessageView::Warning(warning) => {
+                return Ok(Event::Warning(one_line(warning.error().message())));
+            }
+            gst::MessageView::Element(element) => {
+                self.missing = missing_plugin(element).or(self.missing.take());
+            }
+            _ => {}
+        }
+        Ok(Event::Nothing)
+    }
+}
+
+impl Drop for Playback {
+    fn drop(&mut self) {
+        // Whatever it was doing, it is to release its files.
+        let _ = self.pipeline.set_state(gst::State::Null);
+    }
+}
+
+fn missing_plugin(message: &gst::message::Element) -> Option<String> {
+    let structure = message.structure().filter(|s| s.has_name("missing-plugin"))?;
+    let name = structure.get::<&str>("name").ok()?;
+    Some(format!("GStreamer lacks a plugin: {}", one_line(name)))
+}
+
+fn one_line(text: &str) -> String {
+    text.split_whitespace().collect::<Vec<_>>().join(" ")
+}

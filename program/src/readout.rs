@@ -1,0 +1,188 @@
+//! What a clip says of its camera: readout time and direction, focal length.
+//!
+//! The rectifier finds them while frames come, but a file is there as a whole: before it is rectified some stretches
+//! of it, spread over its length, are analysed.
+
+use crate::analysis::{Analysis, Frame};
+use crate::interruption::Interruption;
+use crate::rectifier_options::{Direction, name_of};
+use anyhow::Result;
+use indicatif::{ProgressBar, ProgressStyle};
+use rsrectify::readout::ReadoutDirection;
+use rsrectify::rectifier::{FocalLength, FrameSolution, Settings};
+use std::fmt;
+use std::path::Path;
+
+/// How many stretches are looked at.
+const STRETCHES: u64 = 5;
+/// How long each one is.
+const LENGTH: gst::ClockTime = gst::ClockTime::from_seconds(4);
+/// Standard deviation, in frame durations, from which on a readout is taken as found.
+const SURE: f64 = 0.1;
+/// Frames that must have followed one motion, with at least half the confidence there is: what a lone thing
+/// before a blank wall does says nothing of the camera.
+const FOLLOWED: u32 = 15;
+/// A readout of fewer milliseconds bends nothing that could be seen.
+const NONE: f64 = 1.0;
+
+/// How much of a clip is looked at.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Extent {
+    /// Up to 20 s, spread over its length.
+    Stretches,
+    /// All of it.
+    Whole,
+}
+
+/// What the picture says of the camera.
+#[derive(Clone, Debug)]
+pub struct Found {
+    /// From the first row to the last.
+    pub milliseconds: f64,
+    /// The edge that is read first.
+    pub direction: ReadoutDirection,
+    /// Standard deviation of the time, in frame durations.
+    pub deviation: f64,
+    /// Milliseconds from one frame to the next.
+    pub period: f64,
+    /// Frame width and height in pixels.
+    pub size: [u32; 2],
+    /// The focal length, where anything is known of it.
+    pub focal_length: Option<FocalLength>,
+    /// Frames that were analysed.
+    pub frames: u32,
+    /// Those in which the picture as a whole followed what was found.
+    pub followed: u32,
+}
+
+/// Why a readout is not to be relied on.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Doubt {
+    /// Hardly a frame has a motion that most of the picture follows.
+    NoMotion,
+    /// There is motion, but the deviation is too large.
+    Uncertain,
+}
+
+impl Found {
+    /// What speaks against relying on it from the first frame to the last.
+    pub fn doubt(&self) -> Option<Doubt> {
+        if self.followed < FOLLOWED {
+            Some(Doubt::NoMotion)
+        } else if self.deviation > SURE {
+            Some(Doubt::Uncertain)
+        } else {
+            None
+        }
+    }
+
+    /// Standard deviation of the time in milliseconds.
+    pub fn deviation_ms(&self) -> f64 {
+        self.deviation * self.period
+    }
+
+    /// Whether the rows are as good as exposed at once.
+    pub fn is_global(&self) -> bool {
+        self.milliseconds < NONE
+    }
+}
+
+impl fmt::Display for Found {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let (time, share) = (self.milliseconds, 100.0 * self.deviation);
+        if self.doubt().is_some() {
+            return write!(
+                f,
+                "not certain from this clip; sought while it is rectified (or give --readout-time)"
+            );
+        }
+        if self.is_global() {
+            return write!(f, "{time:.1} ms: as good as a global shutter");
+        }
+        let direction = name_of(&Direction::from(self.direction));
+        write!(f, "{time:.1} ms, {direction}, give or take {share:.0} % of the frame duration")
+    }
+}
+
+/// Sums up what the frames say.
+#[derive(Debug, Default)]
+pub struct Summary {
+    last: Option<FrameSolution>,
+    /// The last that is known of the focal length.
+    focal_length: Option<FocalLength>,
+    frames: u32,
+    followed: u32,
+    /// Sum and number of the intervals between frames, in seconds.
+    intervals: (f64, u32),
+    time: Option<f64>,
+}
+
+impl Summary {
+    /// Adds a frame.
+    pub fn add(&mut self, frame: &Frame) {
+        let interval = frame.time.zip(self.time).map(|(now, before)| now - before);
+        // Longer ones lie between stretches.
+        if let Some(interval) = interval.filter(|interval| (0.0..1.0).contains(interval)) {
+            self.intervals.0 += interval;
+            self.intervals.1 += 1;
+        }
+        self.time = frame.time;
+        self.frames += 1;
+        self.followed += u32::from(frame.solution.confidence >= 0.5);
+        self.focal_length = frame.solution.focal_length.or(self.focal_length);
+        self.last = Some(frame.solution.clone());
+    }
+
+    /// What was found; `None` of a clip without frames.
+    pub fn found(&self, size: [u32; 2], frame_rate: Option<f64>) -> Option<Found> {
+        let last = self.last.as_ref()?;
+        let readout = last.motion.readout();
+        let mean = (self.intervals.1 > 0).then(|| self.intervals.0 / f64::from(self.intervals.1));
+        Some(Found {
+            milliseconds: readout.time() * 1e3,
+            direction: readout.direction(),
+            deviation: last.readout_deviation,
+            size,
+            period: 1e3 * frame_rate.map(f64::recip).or(mean).unwrap_or(0.0),
+            focal_length: self.focal_length,
+            frames: self.frames,
+            followed: self.followed,
+        })
+    }
+}
+
+/// Analyses a clip for what it says of its camera; `None` where it has no frames.
+pub fn find(
+    clip: &Path,
+    settings: Settings,
+    extent: Extent,
+    interruption: &Interruption,
+) -> Result<Option<Found>> {
+    let mut analysis = Analysis::open(clip, settings, interruption)?;
+    let bar = ProgressBar::no_length().with_style(ProgressStyle::with_template("{spinner} {msg}")?);
+    let mut summary = Summary::default();
+    let mut note = |frame: Frame| {
+        summary.add(&frame);
+        bar.set_message(format!("looking for the readout time, {} frames", summary.frames));
+        bar.tick();
+        Ok(())
+    };
+    let whole = LENGTH * STRETCHES;
+    match analysis.duration() {
+        Some(duration) if extent == Extent::Stretches && duration > whole => {
+            for stretch in 0..STRETCHES {
+                let start = (duration - LENGTH) * stretch / (STRETCHES - 1);
+                if !analysis.seek(start, start + LENGTH, interruption)? {
+                    // Not every container can: the beginning will do.
+                    analysis.run(Some(whole), interruption, &mut note)?;
+                    break;
+                }
+                analysis.run(None, interruption, &mut note)?;
+            }
+        }
+        None if extent == Extent::Stretches => analysis.run(Some(whole), interruption, &mut note)?,
+        _ => analysis.run(None, interruption, &mut note)?,
+    }
+    bar.finish_and_clear();
+    Ok(summary.found(analysis.size(), analysis.frame_rate()))
+}

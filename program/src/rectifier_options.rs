@@ -1,0 +1,244 @@
+//! What the user may tell the rectifier.
+
+use anyhow::{Context, Result, anyhow};
+use clap::{Args, ValueEnum};
+use gst::prelude::*;
+use rsrectify::motion;
+use rsrectify::readout::{self, ReadoutTime};
+use rsrectify::rectifier::{self, Settings};
+
+/// The edge that is read first.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum Direction {
+    Auto,
+    TopToBottom,
+    BottomToTop,
+    LeftToRight,
+    RightToLeft,
+}
+
+/// How the motion is estimated.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum Estimator {
+    Auto,
+    Sequential,
+    Continuous,
+}
+
+/// What motion the picture can have.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum Model {
+    Auto,
+    Translation,
+    Rotation,
+    Similarity,
+    Affine,
+    Homography,
+    #[value(name = "rotation-3d")]
+    Rotation3d,
+}
+
+impl From<readout::ReadoutDirection> for Direction {
+    fn from(direction: readout::ReadoutDirection) -> Self {
+        match direction {
+            readout::ReadoutDirection::TopToBottom => Self::TopToBottom,
+            readout::ReadoutDirection::BottomToTop => Self::BottomToTop,
+            readout::ReadoutDirection::LeftToRight => Self::LeftToRight,
+            readout::ReadoutDirection::RightToLeft => Self::RightToLeft,
+        }
+    }
+}
+
+impl From<Direction> for Option<readout::ReadoutDirection> {
+    fn from(direction: Direction) -> Self {
+        match direction {
+            Direction::Auto => None,
+            Direction::TopToBottom => Some(readout::ReadoutDirection::TopToBottom),
+            Direction::BottomToTop => Some(readout::ReadoutDirection::BottomToTop),
+            Direction::LeftToRight => Some(readout::ReadoutDirection::LeftToRight),
+            Direction::RightToLeft => Some(readout::ReadoutDirection::RightToLeft),
+        }
+    }
+}
+
+impl From<Model> for motion::Model {
+    fn from(model: Model) -> Self {
+        match model {
+            Model::Auto => Self::Auto,
+            Model::Translation => Self::Translation,
+            Model::Rotation => Self::Rotation,
+            Model::Similarity => Self::Similarity,
+            Model::Affine => Self::Affine,
+            Model::Homography => Self::Homography,
+            Model::Rotation3d => Self::Rotation3d,
+        }
+    }
+}
+
+/// The name of a value, on the command line and as the element's properties have it.
+pub fn name_of(value: &impl ValueEnum) -> String {
+    value.to_possible_value().map(|value| value.get_name().to_owned()).unwrap_or_default()
+}
+
+/// How the motion is found.
+#[derive(Args, Clone, Debug, Default)]
+#[command(next_help_heading = "Analysis")]
+pub struct AnalysisOptions {
+    /// Readout time of the sensor in milliseconds, if known. Without it some stretches of the file are
+    /// analysed first to find it; 0 leaves that to the rectifier while it runs.
+    #[arg(long, value_name = "MS", value_parser = milliseconds)]
+    pub readout_time: Option<f64>,
+    /// Blank time between two frames in rows; -1 where it is not known.
+    #[arg(long, value_name = "ROWS", allow_negative_numbers = true)]
+    pub inter_frame_delay: Option<f64>,
+    /// Edge of the frame, as it is stored, that is read first.
+    #[arg(long, value_name = "DIRECTION", value_enum)]
+    pub readout_direction: Option<Direction>,
+    /// How the motion is estimated.
+    #[arg(long, value_enum)]
+    pub estimator: Option<Estimator>,
+    /// What motion the picture can have.
+    #[arg(long, value_enum)]
+    pub model: Option<Model>,
+    /// Focal length in frame widths, if known.
+    #[arg(long, value_name = "WIDTHS", value_parser = widths)]
+    pub focal_length: Option<f64>,
+    /// Frames looked ahead: 8 for strong shake.
+    #[arg(long, value_name = "FRAMES", value_parser = clap::value_parser!(u32).range(0..=64))]
+    pub lookahead: Option<u32>,
+    /// Columns of the grid of correspondences.
+    #[arg(long, value_name = "N")]
+    pub grid_columns: Option<u32>,
+    /// Rows of the grid of correspondences.
+    #[arg(long, value_name = "N")]
+    pub grid_rows: Option<u32>,
+}
+
+/// What may be known of a camera whose readout is to be found.
+#[derive(Args, Clone, Debug, Default)]
+#[command(next_help_heading = "Analysis")]
+pub struct MeasureSettings {
+    /// Edge of the frame, as it is stored, that is read first.
+    #[arg(long, value_name = "DIRECTION", value_enum)]
+    pub readout_direction: Option<Direction>,
+    /// Focal length in frame widths, if known.
+    #[arg(long, value_name = "WIDTHS", value_parser = widths)]
+    pub focal_length: Option<f64>,
+    /// Frames looked ahead: 8 for strong shake.
+    #[arg(long, value_name = "FRAMES", value_parser = clap::value_parser!(u32).range(0..=64))]
+    pub lookahead: Option<u32>,
+}
+
+impl MeasureSettings {
+    /// The library's settings.
+    pub fn settings(&self) -> Settings {
+        let Self { readout_direction, focal_length, lookahead } = *self;
+        AnalysisOptions { readout_direction, focal_length, lookahead, ..AnalysisOptions::default() }
+            .settings()
+    }
+}
+
+/// Properties of the element; those not given keep its defaults.
+#[derive(Args, Clone, Debug, Default)]
+#[command(next_help_heading = "Rectifier")]
+pub struct RectifierOptions {
+    #[command(flatten)]
+    pub analysis: AnalysisOptions,
+    /// Share of the readout whose instant is shown: 0 first read, 1 last read.
+    #[arg(long, value_name = "SHARE", value_parser = share)]
+    pub reference_row: Option<f64>,
+    /// How samples between pixels are made.
+    #[arg(long, value_parser = ["nearest", "linear", "cubic", "lanczos"])]
+    pub interpolation: Option<String>,
+    /// What is shown where the frame saw nothing.
+    #[arg(long, value_name = "MODE", value_parser = ["replicate", "mirror", "constant", "crop"])]
+    pub border_mode: Option<String>,
+    /// How much of the correction is applied, 0 to 1.
+    #[arg(long, value_name = "SHARE", value_parser = share)]
+    pub strength: Option<f64>,
+    /// Threads of the rectifier; 0 for one a core.
+    #[arg(long, value_name = "N")]
+    pub threads: Option<u32>,
+}
+
+fn milliseconds(text: &str) -> Result<f64, String> {
+    in_range(text, 0.0..=1e3)
+}
+
+fn share(text: &str) -> Result<f64, String> {
+    in_range(text, 0.0..=1.0)
+}
+
+fn widths(text: &str) -> Result<f64, String> {
+    in_range(text, 0.0..=1e3)
+}
+
+fn in_range(text: &str, range: std::ops::RangeInclusive<f64>) -> Result<f64, String> {
+    let value: f64 = text.parse().map_err(|_| "not a number".to_owned())?;
+    if range.contains(&value) {
+        Ok(value)
+    } else {
+        Err(format!("not between {} and {}", range.start(), range.end()))
+    }
+}
+
+impl AnalysisOptions {
+    /// Whether the readout is to be found before the first frame is rectified.
+    pub fn wants_readout(&self) -> bool {
+        let has_delay = self.inter_frame_delay.is_some_and(|rows| rows >= 0.0);
+        self.readout_time.is_none() && !has_delay && self.estimator != Some(Estimator::Sequential)
+    }
+
+    /// The library's settings, as the element derives them from its properties.
+    pub fn settings(&self) -> Settings {
+        let mut settings = Settings::default();
+        settings.readout_time = match (self.readout_time, self.inter_frame_delay) {
+            (Some(time), _) if time > 0.0 => ReadoutTime::Seconds(time * 1e-3),
+            (_, Some(rows)) if rows >= 0.0 => ReadoutTime::DelayRows(rows),
+            _ => ReadoutTime::Unknown,
+        };
+        settings.direction = self.readout_direction.and_then(Into::into);
+        settings.model = self.model.map(Into::into).unwrap_or_default();
+        settings.focal_length = self.focal_length.filter(|widths| *widths > 0.0);
+        if self.estimator == Some(Estimator::Sequential) {
+            settings.estimator = rectifier::Estimator::Sequential;
+        }
+        let number = |value: Option<u32>, default| value.map_or(default, |value| value as usize);
+        settings.lookahead = number(self.lookahead, settings.lookahead);
+        settings.grid_columns = number(self.grid_columns, settings.grid_columns);
+        settings.grid_rows = number(self.grid_rows, settings.grid_rows);
+        settings
+    }
+}
+
+impl RectifierOptions {
+    /// Sets the properties that were given.
+    pub fn apply(&self, rectifier: &gst::Element) -> Result<()> {
+        let analysis = &self.analysis;
+        let nanoseconds = analysis.readout_time.map(|ms| (ms * 1e6).round() as u64);
+        let given = [
+            ("readout-time", nanoseconds.map(|v| v.to_string())),
+            ("inter-frame-delay", analysis.inter_frame_delay.map(|v| v.to_string())),
+            ("readout-direction", analysis.readout_direction.as_ref().map(name_of)),
+            ("estimator", analysis.estimator.as_ref().map(name_of)),
+            ("model", analysis.model.as_ref().map(name_of)),
+            ("focal-length", analysis.focal_length.map(|v| v.to_string())),
+            ("lookahead", analysis.lookahead.map(|v| v.to_string())),
+            ("grid-columns", analysis.grid_columns.map(|v| v.to_string())),
+            ("grid-rows", analysis.grid_rows.map(|v| v.to_string())),
+            ("reference-row", self.reference_row.map(|v| v.to_string())),
+            ("interpolation", self.interpolation.clone()),
+            ("border-mode", self.border_mode.clone()),
+            ("strength", self.strength.map(|v| v.to_string())),
+            ("threads", self.threads.map(|v| v.to_string())),
+        ];
+        for (name, value) in given {
+            let Some(value) = value else { continue };
+            let spec = rectifier.find_property(name).with_context(|| format!("rsrectify has no {name}"))?;
+            let value = gst::glib::Value::deserialize_with_pspec(&value, &spec)
+                .map_err(|_| anyhow!("{value} is not a value of --{name}"))?;
+            rectifier.set_property_from_value(name, &value);
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,138 @@
+//! The motion of frames and rows, as CSV and JSON.
+
+use super::velocity::Instant;
+use crate::analysis::Frame;
+use crate::rectifier_options::{Direction, name_of};
+use anyhow::Result;
+use rsrectify::motion::image_centre;
+use rsrectify::nalgebra::Vector2;
+use rsrectify::rectifier::Origin;
+use serde::Serialize;
+use std::io::Write;
+
+/// The motion of a frame.
+#[derive(Debug, Serialize)]
+pub struct FrameRow {
+    pub frame: u64,
+    /// When its readout begins, in seconds of the clip.
+    pub time: Option<f64>,
+    pub origin: &'static str,
+    pub confidence: f64,
+    /// Pixels; absent where it cannot be told.
+    pub expected_error: Option<f64>,
+    /// Of the picture in the mean over the readout: rad/s, px/s at the image centre.
+    pub omega: f64,
+    pub vx: f64,
+    pub vy: f64,
+    pub readout_ms: f64,
+    pub readout_direction: String,
+    pub readout_deviation: f64,
+    pub correspondences: usize,
+    pub inliers: usize,
+    pub residual: f64,
+}
+
+/// The motion of a row, of a column where the readout runs sideways.
+#[derive(Debug, Serialize)]
+pub struct LineRow {
+    pub line: usize,
+    /// When it was exposed, in seconds of the clip.
+    pub time: Option<f64>,
+    /// Pixels from where the frame shows its middle to where that is at mid-readout.
+    pub dx: f64,
+    pub dy: f64,
+    /// Of the picture at that instant, at the line's middle: px/s, rad/s.
+    pub vx: f64,
+    pub vy: f64,
+    pub omega: f64,
+}
+
+/// The columns of frames.
+pub const FRAME_HEADER: &str = "frame,time,origin,confidence,expected_error,omega,vx,vy,readout_ms,readout_direction,\
+readout_deviation,correspondences,inliers,residual";
+/// The columns of rows.
+pub const LINE_HEADER: &str = "frame,line,time,dx,dy,vx,vy,omega";
+
+fn origin_name(origin: Origin) -> &'static str {
+    match origin {
+        Origin::Initial => "initial",
+        Origin::Forward => "forward",
+        Origin::Backward => "backward",
+        Origin::Continuous => "continuous",
+        Origin::Repeated => "repeated",
+        Origin::Untouched => "untouched",
+        _ => "unknown",
+    }
+}
+
+fn number(value: Option<f64>) -> String {
+    value.map_or(String::new(), |value| format!("{value:.6}"))
+}
+
+impl FrameRow {
+    /// Of the frame with this number.
+    pub fn new(index: u64, frame: &Frame) -> Self {
+        let solution = &frame.solution;
+        let readout = solution.motion.readout();
+        let twist = solution.motion.path().mean_twist();
+        Self {
+            frame: index,
+            time: frame.time,
+            origin: origin_name(solution.origin),
+            confidence: solution.confidence,
+            expected_error: solution.expected_error,
+            omega: twist.omega,
+            vx: twist.velocity.x,
+            vy: twist.velocity.y,
+            readout_ms: readout.time() * 1e3,
+            readout_direction: name_of(&Direction::from(readout.direction())),
+            readout_deviation: solution.readout_deviation,
+            correspondences: solution.correspondences,
+            inliers: solution.inliers,
+            residual: solution.residual,
+        }
+    }
+
+    /// As a line of CSV.
+    pub fn write(&self, out: &mut dyn Write) -> Result<()> {
+        write!(out, "{},{},{},{:.4},", self.frame, number(self.time), self.origin, self.confidence)?;
+        write!(out, "{},{:.6},{:.3},{:.3},", number(self.expected_error), self.omega, self.vx, self.vy)?;
+        write!(out, "{:.4},{},{:.4},", self.readout_ms, self.readout_direction, self.readout_deviation)?;
+        writeln!(out, "{},{},{:.4}", self.correspondences, self.inliers, self.residual)?;
+        Ok(())
+    }
+}
+
+impl LineRow {
+    /// Of all lines of a frame.
+    pub fn of(frame: &Frame) -> impl Iterator<Item = Self> + '_ {
+        let motion = &frame.solution.motion;
+        let readout = motion.readout();
+        let centre = image_centre(readout.width(), readout.height());
+        let by_rows = readout.direction().is_by_rows();
+        let lines = if by_rows { readout.height() } else { readout.width() };
+        (0..lines).map(move |line| {
+            let along = line as f64;
+            let pixel = if by_rows { Vector2::new(centre.x, along) } else { Vector2::new(along, centre.y) };
+            let share = readout.share(pixel.x, pixel.y);
+            let (here, point) = (Instant::new(motion, share), pixel - centre);
+            let (shift, velocity) = (here.shift(point, 0.5), here.velocity(point));
+            Self {
+                line,
+                time: frame.time.map(|time| time + readout.time() * share),
+                dx: shift.x,
+                dy: shift.y,
+                vx: velocity.x,
+                vy: velocity.y,
+                omega: here.rotation(point),
+            }
+        })
+    }
+
+    /// As a line of CSV.
+    pub fn write(&self, frame: u64, out: &mut dyn Write) -> Result<()> {
+        write!(out, "{frame},{},{},{:.4},{:.4},", self.line, number(self.time), self.dx, self.dy)?;
+        writeln!(out, "{:.3},{:.3},{:.6}", self.vx, self.vy, self.omega)?;
+        Ok(())
+    }
+}
