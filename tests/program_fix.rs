@@ -5,8 +5,7 @@ mod common;
 mod program;
 
 use common::shake::{FPS, RATIO, write_shaken};
-use gst::prelude::*;
-use program::{CLIP, Folder, TONE, rsrectify};
+use program::{CLIP, Folder, TONE, buffers, rsrectify};
 use std::path::Path;
 use std::process::Output;
 
@@ -33,14 +32,7 @@ fn fails(input: &Path, output: &Path, reason: &str) {
 
 /// Everything that comes out of a part of an MP4 file.
 fn samples(path: &Path, part: &str) -> Vec<gst::Sample> {
-    let description = format!("filesrc name=in ! qtdemux name=d d.{part} ! appsink name=out sync=false");
-    let pipeline = gst::parse::launch(&description).unwrap().downcast::<gst::Pipeline>().unwrap();
-    pipeline.by_name("in").unwrap().set_property("location", path);
-    pipeline.set_state(gst::State::Playing).unwrap();
-    let sink = pipeline.by_name("out").unwrap().downcast::<gst_app::AppSink>().unwrap();
-    let samples = std::iter::from_fn(|| sink.pull_sample().ok()).collect();
-    pipeline.set_state(gst::State::Null).unwrap();
-    samples
+    buffers(path, &format!("qtdemux name=d d.{part}"))
 }
 
 fn frames(path: &Path) -> Vec<gst::Sample> {

@@ -5,7 +5,7 @@ mod common;
 mod program;
 
 use gst::prelude::*;
-use program::{CLIP, Folder, TONE, rsrectify};
+use program::{CLIP, Folder, TONE, buffers, rsrectify};
 use std::path::Path;
 
 /// Rectifies a clip; what it warns of.
@@ -49,18 +49,6 @@ fn contents(path: &Path) -> (Vec<String>, Vec<gst::Toc>) {
     pipeline.set_state(gst::State::Null).unwrap();
     types.sort();
     (types, tables)
-}
-
-/// Everything that comes out of a description's `out`.
-fn buffers(path: &Path, description: &str) -> Vec<gst::Sample> {
-    let pipeline =
-        common::film::launch(&format!("filesrc name=in ! {description} ! appsink name=out sync=false"));
-    pipeline.by_name("in").unwrap().set_property("location", path);
-    pipeline.set_state(gst::State::Playing).unwrap();
-    let sink = pipeline.by_name("out").unwrap().downcast::<gst_app::AppSink>().unwrap();
-    let samples = std::iter::from_fn(|| sink.pull_sample().ok()).collect();
-    pipeline.set_state(gst::State::Null).unwrap();
-    samples
 }
 
 #[test]

@@ -50,6 +50,21 @@ pub enum Origin {
     Untouched,
 }
 
+impl Origin {
+    /// Its name, in lower case.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Initial => "initial",
+            Self::Forward => "forward",
+            Self::Backward => "backward",
+            Self::Continuous => "continuous",
+            Self::Repeated => "repeated",
+            Self::Untouched => "untouched",
+        }
+    }
+}
+
 /// A motion that a frame may have.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Candidate {

@@ -4,7 +4,7 @@
 #![allow(dead_code)]
 
 use gst::prelude::*;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::Command;
 
 /// A second of video, encoded, that feeds `mux`.
@@ -67,6 +67,18 @@ impl Drop for Folder {
     fn drop(&mut self) {
         let _ = std::fs::remove_dir_all(&self.0);
     }
+}
+
+/// Everything that comes out of a part of a pipeline that a file goes into.
+pub fn buffers(path: &Path, description: &str) -> Vec<gst::Sample> {
+    let description = format!("filesrc name=in ! {description} ! appsink name=out sync=false");
+    let pipeline = gst::parse::launch(&description).unwrap().downcast::<gst::Pipeline>().unwrap();
+    pipeline.by_name("in").unwrap().set_property("location", path);
+    pipeline.set_state(gst::State::Playing).unwrap();
+    let sink = pipeline.by_name("out").unwrap().downcast::<gst_app::AppSink>().unwrap();
+    let samples = std::iter::from_fn(|| sink.pull_sample().ok()).collect();
+    pipeline.set_state(gst::State::Null).unwrap();
+    samples
 }
 
 /// The program, with one of its commands.

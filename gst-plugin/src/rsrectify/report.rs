@@ -6,7 +6,7 @@ use super::load::{Finding, Load};
 use gst::glib;
 use gst::prelude::*;
 use rsrectify::motion::image_centre;
-use rsrectify::rectifier::{FrameSolution, Origin, Timings};
+use rsrectify::rectifier::{FrameSolution, Timings};
 use std::sync::Once;
 use std::time::Duration;
 
@@ -216,7 +216,7 @@ pub fn frame_message(time: &FrameTime, solution: &FrameSolution, applied: f64) -
 /// Fields common to the element message and the custom meta.
 fn add_motion(structure: &mut gst::StructureRef, solution: &FrameSolution, applied: f64) {
     let twist = solution.motion.path().mean_twist();
-    structure.set("origin", origin_name(solution.origin));
+    structure.set("origin", solution.origin.name());
     structure.set("applied", applied);
     if !solution.region_errors.is_empty() {
         structure.set("region-errors", gst::Array::new(&solution.region_errors));
@@ -233,25 +233,13 @@ fn add_motion(structure: &mut gst::StructureRef, solution: &FrameSolution, appli
     add_solution(structure, solution);
 }
 
-fn origin_name(origin: Origin) -> &'static str {
-    match origin {
-        Origin::Initial => "initial",
-        Origin::Forward => "forward",
-        Origin::Backward => "backward",
-        Origin::Continuous => "continuous",
-        Origin::Repeated => "repeated",
-        Origin::Untouched => "untouched",
-        _ => "unknown",
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
     use rsrectify::motion::{FrameMotion, MotionPath, Twist};
     use rsrectify::plane::{Plane, PlaneLayout, SampleFormat};
     use rsrectify::readout;
-    use rsrectify::rectifier::{Duplicate, Rectifier};
+    use rsrectify::rectifier::{Duplicate, Origin, Rectifier};
 
     fn solution(twist: Twist) -> FrameSolution {
         let direction = readout::ReadoutDirection::TopToBottom;

@@ -6,7 +6,6 @@ use crate::rectifier_options::{Direction, name_of};
 use anyhow::Result;
 use rsrectify::motion::image_centre;
 use rsrectify::nalgebra::Vector2;
-use rsrectify::rectifier::Origin;
 use serde::Serialize;
 use std::io::Write;
 
@@ -53,18 +52,6 @@ readout_deviation,correspondences,inliers,residual";
 /// The columns of rows.
 pub const LINE_HEADER: &str = "frame,line,time,dx,dy,vx,vy,omega";
 
-fn origin_name(origin: Origin) -> &'static str {
-    match origin {
-        Origin::Initial => "initial",
-        Origin::Forward => "forward",
-        Origin::Backward => "backward",
-        Origin::Continuous => "continuous",
-        Origin::Repeated => "repeated",
-        Origin::Untouched => "untouched",
-        _ => "unknown",
-    }
-}
-
 fn number(value: Option<f64>) -> String {
     value.map_or(String::new(), |value| format!("{value:.6}"))
 }
@@ -78,7 +65,7 @@ impl FrameRow {
         Self {
             frame: index,
             time: frame.time,
-            origin: origin_name(solution.origin),
+            origin: solution.origin.name(),
             confidence: solution.confidence,
             expected_error: solution.expected_error,
             omega: twist.omega,
