@@ -10,7 +10,7 @@ mod tests;
 use crate::correspond::{Correspondence, Pyramid, Sampler};
 use crate::motion::{FrameMotion, Model, MotionPath};
 use crate::plane::Luma;
-use crate::readout::{Readout, ReadoutDirection, ReadoutTime};
+use crate::readout::{Readout, ReadoutDirection, ReadoutPrior, ReadoutTime};
 use crate::solve::continuous::{Camera, PairMeasurement};
 use clock::Clock;
 use duplicates::Duplicates;
@@ -70,6 +70,9 @@ pub struct Settings {
     pub direction: Option<ReadoutDirection>,
     /// What is known of the readout time.
     pub readout_time: ReadoutTime,
+    /// What is expected of the readout where it is not known; one that contradicts `direction` is not heeded, nor is any by
+    /// the sequential estimator.
+    pub readout_prior: Option<ReadoutPrior>,
 }
 
 impl Default for Settings {
@@ -83,6 +86,7 @@ impl Default for Settings {
             focal_length: None,
             direction: None,
             readout_time: ReadoutTime::Unknown,
+            readout_prior: None,
         }
     }
 }
@@ -195,6 +199,7 @@ impl Rectifier {
                     model: settings.model,
                     direction: settings.direction,
                     readout_time: settings.readout_time,
+                    readout_prior: settings.readout_prior,
                     focal_length: settings.focal_length,
                 };
                 Engine::continuous(camera, (width, height), sampler.pixel_scale())

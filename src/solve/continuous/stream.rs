@@ -184,13 +184,16 @@ impl Continuous {
         let [width, height] = self.size;
         let time_known = self.camera.readout_time;
         for hypothesis in self.bank.hypotheses.iter_mut() {
+            let sign = if hypothesis.direction.is_reversed() { -1.0 } else { 1.0 };
+            let gamma = |time: f64| sign * (time / period).min(LONGEST_READOUT);
             if self.camera.is_known() {
                 let readout = Readout::resolved(width, height, hypothesis.direction, time_known, period);
-                let sign = if hypothesis.direction.is_reversed() { -1.0 } else { 1.0 };
-                let ratio = (readout.time / period).min(LONGEST_READOUT);
-                hypothesis.solver.know_readout(Running::new(sign * ratio, KNOWN));
+                hypothesis.solver.know_readout(Running::new(gamma(readout.time), KNOWN));
             } else if let Some(unit) = self.unit_before {
                 hypothesis.solver.scale_readout(unit / period);
+            } else if let Some(prior) = self.camera.expected() {
+                let belief = Running::new(gamma(prior.time()), prior.deviation() / period);
+                hypothesis.solver.expect_readout(belief);
             }
         }
         self.clock = Some((period, time));
@@ -369,6 +372,9 @@ mod doubt_tests;
 #[cfg(test)]
 #[path = "stream_film.rs"]
 mod film;
+#[cfg(test)]
+#[path = "stream_prior_tests.rs"]
+mod prior_tests;
 #[cfg(test)]
 #[path = "stream_tests.rs"]
 mod tests;
