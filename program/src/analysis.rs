@@ -8,6 +8,7 @@ use gst::prelude::*;
 use gst_video::prelude::*;
 use rsrectify::Rectifier;
 use rsrectify::plane::{Luma, Plane, PlaneLayout, SampleFormat};
+use rsrectify::readout::ReadoutPrior;
 use rsrectify::rectifier::{Duplicate, FrameSolution, Settings};
 use std::collections::VecDeque;
 use std::path::Path;
@@ -32,6 +33,7 @@ pub struct Analysis {
     playback: Playback,
     sink: gst_app::AppSink,
     info: gst_video::VideoInfo,
+    settings: Settings,
     rectifier: Rectifier,
     /// Times of the frames whose motion has not come.
     waiting: VecDeque<Option<f64>>,
@@ -65,10 +67,15 @@ impl Analysis {
         if info.interlace_mode() != gst_video::VideoInterlaceMode::Progressive {
             bail!("is interlaced: each frame holds two exposures; deinterlace it first");
         }
-        let rate = info.fps();
-        let period = (rate.numer() > 0).then(|| f64::from(rate.denom()) / f64::from(rate.numer()));
-        let rectifier = Rectifier::new(settings, info.width() as usize, info.height() as usize, period)?;
-        Ok(Self { playback, sink, info, rectifier, waiting: VecDeque::new() })
+        let rectifier = rectifier(settings, &info)?;
+        Ok(Self { playback, sink, info, settings, rectifier, waiting: VecDeque::new() })
+    }
+
+    /// Starts from what is expected of the readout; before any frame is analysed.
+    pub fn expect(&mut self, prior: ReadoutPrior) -> Result<()> {
+        self.settings.readout_prior = Some(prior);
+        self.rectifier = rectifier(self.settings, &self.info)?;
+        Ok(())
     }
 
     /// Frame width and height in pixels.
@@ -78,8 +85,7 @@ impl Analysis {
 
     /// Frames a second by the file; `None` if it does not say.
     pub fn frame_rate(&self) -> Option<f64> {
-        let rate = self.info.fps();
-        (rate.numer() > 0).then(|| f64::from(rate.numer()) / f64::from(rate.denom()))
+        frame_rate(&self.info)
     }
 
     /// How long the clip is, if it says so.
@@ -156,6 +162,16 @@ impl Analysis {
         }
         Ok(())
     }
+}
+
+fn frame_rate(info: &gst_video::VideoInfo) -> Option<f64> {
+    let rate = info.fps();
+    (rate.numer() > 0).then(|| f64::from(rate.numer()) / f64::from(rate.denom()))
+}
+
+fn rectifier(settings: Settings, info: &gst_video::VideoInfo) -> Result<Rectifier> {
+    let period = frame_rate(info).map(f64::recip);
+    Ok(Rectifier::new(settings, info.width() as usize, info.height() as usize, period)?)
 }
 
 /// The time of a frame in its clip.

@@ -3,6 +3,8 @@
 //! The GStreamer element is part of the program; nothing else has to be installed for it to be found.
 
 mod analysis;
+mod boxes;
+mod camera;
 mod clips;
 mod elements;
 mod fix;
@@ -45,6 +47,9 @@ enum Command {
     /// Writes the motion of each frame and row, and a virtual gyroscope for Gyroflow.
     #[command(after_help = EXIT_CODES)]
     Track(Box<track::TrackOptions>),
+    /// Lists the cameras whose readout is known.
+    #[command(after_help = EXIT_CODES)]
+    Cameras(camera::CamerasOptions),
     /// Prints what a shell needs to complete the command line.
     Completions {
         /// The shell.
@@ -69,6 +74,7 @@ fn run(cli: &Cli) -> Result<bool> {
         Command::Fix(options) => fix::run(options, &start()?),
         Command::Measure(options) => measure::run(options, &start()?),
         Command::Track(options) => track::run(options, &start()?),
+        Command::Cameras(options) => camera::run(options),
         Command::Completions { shell } => {
             clap_complete::generate(*shell, &mut Cli::command(), "rsrectify", &mut std::io::stdout());
             Ok(true)

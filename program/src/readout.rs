@@ -4,11 +4,12 @@
 //! of it, spread over its length, are analysed.
 
 use crate::analysis::{Analysis, Frame};
+use crate::camera::Camera;
 use crate::interruption::Interruption;
-use crate::rectifier_options::{Direction, name_of};
+use crate::rectifier_options::{AnalysisOptions, Direction, name_of};
 use anyhow::Result;
 use indicatif::{ProgressBar, ProgressStyle};
-use rsrectify::readout::ReadoutDirection;
+use rsrectify::readout::{ReadoutDirection, ReadoutPrior};
 use rsrectify::rectifier::{FocalLength, FrameSolution, Settings};
 use std::fmt;
 use std::path::Path;
@@ -53,6 +54,8 @@ pub struct Found {
     pub frames: u32,
     /// Those in which the picture as a whole followed what was found.
     pub followed: u32,
+    /// What was expected of the readout.
+    pub expected: Option<ReadoutPrior>,
 }
 
 /// Why a readout is not to be relied on.
@@ -73,6 +76,16 @@ impl Found {
             Some(Doubt::Uncertain)
         } else {
             None
+        }
+    }
+
+    /// Goes on with what was found where it can be relied on, and with what was expected.
+    pub fn apply(&self, analysis: &mut AnalysisOptions) {
+        analysis.expected = self.expected;
+        if self.doubt().is_none() {
+            // 0 would leave it to the rectifier again.
+            analysis.readout_time = Some(self.milliseconds.max(1e-6));
+            analysis.readout_direction = Some(self.direction.into());
         }
     }
 
@@ -147,18 +160,24 @@ impl Summary {
             focal_length: self.focal_length,
             frames: self.frames,
             followed: self.followed,
+            expected: None,
         })
     }
 }
 
-/// Analyses a clip for what it says of its camera; `None` where it has no frames.
+/// Analyses a clip for what it says of its camera, starting from what is known of it; `None` where it has no frames.
 pub fn find(
     clip: &Path,
     settings: Settings,
+    camera: Option<&Camera>,
     extent: Extent,
     interruption: &Interruption,
 ) -> Result<Option<Found>> {
     let mut analysis = Analysis::open(clip, settings, interruption)?;
+    let expected = camera.and_then(|camera| expected(camera, &analysis)).transpose()?;
+    if let Some(expected) = expected {
+        analysis.expect(expected)?;
+    }
     let bar = ProgressBar::no_length().with_style(ProgressStyle::with_template("{spinner} {msg}")?);
     let mut summary = Summary::default();
     let mut note = |frame: Frame| {
@@ -184,5 +203,18 @@ pub fn find(
         _ => analysis.run(None, interruption, &mut note)?,
     }
     bar.finish_and_clear();
-    Ok(summary.found(analysis.size(), analysis.frame_rate()))
+    Ok(summary.found(analysis.size(), analysis.frame_rate()).map(|found| Found { expected, ..found }))
+}
+
+/// What is expected of the readout of a camera that made a clip; says so.
+fn expected(camera: &Camera, analysis: &Analysis) -> Option<Result<ReadoutPrior>> {
+    let (size, rate) = (analysis.size(), analysis.frame_rate()?);
+    let Some(mode) = camera.mode(size, rate) else {
+        let [width, height] = size;
+        eprintln!("camera: {}; no readout is known at {width}x{height}, {rate:.2} frames/s", camera.name());
+        return None;
+    };
+    let (time, deviation) = (mode.milliseconds(), mode.deviation());
+    eprintln!("camera: {} {}; {time:.1} ± {deviation:.1} ms expected", camera.name(), mode.name());
+    Some(mode.prior().map_err(Into::into))
 }

@@ -57,16 +57,14 @@ fn one(job: &Job, options: &FixOptions, interruption: &Interruption) -> Result<(
     }
     let analysis = &mut recipe.rectifier.analysis;
     if analysis.wants_readout() {
-        let found = readout::find(&job.input, analysis.settings(), Extent::Stretches, interruption);
+        let camera = analysis.camera.of(&job.input)?;
+        let settings = analysis.settings();
+        let found = readout::find(&job.input, settings, camera.as_ref(), Extent::Stretches, interruption);
         interruption.check()?;
         // What cannot be analysed may still be played; if not, playing it says why.
         if let Ok(Some(found)) = found {
             println!("readout: {found}");
-            if found.doubt().is_none() {
-                // 0 would leave it to the rectifier again.
-                analysis.readout_time = Some(found.milliseconds.max(1e-6));
-                analysis.readout_direction = Some(found.direction.into());
-            }
+            found.apply(analysis);
         }
     }
     if let Some(folder) = job.output.parent() {

@@ -252,6 +252,7 @@ mod tests {
             focal_length: None,
             frames: 90,
             followed: 80,
+            expected: None,
         };
         Measurement::new(name.to_owned(), &found)
     }

@@ -110,12 +110,13 @@ fn track(options: &TrackOptions, interruption: &Interruption) -> Result<()> {
     let wants_focal = options.gcsv.is_some() && analysis.focal_length.is_none();
     let mut found = None;
     if analysis.wants_readout() || wants_focal {
-        found = readout::find(&options.clip, analysis.settings(), Extent::Stretches, interruption)?;
+        let camera = analysis.camera.of(&options.clip)?;
+        let settings = analysis.settings();
+        found = readout::find(&options.clip, settings, camera.as_ref(), Extent::Stretches, interruption)?;
     }
     if let Some(found) = found.as_ref().filter(|found| analysis.wants_readout() && found.doubt().is_none()) {
         eprintln!("readout: {found}");
-        analysis.readout_time = Some(found.milliseconds.max(1e-6));
-        analysis.readout_direction = Some(found.direction.into());
+        found.apply(&mut analysis);
     } else if analysis.wants_readout() {
         eprintln!("warning: the readout is not certain from this clip; give --readout-time if you know it");
     }
