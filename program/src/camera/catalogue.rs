@@ -1,4 +1,4 @@
-//! Cameras whose readout is known: `cameras/readouts.csv`, see `cameras/README.md`.
+//! Cameras whose readout is known: `cameras/readouts.csv` and `cameras/measured.csv`, see `cameras/README.md`.
 
 use anyhow::{Context, Result};
 use rsrectify::readout::{ReadoutDirection, ReadoutError, ReadoutPrior};
@@ -6,9 +6,10 @@ use serde::Deserialize;
 use std::collections::BTreeMap;
 
 const READOUTS: &str = include_str!("../../cameras/readouts.csv");
+const MEASURED: &str = include_str!("../../cameras/measured.csv");
 const NAMES: &str = include_str!("../../cameras/names.csv");
-/// Where the readouts are from.
-pub const SOURCE: &str = "gyroflow/lens_profiles at 886fc61 (CC0)";
+/// Where the readouts are from that many profiles agree on.
+pub const PROFILES: &str = "gyroflow/lens_profiles at 886fc61 (CC0)";
 /// Least standard deviation as a share of the readout time: the median error against LED measurements is 2.4 %.
 const LEAST_DEVIATION: f64 = 0.036;
 /// The same where all profiles are of one person.
@@ -26,12 +27,17 @@ pub struct Mode {
     pub frames_per_second: f64,
     #[serde(rename = "readout_ms_signed")]
     signed_milliseconds: f64,
-    #[serde(rename = "deviation_ms")]
+    #[serde(rename = "deviation_ms", default)]
     deviation_of_profiles: f64,
-    #[serde(rename = "profiles_agreeing")]
+    #[serde(rename = "profiles_agreeing", default)]
     agreeing: u32,
+    #[serde(default)]
     profiles: u32,
+    /// People whose profiles they are; 0 of what was measured otherwise.
+    #[serde(default)]
     calibrators: u32,
+    /// Who measured it, and with what; none of profiles.
+    source: Option<String>,
 }
 
 /// What a camera is called.
@@ -89,9 +95,12 @@ impl Mode {
 
     /// Where the readout is from.
     pub fn source(&self) -> String {
+        if let Some(source) = &self.source {
+            return format!("measured with {source}");
+        }
         let (agreeing, profiles, people) = (self.agreeing, self.profiles, self.calibrators);
         let people = if people == 1 { "one person".to_owned() } else { format!("{people} people") };
-        format!("{agreeing} of {profiles} profiles by {people}, {SOURCE}")
+        format!("{agreeing} of {profiles} profiles by {people}, {PROFILES}")
     }
 
     fn is_of(&self, [width, height]: [u32; 2], rate: f64) -> bool {
@@ -113,8 +122,9 @@ impl Camera {
 
     /// Whether this is what a file states.
     pub fn is_stated_as(&self, maker: &str, model: &str) -> bool {
-        key(&self.maker) == key(maker)
-            && [&self.model, &self.stated].iter().any(|own| is_same(own, maker, model))
+        // Some makers state their company's name.
+        key(maker).starts_with(&key(&self.maker))
+            && [&self.model, &self.stated].iter().any(|own| is_same(own, &self.maker, model))
     }
 }
 
@@ -134,7 +144,8 @@ pub fn cameras() -> Result<Vec<Camera>> {
     let names = rows::<Name>(NAMES)?;
     let mut cameras: BTreeMap<String, Camera> = BTreeMap::new();
     // A family of cameras is no camera.
-    for mode in rows::<Mode>(READOUTS)?.into_iter().filter(|mode| !mode.model.contains('/')) {
+    let modes = [rows::<Mode>(READOUTS)?, rows::<Mode>(MEASURED)?].concat();
+    for mode in modes.into_iter().filter(|mode| !mode.model.contains('/')) {
         let name =
             names.iter().find(|name| name.maker == mode.maker && key(&name.listed) == key(&mode.model));
         let [model, stated] = name.map_or([&mode.model; 2], |name| [&name.name, &name.stated]);
@@ -172,7 +183,10 @@ mod tests {
     fn each_row_is_a_mode_of_one_camera() {
         let cameras = cameras().unwrap();
         // Of 86 rows two are of families, and one mode of the EOS R5 C, one of the FX6 are there twice.
-        assert_eq!(cameras.iter().map(|camera| camera.modes.len()).sum::<usize>(), 82);
+        let by_profiles = |mode: &&Mode| mode.source.is_none();
+        assert_eq!(cameras.iter().flat_map(|camera| &camera.modes).filter(by_profiles).count(), 82);
+        let measured = rows::<Mode>(MEASURED).unwrap().len();
+        assert_eq!(cameras.iter().map(|camera| camera.modes.len()).sum::<usize>(), 82 + measured);
         for mode in cameras.iter().flat_map(|camera| &camera.modes) {
             let prior = mode.prior().unwrap();
             let period = 1.0 / mode.frames_per_second;
@@ -180,10 +194,9 @@ mod tests {
             assert!(prior.deviation() > 0.99 * LEAST_DEVIATION * prior.time(), "{mode:?}");
         }
         for name in rows::<Name>(NAMES).unwrap() {
-            assert!(
-                rows::<Mode>(READOUTS).unwrap().iter().any(|mode| key(&mode.model) == key(&name.listed)),
-                "{name:?}"
-            );
+            let is_listed = |mode: &Mode| key(&mode.model) == key(&name.listed);
+            let mut modes = [READOUTS, MEASURED].into_iter().flat_map(|table| rows::<Mode>(table).unwrap());
+            assert!(modes.any(|mode| is_listed(&mode)), "{name:?}");
         }
     }
 
@@ -203,6 +216,11 @@ mod tests {
         assert_eq!(stated("Canon", "Canon EOS R5 C").unwrap().modes[0].milliseconds(), 15.5);
         assert_eq!(stated("GoPro", "HERO5 Black").unwrap().modes.len(), 8);
         assert_eq!(stated("GoPro", "HERO5").map(|camera| camera.name()), None);
+        assert_eq!(stated("NIKON CORPORATION", "NIKON Z 9").unwrap().modes.len(), 3);
+        assert_eq!(
+            stated("Sony", "ILCE-7M3").unwrap().mode([3840, 2160], 30.0).unwrap().milliseconds(),
+            17.2
+        );
         assert_eq!(stated("Apple", "iPhone 13"), None);
         // One person's.
         let mode = stated("GoPro", "HERO8 Black").unwrap().modes[0].clone();

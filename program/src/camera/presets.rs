@@ -1,6 +1,6 @@
 //! Presets of the element: what is expected of known cameras, as GStreamer reads it.
 
-use super::catalogue::{Camera, SOURCE};
+use super::catalogue::Camera;
 use crate::rectifier_options::{Direction, name_of};
 use std::fmt;
 
@@ -13,7 +13,7 @@ impl fmt::Display for Presets<'_> {
             f,
             "# Readouts of known cameras, as what is expected, not ordered: written by `rsrectify cameras --presets`."
         )?;
-        writeln!(f, "# Their source is {SOURCE}; that of each one is in its comment.")?;
+        writeln!(f, "# The source of each one is in its comment.")?;
         writeln!(f, "[_presets_]\nelement-name=GstRsRectify\nversion={}", env!("CARGO_PKG_VERSION"))?;
         for camera in self.0 {
             for mode in &camera.modes {
