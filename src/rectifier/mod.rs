@@ -19,6 +19,7 @@ use std::collections::VecDeque;
 use std::time::{Duration, Instant};
 
 pub use crate::solve::Origin;
+pub use crate::solve::continuous::FittedCorrespondence;
 pub use crate::solve::residual::REGIONS;
 pub use error::{PushError, SettingsError};
 
@@ -70,6 +71,8 @@ pub struct Settings {
     pub direction: Option<ReadoutDirection>,
     /// What is known of the readout time.
     pub readout_time: ReadoutTime,
+    /// Whether [`FrameSolution::fitted`] is filled, which takes memory for each frame.
+    pub keep_correspondences: bool,
 }
 
 impl Default for Settings {
@@ -83,6 +86,7 @@ impl Default for Settings {
             focal_length: None,
             direction: None,
             readout_time: ReadoutTime::Unknown,
+            keep_correspondences: false,
         }
     }
 }
@@ -117,6 +121,10 @@ pub struct FrameSolution {
     /// The focal length; `None` where nothing is known of it: of a frame without a motion, from the sequential estimator,
     /// and of a model without perspective.
     pub focal_length: Option<FocalLength>,
+    /// Correspondences of the frame and how they fit the motion, at most one a point of the sampling grid; those with the
+    /// next frame where there is one. Empty unless [`Settings::keep_correspondences`] asks for them, of a frame without a
+    /// motion, and from the sequential estimator.
+    pub fitted: Vec<FittedCorrespondence>,
 }
 
 /// A focal length, given or found.
@@ -197,7 +205,8 @@ impl Rectifier {
                     readout_time: settings.readout_time,
                     focal_length: settings.focal_length,
                 };
-                Engine::continuous(camera, (width, height), sampler.pixel_scale())
+                let keep = settings.keep_correspondences;
+                Engine::continuous(camera, (width, height), sampler.pixel_scale(), keep)
             }
         };
         Ok(Self {
@@ -365,6 +374,7 @@ impl Rectifier {
             residual: 0.0,
             readout_deviation,
             focal_length: None,
+            fitted: Vec::new(),
         }
     }
 
@@ -382,6 +392,7 @@ impl Rectifier {
             residual: settled.residual,
             readout_deviation: settled.readout_deviation,
             focal_length: settled.focal_length.map(|(widths, deviation)| FocalLength { widths, deviation }),
+            fitted: settled.fitted.clone(),
         }
     }
 }
