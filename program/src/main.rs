@@ -4,11 +4,16 @@
 
 mod analysis;
 mod clips;
+mod drawing;
 mod elements;
+mod estimate;
 mod fix;
 mod interruption;
 mod measure;
+mod output;
 mod playback;
+mod plot;
+mod progress;
 mod readout;
 mod rectifier_options;
 mod track;
@@ -45,6 +50,9 @@ enum Command {
     /// Writes the motion of each frame and row, and a virtual gyroscope for Gyroflow.
     #[command(after_help = EXIT_CODES)]
     Track(Box<track::TrackOptions>),
+    /// Draws the motion of a clip, its readout and its confidence over time, as SVG or PNG.
+    #[command(after_help = EXIT_CODES)]
+    Plot(plot::PlotOptions),
     /// Prints what a shell needs to complete the command line.
     Completions {
         /// The shell.
@@ -69,6 +77,7 @@ fn run(cli: &Cli) -> Result<bool> {
         Command::Fix(options) => fix::run(options, &start()?),
         Command::Measure(options) => measure::run(options, &start()?),
         Command::Track(options) => track::run(options, &start()?),
+        Command::Plot(options) => plot::run(options, &start()?),
         Command::Completions { shell } => {
             clap_complete::generate(*shell, &mut Cli::command(), "rsrectify", &mut std::io::stdout());
             Ok(true)

@@ -5,9 +5,9 @@
 
 use crate::analysis::{Analysis, Frame};
 use crate::interruption::Interruption;
-use crate::rectifier_options::{Direction, name_of};
+use crate::progress;
+use crate::rectifier_options::{AnalysisOptions, Direction, name_of};
 use anyhow::Result;
-use indicatif::{ProgressBar, ProgressStyle};
 use rsrectify::readout::ReadoutDirection;
 use rsrectify::rectifier::{FocalLength, FrameSolution, Settings};
 use std::fmt;
@@ -81,6 +81,13 @@ impl Found {
         self.deviation * self.period
     }
 
+    /// Makes it what the analysis is told.
+    pub fn give(&self, analysis: &mut AnalysisOptions) {
+        // 0 would leave it to the rectifier again.
+        analysis.readout_time = Some(self.milliseconds.max(1e-6));
+        analysis.readout_direction = Some(self.direction.into());
+    }
+
     /// Whether the rows are as good as exposed at once.
     pub fn is_global(&self) -> bool {
         self.milliseconds < NONE
@@ -151,6 +158,22 @@ impl Summary {
     }
 }
 
+/// Tells the analysis the readout that was found, where it is to be found first and is certain; says which one it is.
+pub fn settle(found: Option<&Found>, analysis: &mut AnalysisOptions) {
+    if !analysis.wants_readout() {
+        return;
+    }
+    match found.filter(|found| found.doubt().is_none()) {
+        Some(found) => {
+            eprintln!("readout: {found}");
+            found.give(analysis);
+        }
+        None => eprintln!(
+            "warning: the readout is not certain from this clip; give --readout-time if you know it"
+        ),
+    }
+}
+
 /// Analyses a clip for what it says of its camera; `None` where it has no frames.
 pub fn find(
     clip: &Path,
@@ -159,7 +182,7 @@ pub fn find(
     interruption: &Interruption,
 ) -> Result<Option<Found>> {
     let mut analysis = Analysis::open(clip, settings, interruption)?;
-    let bar = ProgressBar::no_length().with_style(ProgressStyle::with_template("{spinner} {msg}")?);
+    let bar = progress::spinner()?;
     let mut summary = Summary::default();
     let mut note = |frame: Frame| {
         summary.add(&frame);

@@ -1,7 +1,7 @@
 //! What the user may ask of `fix`.
 
-use super::codec::{Codec, Container};
 use super::streams::Audio;
+use crate::output::codec::{Codec, Container};
 use crate::rectifier_options::RectifierOptions;
 use clap::Args;
 use std::path::PathBuf;

@@ -1,6 +1,6 @@
 //! What is said of a camera, as text and for JSON.
 
-use super::estimate::{Estimate, combine};
+use crate::estimate::{Estimate, combine};
 use crate::readout::{Doubt, Found};
 use crate::rectifier_options::{Direction, name_of};
 use serde::Serialize;

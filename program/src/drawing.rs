@@ -1,0 +1,76 @@
+//! SVG → pixels, the same on every machine: the font is in the program.
+
+use anyhow::{Context, Result, anyhow};
+use resvg::tiny_skia::{Pixmap, Transform};
+use resvg::usvg::{Options, Tree};
+use std::sync::Arc;
+
+/// DejaVu Sans: Latin, Greek and Cyrillic.
+const FONT: &[u8] = include_bytes!("../fonts/DejaVuSans.ttf");
+const FONT_FAMILY: &str = "DejaVu Sans";
+
+/// A colour as SVG and a drawing library for charts have it: red, green, blue.
+pub type Colour = [u8; 3];
+
+/// Colours that people with colour-blindness tell apart (M. Okabe and K. Ito, *Color universal design*, 2008).
+pub const BLUE: Colour = [0, 114, 178];
+pub const VERMILION: Colour = [213, 94, 0];
+pub const GREEN: Colour = [0, 158, 115];
+pub const PURPLE: Colour = [204, 121, 167];
+
+/// Renders SVG.
+pub struct Renderer {
+    options: Options<'static>,
+}
+
+impl Renderer {
+    /// With the font that all text is set in.
+    pub fn new() -> Self {
+        let mut options = Options { font_family: FONT_FAMILY.to_owned(), ..Options::default() };
+        let fonts = Arc::make_mut(&mut options.fontdb);
+        fonts.load_font_data(FONT.to_vec());
+        fonts.set_sans_serif_family(FONT_FAMILY);
+        Self { options }
+    }
+
+    fn parse(&self, svg: &str) -> Result<Tree> {
+        Tree::from_str(svg, &self.options).map_err(|error| anyhow!("the drawing is not SVG: {error}"))
+    }
+
+    /// A PNG file with so many pixels to one of the SVG.
+    pub fn png(&self, svg: &str, scale: f32) -> Result<Vec<u8>> {
+        let tree = self.parse(svg)?;
+        let size = tree.size().to_int_size().scale_by(scale).context("a picture without pixels")?;
+        let mut picture = Pixmap::new(size.width(), size.height()).context("the picture is too large")?;
+        resvg::render(&tree, Transform::from_scale(scale, scale), &mut picture.as_mut());
+        picture.encode_png().context("the picture cannot be written as PNG")
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn text_is_set_without_fonts_of_the_system() {
+        let text = |text: &str| {
+            let svg = format!(
+                r#"<svg xmlns="http://www.w3.org/2000/svg" width="80" height="20"><text x="2" y="15" font-family="sans-serif" font-size="14">{text}</text></svg>"#
+            );
+            let mut picture = Pixmap::new(80, 20).unwrap();
+            resvg::render(
+                &Renderer::new().parse(&svg).unwrap(),
+                Transform::identity(),
+                &mut picture.as_mut(),
+            );
+            picture.pixels().iter().filter(|pixel| pixel.alpha() > 128).count()
+        };
+        assert_eq!(text(""), 0);
+        assert!(text("Wide text") > 100);
+        // What the captions are made of is in the font: a missing one would be as wide as any other.
+        for sign in ["±", "×", "°", "−", "é", "Ω", "Ж"] {
+            assert!(text(sign) > 5, "{sign}");
+        }
+        assert!(Renderer::new().png("no drawing", 1.0).is_err());
+    }
+}
