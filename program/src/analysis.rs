@@ -25,6 +25,8 @@ pub struct Frame {
     pub time: Option<f64>,
     /// Its motion.
     pub solution: FrameSolution,
+    /// The decoded frame, where pictures are kept.
+    pub picture: Option<gst::Sample>,
 }
 
 /// A clip that is analysed: all of it or stretches, with one memory of the camera.
@@ -33,8 +35,9 @@ pub struct Analysis {
     sink: gst_app::AppSink,
     info: gst_video::VideoInfo,
     rectifier: Rectifier,
-    /// Times of the frames whose motion has not come.
-    waiting: VecDeque<Option<f64>>,
+    /// Times of the frames whose motion has not come, and the frames where they are kept.
+    waiting: VecDeque<(Option<f64>, Option<gst::Sample>)>,
+    keeps_pictures: bool,
 }
 
 impl Analysis {
@@ -68,7 +71,17 @@ impl Analysis {
         let rate = info.fps();
         let period = (rate.numer() > 0).then(|| f64::from(rate.denom()) / f64::from(rate.numer()));
         let rectifier = Rectifier::new(settings, info.width() as usize, info.height() as usize, period)?;
-        Ok(Self { playback, sink, info, rectifier, waiting: VecDeque::new() })
+        Ok(Self { playback, sink, info, rectifier, waiting: VecDeque::new(), keeps_pictures: false })
+    }
+
+    /// Gives each frame out with its motion.
+    pub fn keep_pictures(&mut self) {
+        self.keeps_pictures = true;
+    }
+
+    /// What the decoded frames are like.
+    pub fn info(&self) -> &gst_video::VideoInfo {
+        &self.info
     }
 
     /// Frame width and height in pixels.
@@ -145,14 +158,14 @@ impl Analysis {
             if buffer.flags().contains(gst::BufferFlags::GAP) { Duplicate::Known } else { Duplicate::Detect };
         let seconds = time.map(|time| time.nseconds() as f64 * 1e-9);
         self.rectifier.push(&Luma::from(plane), seconds, duplicate)?;
-        self.waiting.push_back(seconds);
+        self.waiting.push_back((seconds, self.keeps_pictures.then(|| sample.clone())));
         Ok(())
     }
 
     fn pop(&mut self, note: &mut dyn FnMut(Frame) -> Result<()>) -> Result<()> {
         while let Some(solution) = self.rectifier.pop() {
-            let time = self.waiting.pop_front().flatten();
-            note(Frame { time, solution })?;
+            let (time, picture) = self.waiting.pop_front().unwrap_or_default();
+            note(Frame { time, solution, picture })?;
         }
         Ok(())
     }

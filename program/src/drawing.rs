@@ -1,7 +1,7 @@
 //! SVG → pixels, the same on every machine: the font is in the program.
 
 use anyhow::{Context, Result, anyhow};
-use resvg::tiny_skia::{Pixmap, Transform};
+use resvg::tiny_skia::{Pixmap, PixmapMut, Transform};
 use resvg::usvg::{Options, Tree};
 use std::sync::Arc;
 
@@ -9,7 +9,7 @@ use std::sync::Arc;
 const FONT: &[u8] = include_bytes!("../fonts/DejaVuSans.ttf");
 const FONT_FAMILY: &str = "DejaVu Sans";
 
-/// A colour as SVG and a drawing library for charts have it: red, green, blue.
+/// A colour: red, green, blue.
 pub type Colour = [u8; 3];
 
 /// Colours that people with colour-blindness tell apart (M. Okabe and K. Ito, *Color universal design*, 2008).
@@ -17,6 +17,13 @@ pub const BLUE: Colour = [0, 114, 178];
 pub const VERMILION: Colour = [213, 94, 0];
 pub const GREEN: Colour = [0, 158, 115];
 pub const PURPLE: Colour = [204, 121, 167];
+pub const SKY_BLUE: Colour = [86, 180, 233];
+pub const YELLOW: Colour = [240, 228, 66];
+
+/// A colour as SVG has it.
+pub fn hex([red, green, blue]: Colour) -> String {
+    format!("#{red:02x}{green:02x}{blue:02x}")
+}
 
 /// Renders SVG.
 pub struct Renderer {
@@ -35,6 +42,12 @@ impl Renderer {
 
     fn parse(&self, svg: &str) -> Result<Tree> {
         Tree::from_str(svg, &self.options).map_err(|error| anyhow!("the drawing is not SVG: {error}"))
+    }
+
+    /// Draws over a picture, pixel for pixel.
+    pub fn draw(&self, svg: &str, picture: &mut PixmapMut<'_>) -> Result<()> {
+        resvg::render(&self.parse(svg)?, Transform::identity(), picture);
+        Ok(())
     }
 
     /// A PNG file with so many pixels to one of the SVG.
@@ -58,11 +71,7 @@ mod tests {
                 r#"<svg xmlns="http://www.w3.org/2000/svg" width="80" height="20"><text x="2" y="15" font-family="sans-serif" font-size="14">{text}</text></svg>"#
             );
             let mut picture = Pixmap::new(80, 20).unwrap();
-            resvg::render(
-                &Renderer::new().parse(&svg).unwrap(),
-                Transform::identity(),
-                &mut picture.as_mut(),
-            );
+            Renderer::new().draw(&svg, &mut picture.as_mut()).unwrap();
             picture.pixels().iter().filter(|pixel| pixel.alpha() > 128).count()
         };
         assert_eq!(text(""), 0);

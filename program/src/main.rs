@@ -16,6 +16,7 @@ mod plot;
 mod progress;
 mod readout;
 mod rectifier_options;
+mod show;
 mod track;
 
 use anyhow::{Context, Result};
@@ -53,6 +54,9 @@ enum Command {
     /// Draws the motion of a clip, its readout and its confidence over time, as SVG or PNG.
     #[command(after_help = EXIT_CODES)]
     Plot(plot::PlotOptions),
+    /// Draws correspondences, the correction and the confidence over a clip.
+    #[command(after_help = EXIT_CODES)]
+    Show(Box<show::ShowOptions>),
     /// Prints what a shell needs to complete the command line.
     Completions {
         /// The shell.
@@ -78,6 +82,7 @@ fn run(cli: &Cli) -> Result<bool> {
         Command::Measure(options) => measure::run(options, &start()?),
         Command::Track(options) => track::run(options, &start()?),
         Command::Plot(options) => plot::run(options, &start()?),
+        Command::Show(options) => show::run(options, &start()?),
         Command::Completions { shell } => {
             clap_complete::generate(*shell, &mut Cli::command(), "rsrectify", &mut std::io::stdout());
             Ok(true)

@@ -4,6 +4,7 @@
 //! of it, spread over its length, are analysed.
 
 use crate::analysis::{Analysis, Frame};
+use crate::estimate::Estimate;
 use crate::interruption::Interruption;
 use crate::progress;
 use crate::rectifier_options::{AnalysisOptions, Direction, name_of};
@@ -86,6 +87,12 @@ impl Found {
         // 0 would leave it to the rectifier again.
         analysis.readout_time = Some(self.milliseconds.max(1e-6));
         analysis.readout_direction = Some(self.direction.into());
+    }
+
+    /// The signed readout time in milliseconds, negative where the bottom row or the right column is read first.
+    pub fn estimate(&self) -> Estimate {
+        let sign = if self.direction.is_reversed() { -1.0 } else { 1.0 };
+        Estimate { value: sign * self.milliseconds, deviation: self.deviation_ms() }
     }
 
     /// Whether the rows are as good as exposed at once.

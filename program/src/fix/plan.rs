@@ -4,7 +4,6 @@ use super::options::FixOptions;
 use super::pipeline::Recipe;
 use crate::clips;
 use crate::output;
-use crate::output::codec::{Container, Rate};
 use anyhow::{Context, Result, bail};
 use std::path::PathBuf;
 
@@ -26,21 +25,10 @@ pub fn jobs(options: &FixOptions) -> Result<Vec<Job>> {
     let clips = clips::expand(&options.clips)?;
     let output = options.output.as_deref();
     let folder = output.filter(|output| clips.len() > 1 || output::is_folder(output));
-    let rate = options.bitrate.map_or(Rate::Quality(options.quality), Rate::Bits);
     let mut jobs: Vec<Job> = Vec::new();
     for clip in clips {
         let file = output.filter(|_| folder.is_none());
-        let named = file.map(Container::of);
-        if named == Some(None) && options.container.is_none() {
-            bail!("--output must end in .mp4, .mov or .mkv, or --container be given");
-        }
-        // A clip's own kind of file, where that can hold the codec.
-        let own = || {
-            let own = Container::of(&clip);
-            own.filter(|container| options.codec.check(*container, rate).is_ok())
-        };
-        let container = options.container.or(named.flatten()).or_else(own);
-        let container = container.unwrap_or(options.codec.usual_container());
+        let container = options.encoding.container(&clip, file)?;
         let output = match file {
             Some(file) => file.to_owned(),
             None => {
@@ -57,9 +45,9 @@ pub fn jobs(options: &FixOptions) -> Result<Vec<Job>> {
             );
         }
         let recipe = Recipe {
-            codec: options.codec,
+            codec: options.encoding.codec,
             container,
-            rate,
+            rate: options.encoding.rate(),
             audio: options.audio,
             compare: options.compare,
             rectifier: options.rectifier.clone(),

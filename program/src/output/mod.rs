@@ -1,6 +1,7 @@
 //! The files that the program writes: their names, how video in them is encoded, and that none is left half.
 
 pub mod codec;
+pub mod encoding;
 mod unfinished;
 
 pub use unfinished::Unfinished;

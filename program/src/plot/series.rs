@@ -51,12 +51,11 @@ impl Series {
             confidence: solution.confidence,
             expected_error: solution.expected_error,
         };
-        let sign = if readout.direction().is_reversed() { -1.0 } else { 1.0 };
         self.times.push(frame.time);
         self.frames.push(Point {
             time: 0.0,
             motion: (solution.origin != Origin::Untouched).then_some(motion),
-            readout: Estimate { value: sign * readout.time() * 1e3, deviation: solution.readout_deviation },
+            readout: Estimate::of_readout(readout, solution.readout_deviation),
             direction: readout.direction(),
         });
     }
