@@ -72,13 +72,14 @@ mod tests {
             );
             let mut picture = Pixmap::new(80, 20).unwrap();
             Renderer::new().draw(&svg, &mut picture.as_mut()).unwrap();
-            picture.pixels().iter().filter(|pixel| pixel.alpha() > 128).count()
+            picture.pixels().iter().map(|pixel| pixel.alpha()).collect::<Vec<_>>()
         };
-        assert_eq!(text(""), 0);
-        assert!(text("Wide text") > 100);
-        // What the captions are made of is in the font: a missing one would be as wide as any other.
-        for sign in ["±", "×", "°", "−", "é", "Ω", "Ж"] {
-            assert!(text(sign) > 5, "{sign}");
+        let dark = |pixels: Vec<u8>| pixels.into_iter().filter(|alpha| *alpha > 128).count();
+        assert_eq!(dark(text("")), 0);
+        assert!(dark(text("Wide text")) > 100);
+        // What captions and names are made of looks like what is not in the font only if it is not.
+        for sign in ["±", "×", "°", "−", "%", "é", "Ω", "Ж"] {
+            assert_ne!(text(sign), text("漢"), "{sign}");
         }
         assert!(Renderer::new().png("no drawing", 1.0).is_err());
     }

@@ -103,7 +103,7 @@ fn panels(points: &[Point]) -> Vec<Panel> {
             title: "Confidence",
             axis: "share, 0 to 1",
             range: Some(-0.04..1.06),
-            curves: vec![curve("share of the correction that is applied", BLUE, |motion| {
+            curves: vec![curve("share of the correction expected to be right", BLUE, |motion| {
                 Some(motion.confidence)
             })],
         },
@@ -129,8 +129,12 @@ impl Expected {
         // Of a frame that is hardly corrected the error may be any number.
         let usual = known.get(known.len() * 9 / 10).copied();
         let limit = usual.map(|usual| BEYOND * usual).filter(|limit| known.last() > Some(limit));
-        let cut = if limit.is_some() { ", cut off where beyond the axis" } else { "" };
-        let label = format!("root mean square over the frame{cut}");
+        let label = match (known.is_empty(), limit) {
+            (true, _) => "cannot be told",
+            (_, None) => "root mean square over the frame",
+            (_, Some(_)) => "root mean square over the frame, cut off at the top",
+        };
+        let label = label.to_owned();
         Self { curve: Curve { label, colour: VERMILION, values, band: None }, limit }
     }
 }
@@ -144,7 +148,7 @@ fn readout(points: &[Point]) -> Curve {
             true => {
                 format!("{:.1} ms {direction} in the end, 95 %: {low:.1} to {high:.1}", point.readout.value)
             }
-            false => format!("{:.1} ms {direction}, given", point.readout.value),
+            false => format!("{:.1} ms {direction}, not sought", point.readout.value),
         }
     });
     Curve {
@@ -166,7 +170,10 @@ impl Panel {
         let finite = values.chain(bands).filter(|value| value.is_finite());
         let (low, high) =
             finite.fold((0.0_f64, 0.0_f64), |(low, high), value| (low.min(*value), high.max(*value)));
-        let air = 0.07 * (high - low).max(1e-3);
+        if low == high {
+            return 0.0..1.0;
+        }
+        let air = 0.07 * (high - low);
         low - if low < 0.0 { air } else { 0.0 }..high + air
     }
 }

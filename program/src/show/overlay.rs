@@ -107,7 +107,7 @@ impl Overlay {
         let [low, high] = estimate.interval();
         match estimate.deviation > 0.0 {
             true => format!("readout {:.1} ms, 95 %: {low:.1} to {high:.1}, {direction}", estimate.value),
-            false => format!("readout {:.1} ms as given, {direction}", estimate.value),
+            false => format!("readout {:.1} ms, not sought, {direction}", estimate.value),
         }
     }
 }

@@ -146,6 +146,7 @@ impl Continuous {
     }
 
     /// The same, which gives out the correspondences with the motions where `keep` says so.
+    #[must_use]
     pub fn with_correspondences(self, keep: bool) -> Self {
         Self { keeps_correspondences: keep, ..self }
     }
