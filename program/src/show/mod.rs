@@ -69,7 +69,7 @@ fn show(options: &ShowOptions, file: &Path, container: Container, interruption: 
     settings.keep_correspondences = true;
     let mut analysis = Analysis::open(&options.clip, settings, interruption)?;
     analysis.keep_pictures();
-    let period = analysis.frame_rate().map_or(0.0, |rate| 1e3 / rate);
+    let period = analysis.frame_rate().map(|rate| 1e3 / rate);
     let found = found.map(|found| found.estimate());
     let overlay = Overlay::new(analysis.size(), options.magnify, found, period);
     let renderer = Renderer::new();

@@ -28,12 +28,12 @@ pub struct Overlay {
     magnify: f64,
     /// The readout that all frames are rectified with, in signed milliseconds, if it was found before the first of them.
     found: Option<Estimate>,
-    /// Milliseconds from frame to frame.
-    period: f64,
+    /// Milliseconds from frame to frame, where the clip says so.
+    period: Option<f64>,
 }
 
 impl Overlay {
-    pub fn new(size: [u32; 2], magnify: f64, found: Option<Estimate>, period: f64) -> Self {
+    pub fn new(size: [u32; 2], magnify: f64, found: Option<Estimate>, period: Option<f64>) -> Self {
         Self { size, magnify, found, period }
     }
 
@@ -101,14 +101,18 @@ impl Overlay {
     /// The readout in words.
     fn readout(&self, frame: &Frame) -> String {
         let readout = frame.solution.motion.readout();
-        let believed = Estimate::of_readout(readout, frame.solution.readout_deviation * self.period);
-        let estimate = self.found.unwrap_or(believed);
         let direction = name(readout.direction());
+        // In frame durations; 0 where it was not sought.
+        let deviation = frame.solution.readout_deviation;
+        let believed = Estimate::of_readout(readout, deviation * self.period.unwrap_or_default());
+        let estimate = self.found.unwrap_or(believed);
         let [low, high] = estimate.interval();
-        match estimate.deviation > 0.0 {
-            true => format!("readout {:.1} ms, 95 %: {low:.1} to {high:.1}, {direction}", estimate.value),
-            false => format!("readout {:.1} ms, not sought, {direction}", estimate.value),
-        }
+        let doubt = match (low < high, deviation > 0.0) {
+            (true, _) => format!("95 %: {low:.1} to {high:.1}"),
+            (false, true) => format!("deviation {:.0} % of the frame duration", 100.0 * deviation),
+            (false, false) => "not sought".to_owned(),
+        };
+        format!("readout {:.1} ms, {doubt}, {direction}", estimate.value)
     }
 }
 
