@@ -26,6 +26,8 @@ pub struct Frame {
     pub time: Option<f64>,
     /// Its motion.
     pub solution: FrameSolution,
+    /// The decoded frame, where pictures are kept.
+    pub picture: Option<gst::Sample>,
 }
 
 /// A clip that is analysed: all of it or stretches, with one memory of the camera.
@@ -35,8 +37,9 @@ pub struct Analysis {
     info: gst_video::VideoInfo,
     settings: Settings,
     rectifier: Rectifier,
-    /// Times of the frames whose motion has not come.
-    waiting: VecDeque<Option<f64>>,
+    /// Times of the frames whose motion has not come, and the frames where they are kept.
+    waiting: VecDeque<(Option<f64>, Option<gst::Sample>)>,
+    keeps_pictures: bool,
 }
 
 impl Analysis {
@@ -68,7 +71,8 @@ impl Analysis {
             bail!("is interlaced: each frame holds two exposures; deinterlace it first");
         }
         let rectifier = rectifier(settings, &info)?;
-        Ok(Self { playback, sink, info, settings, rectifier, waiting: VecDeque::new() })
+        let waiting = VecDeque::new();
+        Ok(Self { playback, sink, info, settings, rectifier, waiting, keeps_pictures: false })
     }
 
     /// Starts from what is expected of the readout; before any frame is analysed.
@@ -76,6 +80,16 @@ impl Analysis {
         self.settings.readout_prior = Some(prior);
         self.rectifier = rectifier(self.settings, &self.info)?;
         Ok(())
+    }
+
+    /// Gives each frame out with its motion.
+    pub fn keep_pictures(&mut self) {
+        self.keeps_pictures = true;
+    }
+
+    /// What the decoded frames are like.
+    pub fn info(&self) -> &gst_video::VideoInfo {
+        &self.info
     }
 
     /// Frame width and height in pixels.
@@ -151,14 +165,14 @@ impl Analysis {
             if buffer.flags().contains(gst::BufferFlags::GAP) { Duplicate::Known } else { Duplicate::Detect };
         let seconds = time.map(|time| time.nseconds() as f64 * 1e-9);
         self.rectifier.push(&Luma::from(plane), seconds, duplicate)?;
-        self.waiting.push_back(seconds);
+        self.waiting.push_back((seconds, self.keeps_pictures.then(|| sample.clone())));
         Ok(())
     }
 
     fn pop(&mut self, note: &mut dyn FnMut(Frame) -> Result<()>) -> Result<()> {
         while let Some(solution) = self.rectifier.pop() {
-            let time = self.waiting.pop_front().flatten();
-            note(Frame { time, solution })?;
+            let (time, picture) = self.waiting.pop_front().unwrap_or_default();
+            note(Frame { time, solution, picture })?;
         }
         Ok(())
     }

@@ -5,10 +5,11 @@
 
 use crate::analysis::{Analysis, Frame};
 use crate::camera::Camera;
+use crate::estimate::Estimate;
 use crate::interruption::Interruption;
+use crate::progress;
 use crate::rectifier_options::{AnalysisOptions, Direction, name_of};
 use anyhow::Result;
-use indicatif::{ProgressBar, ProgressStyle};
 use rsrectify::readout::{ReadoutDirection, ReadoutPrior};
 use rsrectify::rectifier::{FocalLength, FrameSolution, Settings};
 use std::fmt;
@@ -94,6 +95,12 @@ impl Found {
         self.deviation * self.period
     }
 
+    /// The signed readout time in milliseconds, negative where the bottom row or the right column is read first.
+    pub fn estimate(&self) -> Estimate {
+        let sign = if self.direction.is_reversed() { -1.0 } else { 1.0 };
+        Estimate { value: sign * self.milliseconds, deviation: self.deviation_ms() }
+    }
+
     /// Whether the rows are as good as exposed at once.
     pub fn is_global(&self) -> bool {
         self.milliseconds < NONE
@@ -165,6 +172,22 @@ impl Summary {
     }
 }
 
+/// Goes on with the readout that was found, where it is to be found first; says which one it is.
+pub fn settle(found: Option<&Found>, analysis: &mut AnalysisOptions) {
+    if !analysis.wants_readout() {
+        return;
+    }
+    match found {
+        Some(found) if found.doubt().is_none() => eprintln!("readout: {found}"),
+        _ => eprintln!(
+            "warning: the readout is not certain from this clip; give --readout-time if you know it"
+        ),
+    }
+    if let Some(found) = found {
+        found.apply(analysis);
+    }
+}
+
 /// Analyses a clip for what it says of its camera, starting from what is known of it; `None` where it has no frames.
 pub fn find(
     clip: &Path,
@@ -174,11 +197,8 @@ pub fn find(
     interruption: &Interruption,
 ) -> Result<Option<Found>> {
     let mut analysis = Analysis::open(clip, settings, interruption)?;
-    let expected = camera.and_then(|camera| expected(camera, &analysis)).transpose()?;
-    if let Some(expected) = expected {
-        analysis.expect(expected)?;
-    }
-    let bar = ProgressBar::no_length().with_style(ProgressStyle::with_template("{spinner} {msg}")?);
+    let expected = expect(&mut analysis, camera)?;
+    let bar = progress::spinner()?;
     let mut summary = Summary::default();
     let mut note = |frame: Frame| {
         summary.add(&frame);
@@ -206,15 +226,17 @@ pub fn find(
     Ok(summary.found(analysis.size(), analysis.frame_rate()).map(|found| Found { expected, ..found }))
 }
 
-/// What is expected of the readout of a camera that made a clip; says so.
-fn expected(camera: &Camera, analysis: &Analysis) -> Option<Result<ReadoutPrior>> {
-    let (size, rate) = (analysis.size(), analysis.frame_rate()?);
-    let Some(mode) = camera.mode(size, rate) else {
-        let [width, height] = size;
+/// Starts from what is expected of the camera that made a clip, and says so.
+pub fn expect(analysis: &mut Analysis, camera: Option<&Camera>) -> Result<Option<ReadoutPrior>> {
+    let Some((camera, rate)) = camera.zip(analysis.frame_rate()) else { return Ok(None) };
+    let Some(mode) = camera.mode(analysis.size(), rate) else {
+        let [width, height] = analysis.size();
         eprintln!("camera: {}; no readout is known at {width}x{height}, {rate:.2} frames/s", camera.name());
-        return None;
+        return Ok(None);
     };
     let (time, deviation) = (mode.milliseconds(), mode.deviation());
     eprintln!("camera: {} {}; {time:.1} ± {deviation:.1} ms expected", camera.name(), mode.name());
-    Some(mode.prior().map_err(Into::into))
+    let prior = mode.prior()?;
+    analysis.expect(prior)?;
+    Ok(Some(prior))
 }

@@ -181,7 +181,8 @@ fn widths(text: &str) -> Result<f64, String> {
     in_range(text, 0.0..=1e3)
 }
 
-fn in_range(text: &str, range: std::ops::RangeInclusive<f64>) -> Result<f64, String> {
+/// A number that is given, if it lies in the range.
+pub fn in_range(text: &str, range: std::ops::RangeInclusive<f64>) -> Result<f64, String> {
     let value: f64 = text.parse().map_err(|_| "not a number".to_owned())?;
     if range.contains(&value) {
         Ok(value)

@@ -19,6 +19,7 @@ use std::collections::VecDeque;
 use std::time::{Duration, Instant};
 
 pub use crate::solve::Origin;
+pub use crate::solve::continuous::FittedCorrespondence;
 pub use crate::solve::residual::REGIONS;
 pub use error::{PushError, SettingsError};
 
@@ -73,6 +74,8 @@ pub struct Settings {
     /// What is expected of the readout where it is not known; one that contradicts `direction` is not heeded, nor is any by
     /// the sequential estimator.
     pub readout_prior: Option<ReadoutPrior>,
+    /// Whether [`FrameSolution::fitted`] is filled, which takes memory for each frame.
+    pub keep_correspondences: bool,
 }
 
 impl Default for Settings {
@@ -87,6 +90,7 @@ impl Default for Settings {
             direction: None,
             readout_time: ReadoutTime::Unknown,
             readout_prior: None,
+            keep_correspondences: false,
         }
     }
 }
@@ -121,6 +125,10 @@ pub struct FrameSolution {
     /// The focal length; `None` where nothing is known of it: of a frame without a motion, from the sequential estimator,
     /// and of a model without perspective.
     pub focal_length: Option<FocalLength>,
+    /// Correspondences of the frame and how they fit the motion, at most one a point of the sampling grid; those with the
+    /// next frame where there is one. Empty unless [`Settings::keep_correspondences`] asks for them, of a frame without a
+    /// motion, and from the sequential estimator.
+    pub fitted: Vec<FittedCorrespondence>,
 }
 
 /// A focal length, given or found.
@@ -202,7 +210,8 @@ impl Rectifier {
                     readout_prior: settings.readout_prior,
                     focal_length: settings.focal_length,
                 };
-                Engine::continuous(camera, (width, height), sampler.pixel_scale())
+                let keep = settings.keep_correspondences;
+                Engine::continuous(camera, (width, height), sampler.pixel_scale(), keep)
             }
         };
         Ok(Self {
@@ -370,6 +379,7 @@ impl Rectifier {
             residual: 0.0,
             readout_deviation,
             focal_length: None,
+            fitted: Vec::new(),
         }
     }
 
@@ -387,6 +397,7 @@ impl Rectifier {
             residual: settled.residual,
             readout_deviation: settled.readout_deviation,
             focal_length: settled.focal_length.map(|(widths, deviation)| FocalLength { widths, deviation }),
+            fitted: settled.fitted.clone(),
         }
     }
 }

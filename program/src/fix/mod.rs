@@ -1,19 +1,19 @@
 //! `rsrectify fix`: clips → rectified clips.
 
-mod codec;
 mod options;
 mod pipeline;
 mod plan;
 mod streams;
 mod timecode;
-mod unfinished;
 
 use crate::clips;
 use crate::interruption::Interruption;
+use crate::output::codec::Container;
+use crate::output::{self, Unfinished};
 use crate::playback::{Event, Playback};
+use crate::progress;
 use crate::readout::{self, Extent};
 use anyhow::{Context, Result, bail};
-use codec::Container;
 use gst::prelude::*;
 use indicatif::{ProgressBar, ProgressStyle};
 pub use options::FixOptions;
@@ -21,7 +21,6 @@ use pipeline::Progress;
 use plan::Job;
 use std::sync::Arc;
 use std::time::Instant;
-use unfinished::Unfinished;
 
 /// Rectifies all clips; whether all could be.
 pub fn run(options: &FixOptions, interruption: &Interruption) -> Result<bool> {
@@ -47,7 +46,7 @@ pub fn run(options: &FixOptions, interruption: &Interruption) -> Result<bool> {
 /// Rectifies a clip.
 fn one(job: &Job, options: &FixOptions, interruption: &Interruption) -> Result<()> {
     clips::check(&job.input)?;
-    job.check(options.overwrite)?;
+    output::check(&job.input, &job.output, options.overwrite)?;
     let mut recipe = job.recipe.clone();
     recipe.codec.check(recipe.container, recipe.rate)?;
     if options.dry_run {
@@ -93,7 +92,7 @@ fn play(
     progress: &Progress,
     interruption: &Interruption,
 ) -> Result<()> {
-    let bar = ProgressBar::no_length().with_style(ProgressStyle::with_template("{spinner} {msg}")?);
+    let bar = progress::spinner()?;
     let mut playback = Playback::new(pipeline)?;
     playback.set_state(gst::State::Playing);
     let started = Instant::now();

@@ -1,6 +1,5 @@
 //! `rsrectify measure`: what clips say of their cameras.
 
-mod estimate;
 mod report;
 
 use crate::clips;
