@@ -26,13 +26,6 @@ fn run(command: &mut Command) -> (String, String) {
     (out, errors)
 }
 
-/// Debian's Python, which has the bindings, whatever other one is installed for the user.
-fn python(plugins: &PluginFolder, name: &str) -> Command {
-    let mut command = plugins.command("/usr/bin/python3");
-    command.arg(example(name));
-    command
-}
-
 /// Writes the shaken film as raw frames; gives its path.
 fn raw_film(folder: &Path) -> PathBuf {
     init();
@@ -107,7 +100,7 @@ fn raw_frames_in_c() {
 #[test]
 fn raw_frames_in_python() {
     let plugins = PluginFolder::new("example-python");
-    check_raw_frames(&plugins, python(&plugins, "python/rectify_frames.py"));
+    check_raw_frames(&plugins, plugins.command(example("python/rectify_frames.py")));
 }
 
 /// Luma and time of all frames of a file.
@@ -134,7 +127,7 @@ fn a_timeline_in_python() {
     let clips = ["first.mp4", "second.mp4"].map(|name| plugins.0.join(name));
     clips.iter().for_each(|clip| write_shaken(clip, FRAMES as f64 / FPS));
     let (output, project) = (plugins.0.join("out.mp4"), plugins.0.join("project.xges"));
-    let mut command = python(&plugins, "python/edit_timeline.py");
+    let mut command = plugins.command(example("python/edit_timeline.py"));
     run(command.arg(&output).args(&clips).args(["--seconds", "2", "--save"]).arg(&project));
 
     let frames = decode(&output);

@@ -1,4 +1,4 @@
-#!/usr/bin/env python3
+#!/usr/bin/python3
 """Puts clips one after the other on a timeline of GStreamer Editing Services, each with the effect
 rsrectify, and renders them to a file; the project can be saved for an editor.
 

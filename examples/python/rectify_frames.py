@@ -1,4 +1,4 @@
-#!/usr/bin/env python3
+#!/usr/bin/python3
 """Rectifies raw frames of an application by GStreamer: appsrc → rsrectify → appsink.
 
   rectify_frames.py IN.raw OUT.raw FORMAT WIDTH HEIGHT FRAMES_PER_SECOND
