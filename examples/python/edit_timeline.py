@@ -45,8 +45,6 @@ def timeline_of(paths, seconds):
         # gst-launch-1.0; for all clips of a camera whose readout is known:
         # "rsrectify readout-time=20000000 readout-direction=top-to-bottom".
         effect = GES.Effect.new("rsrectify")
-        if effect is None:
-            sys.exit("GST_PLUGIN_PATH must name the folder of libgstrsrectify.so.")
         # A top effect sees the clip's frames before they are placed in the picture.
         clip.add_top_effect(effect, -1)
         start += length
@@ -69,10 +67,12 @@ def render(timeline, path):
     pipeline.set_render_settings(uri(path), mp4_profile())
     pipeline.set_mode(GES.PipelineFlags.RENDER)
     try:
-        if pipeline.set_state(Gst.State.PLAYING) == Gst.StateChangeReturn.FAILURE:
-            sys.exit("The rendering does not start.")
+        started = pipeline.set_state(Gst.State.PLAYING) != Gst.StateChangeReturn.FAILURE
         ends = Gst.MessageType.EOS | Gst.MessageType.ERROR
-        message = pipeline.get_bus().timed_pop_filtered(Gst.CLOCK_TIME_NONE, ends)
+        # What does not start has posted its error already.
+        message = pipeline.get_bus().timed_pop_filtered(Gst.CLOCK_TIME_NONE if started else 0, ends)
+        if message is None:
+            sys.exit("The rendering does not start.")
         if message.type == Gst.MessageType.ERROR:
             raise message.parse_error()[0]
     finally:
@@ -88,6 +88,8 @@ def main():
     Gst.init(None)
     GES.init()
     arguments = parser.parse_args()
+    if not Gst.ElementFactory.find("rsrectify"):
+        sys.exit("GST_PLUGIN_PATH must name the folder of libgstrsrectify.so.")
     try:
         timeline = timeline_of(arguments.clips, arguments.seconds)
         if arguments.save:

@@ -31,7 +31,13 @@ class Input:
     def push(self, source, _length):
         """Called by appsrc, in its own thread, whenever it wants a frame: frames are read no faster than
         they are worked on."""
-        pixels = self.file.read(self.size)
+        try:
+            pixels = self.file.read(self.size)
+        except OSError as error:
+            # An exception goes nowhere from here; the main thread waits for frames and looks at the bus.
+            failure = GLib.Error.new_literal(Gst.ResourceError.quark(), str(error), Gst.ResourceError.READ)
+            source.post_message(Gst.Message.new_error(source, failure, ""))
+            pixels = b""
         if len(pixels) < self.size:
             source.end_of_stream()
             return
@@ -102,6 +108,13 @@ def run(arguments, source_file, out):
         pipeline.set_state(Gst.State.NULL)
 
 
+def positive(text):
+    number = int(text)
+    if number <= 0:
+        raise argparse.ArgumentTypeError("must be above 0")
+    return number
+
+
 def video_format(name):
     found = GstVideo.VideoFormat.from_string(name)
     if found == GstVideo.VideoFormat.UNKNOWN:
@@ -115,14 +128,17 @@ def main():
     parser.add_argument("output", type=argparse.FileType("wb"), help="where the rectified frames go")
     parser.add_argument("format", type=video_format, help="pixel format, such as I420 or GRAY8")
     for name in ["width", "height", "rate"]:
-        parser.add_argument(name, type=int)
+        parser.add_argument(name, type=positive)
     Gst.init(None)
     arguments = parser.parse_args()
     try:
-        run(arguments, arguments.input, arguments.output)
+        # Closed here, so that what the disk cannot take any more is noticed.
+        with arguments.input, arguments.output:
+            run(arguments, arguments.input, arguments.output)
     except GLib.Error as error:
         sys.exit(error.message)
-    arguments.output.close()
+    except OSError as error:
+        sys.exit(str(error))
 
 
 if __name__ == "__main__":
