@@ -88,7 +88,8 @@ fn flow(direction: f64) -> FlowField {
 /// An estimator that has seen `BEFORE` frames, and the next frame's number.
 fn estimator(pairs: &[Vec<Correspondence>], readout_time: ReadoutTime) -> (Continuous, usize) {
     let direction = (readout_time != ReadoutTime::Unknown).then_some(ReadoutDirection::TopToBottom);
-    let camera = Camera { model: Model::Auto, direction, readout_time, focal_length: None };
+    let camera =
+        Camera { model: Model::Auto, direction, readout_time, readout_prior: None, focal_length: None };
     let mut estimator = Continuous::new(camera, WIDTH, HEIGHT, SCALE);
     for frame in 0..BEFORE {
         push(&mut estimator, pairs, frame);

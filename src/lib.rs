@@ -93,6 +93,7 @@ mod tests {
         check::<Rectifier>();
         check::<rectifier::Settings>();
         check::<rectifier::FrameSolution>();
+        check::<rectifier::FittedCorrespondence>();
         check::<rectifier::SettingsError>();
         check::<rectifier::PushError>();
         check::<Warper>();

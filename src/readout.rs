@@ -68,6 +68,51 @@ impl ReadoutTime {
     }
 }
 
+/// What a camera's readout is expected to be, as where its model is known: the evidence of the picture overrules it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ReadoutPrior {
+    /// Finite and not negative, in seconds.
+    time: f64,
+    /// Finite and positive, in seconds.
+    deviation: f64,
+    direction: Option<ReadoutDirection>,
+}
+
+impl ReadoutPrior {
+    /// A readout time of `time` ± `deviation` seconds (mean and standard deviation), read from an edge of the frame, as it
+    /// arrives, or from any where none is expected.
+    ///
+    /// # Errors
+    /// [`ReadoutError::Time`] and [`ReadoutError::Deviation`].
+    pub fn new(time: f64, deviation: f64, direction: Option<ReadoutDirection>) -> Result<Self, ReadoutError> {
+        if !(time.is_finite() && time >= 0.0) {
+            return Err(ReadoutError::Time(time));
+        }
+        if !(deviation.is_finite() && deviation > 0.0) {
+            return Err(ReadoutError::Deviation(deviation));
+        }
+        Ok(Self { time, deviation, direction })
+    }
+
+    /// Mean in seconds, finite and not negative.
+    #[must_use]
+    pub const fn time(&self) -> f64 {
+        self.time
+    }
+
+    /// Standard deviation in seconds, finite and positive.
+    #[must_use]
+    pub const fn deviation(&self) -> f64 {
+        self.deviation
+    }
+
+    /// The edge that is expected to be read first; `None`: any.
+    #[must_use]
+    pub const fn direction(&self) -> Option<ReadoutDirection> {
+        self.direction
+    }
+}
+
 /// Why there can be no such readout.
 #[derive(Clone, Copy, Debug, PartialEq, Error)]
 #[non_exhaustive]
@@ -75,6 +120,9 @@ pub enum ReadoutError {
     /// A readout time that is negative, infinite or not a number.
     #[error("readout time of {0} s: must be finite and not negative")]
     Time(f64),
+    /// A standard deviation that is not positive, infinite or not a number.
+    #[error("deviation of {0} s: must be finite and positive")]
+    Deviation(f64),
     /// An inter-frame delay that is negative, infinite or not a number.
     #[error("inter-frame delay of {0} rows: must be finite and not negative")]
     Delay(f64),

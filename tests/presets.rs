@@ -57,3 +57,37 @@ fn save_and_load() {
     let launched = gst::parse::launch(both);
     assert!(launched.is_ok(), "{launched:?}");
 }
+
+/// The presets of known cameras, from the folder that GStreamer is told of before it starts.
+#[test]
+fn known_cameras_are_presets() {
+    let presets = concat!(env!("CARGO_MANIFEST_DIR"), "/presets");
+    let folder = std::env::temp_dir().join(format!("rsrectify-no-presets-{}", std::process::id()));
+    let output = Command::new(std::env::current_exe().unwrap())
+        .args(["--ignored", "--exact", "load_a_camera"])
+        .env("GST_PRESET_PATH", presets)
+        .env(FOLDER, &folder)
+        .output()
+        .unwrap();
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stdout));
+}
+
+#[test]
+#[ignore = "needs presets in a folder that GStreamer knows before it starts; run by the test above"]
+fn load_a_camera() {
+    init();
+    let element = gst::ElementFactory::make("rsrectify").build().unwrap();
+    let presets = element.dynamic_cast_ref::<gst::Preset>().unwrap();
+    assert!(presets.preset_names().len() > 80);
+    presets.load_preset("Sony A7S III 3840x2160@59.94").unwrap();
+    assert_eq!(element.property::<u64>("expected-readout-time"), 8_700_000);
+    assert_eq!(element.property::<u64>("expected-readout-deviation"), 313_200);
+    let direction = element.property_value("expected-readout-direction");
+    assert_eq!(direction.serialize().unwrap(), "top-to-bottom");
+    // An expectation, no order.
+    assert_eq!(element.property::<u64>("readout-time"), 0);
+    let comment = presets.meta("Sony A7S III 3840x2160@59.94", "comment").unwrap();
+    assert!(comment.contains("8 of 8 profiles by 8 people"), "{comment}");
+    presets.load_preset("Fujifilm X-T5 3840x2160@50").unwrap();
+    assert_eq!(element.property_value("expected-readout-direction").serialize().unwrap(), "bottom-to-top");
+}

@@ -5,7 +5,7 @@ mod common;
 mod program;
 
 use common::shake::{FPS, RATIO, write_shaken};
-use program::{CLIP, Folder, TONE, buffers, rsrectify};
+use program::{CLIP, Folder, TONE, buffers, rsrectify, size, times};
 use std::path::Path;
 use std::process::Output;
 
@@ -44,22 +44,6 @@ fn audio(path: &Path) -> (String, Vec<u8>) {
     let name = samples[0].caps().unwrap().structure(0).unwrap().name().to_string();
     let bytes = samples.iter().flat_map(|s| s.buffer().unwrap().map_readable().unwrap().to_vec()).collect();
     (name, bytes)
-}
-
-/// When each frame is shown, in microseconds: what MP4 stores is rounded to a track's clock.
-///
-/// Encoders with B-frames shift timestamps and segment alike, so running time is compared.
-fn times(frames: &[gst::Sample]) -> Vec<Option<u64>> {
-    let running = |frame: &gst::Sample| {
-        let segment = frame.segment()?.downcast_ref::<gst::ClockTime>()?;
-        Some((segment.to_running_time(frame.buffer()?.pts())?.nseconds() + 500) / 1000)
-    };
-    frames.iter().map(running).collect()
-}
-
-fn size(frame: &gst::Sample) -> (i32, i32) {
-    let caps = frame.caps().unwrap().structure(0).unwrap();
-    (caps.get("width").unwrap(), caps.get("height").unwrap())
 }
 
 /// Mean grey level of a column.

@@ -86,6 +86,7 @@ impl Recording {
             model: settings.model,
             direction: settings.direction,
             readout_time: settings.readout_time,
+            readout_prior: settings.readout_prior,
             focal_length: settings.focal_length,
         };
         Continuous::new(camera, self.size[0], self.size[1], self.pixel_scale)

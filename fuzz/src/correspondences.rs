@@ -33,6 +33,7 @@ fn window(u: &mut Unstructured<'_>) -> Result<()> {
         model: settings.model,
         direction: settings.direction,
         readout_time: settings.readout_time,
+        readout_prior: settings.readout_prior,
         focal_length: settings.focal_length,
     };
     let mut continuous = Continuous::new(camera, WIDTH, HEIGHT, 1.0);

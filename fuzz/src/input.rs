@@ -3,7 +3,7 @@
 use arbitrary::{Result, Unstructured};
 use rsrectify::motion::Model;
 use rsrectify::plane::SampleFormat;
-use rsrectify::readout::{Readout, ReadoutDirection, ReadoutTime};
+use rsrectify::readout::{Readout, ReadoutDirection, ReadoutPrior, ReadoutTime};
 use rsrectify::rectifier::{Estimator, Settings};
 
 /// The directions of the readout.
@@ -73,6 +73,10 @@ pub fn settings(u: &mut Unstructured<'_>) -> Result<Settings> {
     settings.focal_length = if u.arbitrary()? { Some(real(u, 2.0)?) } else { None };
     settings.direction = if u.arbitrary()? { Some(*u.choose(&DIRECTIONS)?) } else { None };
     settings.readout_time = readout_time(u)?;
+    if u.arbitrary()? {
+        let direction = if u.arbitrary()? { Some(*u.choose(&DIRECTIONS)?) } else { None };
+        settings.readout_prior = ReadoutPrior::new(real(u, 0.05)?, real(u, 0.01)?, direction).ok();
+    }
     Ok(settings)
 }
 

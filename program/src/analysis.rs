@@ -8,6 +8,7 @@ use gst::prelude::*;
 use gst_video::prelude::*;
 use rsrectify::Rectifier;
 use rsrectify::plane::{Luma, Plane, PlaneLayout, SampleFormat};
+use rsrectify::readout::ReadoutPrior;
 use rsrectify::rectifier::{Duplicate, FrameSolution, Settings};
 use std::collections::VecDeque;
 use std::path::Path;
@@ -25,6 +26,8 @@ pub struct Frame {
     pub time: Option<f64>,
     /// Its motion.
     pub solution: FrameSolution,
+    /// The decoded frame, where pictures are kept.
+    pub picture: Option<gst::Sample>,
 }
 
 /// A clip that is analysed: all of it or stretches, with one memory of the camera.
@@ -32,9 +35,11 @@ pub struct Analysis {
     playback: Playback,
     sink: gst_app::AppSink,
     info: gst_video::VideoInfo,
+    settings: Settings,
     rectifier: Rectifier,
-    /// Times of the frames whose motion has not come.
-    waiting: VecDeque<Option<f64>>,
+    /// Times of the frames whose motion has not come, and the frames where they are kept.
+    waiting: VecDeque<(Option<f64>, Option<gst::Sample>)>,
+    keeps_pictures: bool,
 }
 
 impl Analysis {
@@ -65,10 +70,26 @@ impl Analysis {
         if info.interlace_mode() != gst_video::VideoInterlaceMode::Progressive {
             bail!("is interlaced: each frame holds two exposures; deinterlace it first");
         }
-        let rate = info.fps();
-        let period = (rate.numer() > 0).then(|| f64::from(rate.denom()) / f64::from(rate.numer()));
-        let rectifier = Rectifier::new(settings, info.width() as usize, info.height() as usize, period)?;
-        Ok(Self { playback, sink, info, rectifier, waiting: VecDeque::new() })
+        let rectifier = rectifier(settings, &info)?;
+        let waiting = VecDeque::new();
+        Ok(Self { playback, sink, info, settings, rectifier, waiting, keeps_pictures: false })
+    }
+
+    /// Starts from what is expected of the readout; before any frame is analysed.
+    pub fn expect(&mut self, prior: ReadoutPrior) -> Result<()> {
+        self.settings.readout_prior = Some(prior);
+        self.rectifier = rectifier(self.settings, &self.info)?;
+        Ok(())
+    }
+
+    /// Gives each frame out with its motion.
+    pub fn keep_pictures(&mut self) {
+        self.keeps_pictures = true;
+    }
+
+    /// What the decoded frames are like.
+    pub fn info(&self) -> &gst_video::VideoInfo {
+        &self.info
     }
 
     /// Frame width and height in pixels.
@@ -78,8 +99,7 @@ impl Analysis {
 
     /// Frames a second by the file; `None` if it does not say.
     pub fn frame_rate(&self) -> Option<f64> {
-        let rate = self.info.fps();
-        (rate.numer() > 0).then(|| f64::from(rate.numer()) / f64::from(rate.denom()))
+        frame_rate(&self.info)
     }
 
     /// How long the clip is, if it says so.
@@ -145,17 +165,27 @@ impl Analysis {
             if buffer.flags().contains(gst::BufferFlags::GAP) { Duplicate::Known } else { Duplicate::Detect };
         let seconds = time.map(|time| time.nseconds() as f64 * 1e-9);
         self.rectifier.push(&Luma::from(plane), seconds, duplicate)?;
-        self.waiting.push_back(seconds);
+        self.waiting.push_back((seconds, self.keeps_pictures.then(|| sample.clone())));
         Ok(())
     }
 
     fn pop(&mut self, note: &mut dyn FnMut(Frame) -> Result<()>) -> Result<()> {
         while let Some(solution) = self.rectifier.pop() {
-            let time = self.waiting.pop_front().flatten();
-            note(Frame { time, solution })?;
+            let (time, picture) = self.waiting.pop_front().unwrap_or_default();
+            note(Frame { time, solution, picture })?;
         }
         Ok(())
     }
+}
+
+fn frame_rate(info: &gst_video::VideoInfo) -> Option<f64> {
+    let rate = info.fps();
+    (rate.numer() > 0).then(|| f64::from(rate.numer()) / f64::from(rate.denom()))
+}
+
+fn rectifier(settings: Settings, info: &gst_video::VideoInfo) -> Result<Rectifier> {
+    let period = frame_rate(info).map(f64::recip);
+    Ok(Rectifier::new(settings, info.width() as usize, info.height() as usize, period)?)
 }
 
 /// The time of a frame in its clip.

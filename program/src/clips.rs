@@ -1,10 +1,13 @@
 //! Arguments → the clips that they name.
 
+use crate::interruption::Interruption;
 use anyhow::{Context, Result, bail};
 use std::path::{Path, PathBuf};
 
 /// What ends the names of rectified clips that are written beside their originals.
 pub const RECTIFIED: &str = "-rectified";
+/// The same of those over which the motion is drawn.
+pub const SHOWN: &str = "-shown";
 
 /// Extensions of the files that are taken from a folder.
 const EXTENSIONS: [&str; 19] = [
@@ -13,7 +16,7 @@ const EXTENSIONS: [&str; 19] = [
 ];
 
 /// The clips of one argument: a file itself; the clips right in a folder, by their extensions and without those that
-/// end in `-rectified`; or what a pattern with `*`, `?`, `[…]` or `**` matches.
+/// this program wrote there; or what a pattern with `*`, `?`, `[…]` or `**` matches.
 fn named_by(argument: &Path) -> Result<Vec<PathBuf>> {
     if argument.is_dir() {
         let entries = std::fs::read_dir(argument).with_context(|| argument.display().to_string())?;
@@ -29,7 +32,7 @@ fn named_by(argument: &Path) -> Result<Vec<PathBuf>> {
     let Some(pattern) = pattern else { return Ok(vec![argument.to_owned()]) };
     let matches = glob::glob(pattern).with_context(|| format!("{pattern} is not a pattern"))?;
     let files = matches.collect::<Result<Vec<_>, _>>().with_context(|| pattern.to_owned())?;
-    let clips = sorted(files.into_iter().filter(|file| file.is_file() && !is_rectified(file)).collect());
+    let clips = sorted(files.into_iter().filter(|file| file.is_file() && !is_written(file)).collect());
     if clips.is_empty() {
         bail!("{pattern}: no file matches");
     }
@@ -43,11 +46,13 @@ fn sorted(mut files: Vec<PathBuf>) -> Vec<PathBuf> {
 
 fn is_clip(file: &Path) -> bool {
     let extension = file.extension().and_then(|extension| extension.to_str()).map(str::to_ascii_lowercase);
-    extension.is_some_and(|extension| EXTENSIONS.contains(&extension.as_str())) && !is_rectified(file)
+    extension.is_some_and(|extension| EXTENSIONS.contains(&extension.as_str())) && !is_written(file)
 }
 
-fn is_rectified(file: &Path) -> bool {
-    file.file_stem().and_then(|stem| stem.to_str()).is_some_and(|stem| stem.ends_with(RECTIFIED))
+/// Whether the name is one that this program gives.
+fn is_written(file: &Path) -> bool {
+    let stem = file.file_stem().and_then(|stem| stem.to_str());
+    stem.is_some_and(|stem| [RECTIFIED, SHOWN].iter().any(|ending| stem.ends_with(ending)))
 }
 
 /// The clips of all arguments, each once, in the order in which they were named.
@@ -72,6 +77,14 @@ pub fn check(clip: &Path) -> Result<()> {
     Ok(())
 }
 
+/// Says why a command failed for its only clip; whether it did not.
+pub fn finish(clip: &Path, result: Result<()>, interruption: &Interruption) -> Result<bool> {
+    let Err(error) = result else { return Ok(true) };
+    interruption.check()?;
+    eprintln!("error: {}: {error:#}", clip.display());
+    Ok(false)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -80,7 +93,7 @@ mod tests {
     fn folders_and_patterns_name_clips_once() {
         let folder = std::env::temp_dir().join(format!("rsrectify-clips-{}", std::process::id()));
         std::fs::create_dir_all(folder.join("sub.mov")).unwrap();
-        for name in ["b.MP4", "a.mkv", "a-rectified.mkv", "notes.txt", "sub.mov/c.mov"] {
+        for name in ["b.MP4", "a.mkv", "a-rectified.mkv", "b-shown.mp4", "notes.txt", "sub.mov/c.mov"] {
             std::fs::write(folder.join(name), "").unwrap();
         }
         let names = |arguments: &[&str]| {

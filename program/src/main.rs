@@ -3,14 +3,22 @@
 //! The GStreamer element is part of the program; nothing else has to be installed for it to be found.
 
 mod analysis;
+mod boxes;
+mod camera;
 mod clips;
+mod drawing;
 mod elements;
+mod estimate;
 mod fix;
 mod interruption;
 mod measure;
+mod output;
 mod playback;
+mod plot;
+mod progress;
 mod readout;
 mod rectifier_options;
+mod show;
 mod track;
 
 use anyhow::{Context, Result};
@@ -45,6 +53,15 @@ enum Command {
     /// Writes the motion of each frame and row, and a virtual gyroscope for Gyroflow.
     #[command(after_help = EXIT_CODES)]
     Track(Box<track::TrackOptions>),
+    /// Draws the motion of a clip, its readout and its confidence over time, as SVG or PNG.
+    #[command(after_help = EXIT_CODES)]
+    Plot(plot::PlotOptions),
+    /// Draws correspondences, the correction and the confidence over a clip.
+    #[command(after_help = EXIT_CODES)]
+    Show(Box<show::ShowOptions>),
+    /// Lists the cameras whose readout is known.
+    #[command(after_help = EXIT_CODES)]
+    Cameras(camera::CamerasOptions),
     /// Prints what a shell needs to complete the command line.
     Completions {
         /// The shell.
@@ -69,6 +86,9 @@ fn run(cli: &Cli) -> Result<bool> {
         Command::Fix(options) => fix::run(options, &start()?),
         Command::Measure(options) => measure::run(options, &start()?),
         Command::Track(options) => track::run(options, &start()?),
+        Command::Plot(options) => plot::run(options, &start()?),
+        Command::Show(options) => show::run(options, &start()?),
+        Command::Cameras(options) => camera::run(options),
         Command::Completions { shell } => {
             clap_complete::generate(*shell, &mut Cli::command(), "rsrectify", &mut std::io::stdout());
             Ok(true)

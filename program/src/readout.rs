@@ -4,11 +4,13 @@
 //! of it, spread over its length, are analysed.
 
 use crate::analysis::{Analysis, Frame};
+use crate::camera::Camera;
+use crate::estimate::Estimate;
 use crate::interruption::Interruption;
-use crate::rectifier_options::{Direction, name_of};
+use crate::progress;
+use crate::rectifier_options::{AnalysisOptions, Direction, name_of};
 use anyhow::Result;
-use indicatif::{ProgressBar, ProgressStyle};
-use rsrectify::readout::ReadoutDirection;
+use rsrectify::readout::{ReadoutDirection, ReadoutPrior};
 use rsrectify::rectifier::{FocalLength, FrameSolution, Settings};
 use std::fmt;
 use std::path::Path;
@@ -53,6 +55,8 @@ pub struct Found {
     pub frames: u32,
     /// Those in which the picture as a whole followed what was found.
     pub followed: u32,
+    /// What was expected of the readout.
+    pub expected: Option<ReadoutPrior>,
 }
 
 /// Why a readout is not to be relied on.
@@ -76,9 +80,25 @@ impl Found {
         }
     }
 
+    /// Goes on with what was found where it can be relied on, and with what was expected.
+    pub fn apply(&self, analysis: &mut AnalysisOptions) {
+        analysis.expected = self.expected;
+        if self.doubt().is_none() {
+            // 0 would leave it to the rectifier again.
+            analysis.readout_time = Some(self.milliseconds.max(1e-6));
+            analysis.readout_direction = Some(self.direction.into());
+        }
+    }
+
     /// Standard deviation of the time in milliseconds.
     pub fn deviation_ms(&self) -> f64 {
         self.deviation * self.period
+    }
+
+    /// The signed readout time in milliseconds, negative where the bottom row or the right column is read first.
+    pub fn estimate(&self) -> Estimate {
+        let sign = if self.direction.is_reversed() { -1.0 } else { 1.0 };
+        Estimate { value: sign * self.milliseconds, deviation: self.deviation_ms() }
     }
 
     /// Whether the rows are as good as exposed at once.
@@ -147,19 +167,38 @@ impl Summary {
             focal_length: self.focal_length,
             frames: self.frames,
             followed: self.followed,
+            expected: None,
         })
     }
 }
 
-/// Analyses a clip for what it says of its camera; `None` where it has no frames.
+/// Goes on with the readout that was found, where it is to be found first; says which one it is.
+pub fn settle(found: Option<&Found>, analysis: &mut AnalysisOptions) {
+    if !analysis.wants_readout() {
+        return;
+    }
+    match found {
+        Some(found) if found.doubt().is_none() => eprintln!("readout: {found}"),
+        _ => eprintln!(
+            "warning: the readout is not certain from this clip; give --readout-time if you know it"
+        ),
+    }
+    if let Some(found) = found {
+        found.apply(analysis);
+    }
+}
+
+/// Analyses a clip for what it says of its camera, starting from what is known of it; `None` where it has no frames.
 pub fn find(
     clip: &Path,
     settings: Settings,
+    camera: Option<&Camera>,
     extent: Extent,
     interruption: &Interruption,
 ) -> Result<Option<Found>> {
     let mut analysis = Analysis::open(clip, settings, interruption)?;
-    let bar = ProgressBar::no_length().with_style(ProgressStyle::with_template("{spinner} {msg}")?);
+    let expected = expect(&mut analysis, camera)?;
+    let bar = progress::spinner()?;
     let mut summary = Summary::default();
     let mut note = |frame: Frame| {
         summary.add(&frame);
@@ -184,5 +223,20 @@ pub fn find(
         _ => analysis.run(None, interruption, &mut note)?,
     }
     bar.finish_and_clear();
-    Ok(summary.found(analysis.size(), analysis.frame_rate()))
+    Ok(summary.found(analysis.size(), analysis.frame_rate()).map(|found| Found { expected, ..found }))
+}
+
+/// Starts from what is expected of the camera that made a clip, and says so.
+pub fn expect(analysis: &mut Analysis, camera: Option<&Camera>) -> Result<Option<ReadoutPrior>> {
+    let Some((camera, rate)) = camera.zip(analysis.frame_rate()) else { return Ok(None) };
+    let Some(mode) = camera.mode(analysis.size(), rate) else {
+        let [width, height] = analysis.size();
+        eprintln!("camera: {}; no readout is known at {width}x{height}, {rate:.2} frames/s", camera.name());
+        return Ok(None);
+    };
+    let (time, deviation) = (mode.milliseconds(), mode.deviation());
+    eprintln!("camera: {} {}; {time:.1} ± {deviation:.1} ms expected", camera.name(), mode.name());
+    let prior = mode.prior()?;
+    analysis.expect(prior)?;
+    Ok(Some(prior))
 }

@@ -1,10 +1,11 @@
 //! What the user may tell the rectifier.
 
+use crate::camera::CameraChoice;
 use anyhow::{Context, Result, anyhow};
 use clap::{Args, ValueEnum};
 use gst::prelude::*;
 use rsrectify::motion;
-use rsrectify::readout::{self, ReadoutTime};
+use rsrectify::readout::{self, ReadoutPrior, ReadoutTime};
 use rsrectify::rectifier::{self, Settings};
 
 /// The edge that is read first.
@@ -94,6 +95,13 @@ pub struct AnalysisOptions {
     /// Edge of the frame, as it is stored, that is read first.
     #[arg(long, value_name = "DIRECTION", value_enum)]
     pub readout_direction: Option<Direction>,
+    /// Camera whose readout is expected where none is given: a name that `rsrectify cameras` lists; `auto`, the one that the
+    /// file names; `none`. What the picture shows overrules it.
+    #[arg(long, value_name = "NAME", default_value = "auto")]
+    pub camera: CameraChoice,
+    /// What is expected of the readout, once it is known.
+    #[arg(skip)]
+    pub expected: Option<ReadoutPrior>,
     /// How the motion is estimated.
     #[arg(long, value_enum)]
     pub estimator: Option<Estimator>,
@@ -173,7 +181,8 @@ fn widths(text: &str) -> Result<f64, String> {
     in_range(text, 0.0..=1e3)
 }
 
-fn in_range(text: &str, range: std::ops::RangeInclusive<f64>) -> Result<f64, String> {
+/// A number that is given, if it lies in the range.
+pub fn in_range(text: &str, range: std::ops::RangeInclusive<f64>) -> Result<f64, String> {
     let value: f64 = text.parse().map_err(|_| "not a number".to_owned())?;
     if range.contains(&value) {
         Ok(value)
@@ -198,6 +207,7 @@ impl AnalysisOptions {
             _ => ReadoutTime::Unknown,
         };
         settings.direction = self.readout_direction.and_then(Into::into);
+        settings.readout_prior = self.expected;
         settings.model = self.model.map(Into::into).unwrap_or_default();
         settings.focal_length = self.focal_length.filter(|widths| *widths > 0.0);
         if self.estimator == Some(Estimator::Sequential) {
@@ -215,9 +225,14 @@ impl RectifierOptions {
     /// Sets the properties that were given.
     pub fn apply(&self, rectifier: &gst::Element) -> Result<()> {
         let analysis = &self.analysis;
-        let nanoseconds = analysis.readout_time.map(|ms| (ms * 1e6).round() as u64);
+        let nanoseconds = |seconds: f64| ((seconds * 1e9).round() as u64).to_string();
+        let expected = analysis.expected;
+        let direction = expected.and_then(|expected| expected.direction()).map(Direction::from);
         let given = [
-            ("readout-time", nanoseconds.map(|v| v.to_string())),
+            ("readout-time", analysis.readout_time.map(|ms| nanoseconds(ms * 1e-3))),
+            ("expected-readout-time", expected.map(|expected| nanoseconds(expected.time()))),
+            ("expected-readout-deviation", expected.map(|expected| nanoseconds(expected.deviation()))),
+            ("expected-readout-direction", direction.as_ref().map(name_of)),
             ("inter-frame-delay", analysis.inter_frame_delay.map(|v| v.to_string())),
             ("readout-direction", analysis.readout_direction.as_ref().map(name_of)),
             ("estimator", analysis.estimator.as_ref().map(name_of)),

@@ -3,7 +3,7 @@
 use crate::correspond::{Correspondence, certain};
 use crate::motion::{MotionPath, Rigid, SampledPath, Twist, image_centre};
 use crate::readout::Readout;
-use crate::solve::continuous::{Camera, Continuous, PairMeasurement};
+use crate::solve::continuous::{Camera, Continuous, FittedCorrespondence, PairMeasurement};
 use crate::solve::{Candidate, Link, Origin, Window};
 use nalgebra::Vector2;
 
@@ -31,6 +31,8 @@ pub(super) struct Settled {
     pub readout_deviation: f64,
     /// Focal length in frame widths and its standard deviation, where one is known.
     pub focal_length: Option<(f64, f64)>,
+    /// Correspondences of the frame, where they are kept.
+    pub fitted: Vec<FittedCorrespondence>,
 }
 
 /// A frame and how it was found to be joined to the one before.
@@ -73,8 +75,10 @@ impl Engine {
         Self::Sequential(Box::default())
     }
 
-    pub fn continuous(camera: Camera, (width, height): (usize, usize), pixel_scale: f64) -> Self {
-        Self::Continuous(Box::new(Continuous::new(camera, width, height, pixel_scale)))
+    /// `keep` says whether the correspondences are given out with the motions.
+    pub fn continuous(camera: Camera, (width, height): (usize, usize), pixel_scale: f64, keep: bool) -> Self {
+        let continuous = Continuous::new(camera, width, height, pixel_scale);
+        Self::Continuous(Box::new(continuous.with_correspondences(keep)))
     }
 
     /// Where a point (pixels) of the last frame is expected after `interval` seconds.
@@ -122,6 +126,7 @@ impl Engine {
                     residual: motion.sigma,
                     readout_deviation: motion.readout_deviation,
                     focal_length: motion.focal_length,
+                    fitted: motion.fitted,
                 })
             }),
         }
@@ -173,6 +178,7 @@ impl Sequential {
             residual: fit.energy.sqrt(),
             readout_deviation: 0.0,
             focal_length: None,
+            fitted: Vec::new(),
         })
     }
 }

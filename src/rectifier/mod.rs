@@ -10,7 +10,7 @@ mod tests;
 use crate::correspond::{Correspondence, Pyramid, Sampler};
 use crate::motion::{FrameMotion, Model, MotionPath};
 use crate::plane::Luma;
-use crate::readout::{Readout, ReadoutDirection, ReadoutTime};
+use crate::readout::{Readout, ReadoutDirection, ReadoutPrior, ReadoutTime};
 use crate::solve::continuous::{Camera, PairMeasurement};
 use clock::Clock;
 use duplicates::Duplicates;
@@ -19,6 +19,7 @@ use std::collections::VecDeque;
 use std::time::{Duration, Instant};
 
 pub use crate::solve::Origin;
+pub use crate::solve::continuous::FittedCorrespondence;
 pub use crate::solve::residual::REGIONS;
 pub use error::{PushError, SettingsError};
 
@@ -70,6 +71,11 @@ pub struct Settings {
     pub direction: Option<ReadoutDirection>,
     /// What is known of the readout time.
     pub readout_time: ReadoutTime,
+    /// What is expected of the readout where it is not known; one that contradicts `direction` is not heeded, nor is any by
+    /// the sequential estimator.
+    pub readout_prior: Option<ReadoutPrior>,
+    /// Whether [`FrameSolution::fitted`] is filled, which takes memory for each frame.
+    pub keep_correspondences: bool,
 }
 
 impl Default for Settings {
@@ -83,6 +89,8 @@ impl Default for Settings {
             focal_length: None,
             direction: None,
             readout_time: ReadoutTime::Unknown,
+            readout_prior: None,
+            keep_correspondences: false,
         }
     }
 }
@@ -117,6 +125,10 @@ pub struct FrameSolution {
     /// The focal length; `None` where nothing is known of it: of a frame without a motion, from the sequential estimator,
     /// and of a model without perspective.
     pub focal_length: Option<FocalLength>,
+    /// Correspondences of the frame and how they fit the motion, at most one a point of the sampling grid; those with the
+    /// next frame where there is one. Empty unless [`Settings::keep_correspondences`] asks for them, of a frame without a
+    /// motion, and from the sequential estimator.
+    pub fitted: Vec<FittedCorrespondence>,
 }
 
 /// A focal length, given or found.
@@ -195,9 +207,11 @@ impl Rectifier {
                     model: settings.model,
                     direction: settings.direction,
                     readout_time: settings.readout_time,
+                    readout_prior: settings.readout_prior,
                     focal_length: settings.focal_length,
                 };
-                Engine::continuous(camera, (width, height), sampler.pixel_scale())
+                let keep = settings.keep_correspondences;
+                Engine::continuous(camera, (width, height), sampler.pixel_scale(), keep)
             }
         };
         Ok(Self {
@@ -365,6 +379,7 @@ impl Rectifier {
             residual: 0.0,
             readout_deviation,
             focal_length: None,
+            fitted: Vec::new(),
         }
     }
 
@@ -382,6 +397,7 @@ impl Rectifier {
             residual: settled.residual,
             readout_deviation: settled.readout_deviation,
             focal_length: settled.focal_length.map(|(widths, deviation)| FocalLength { widths, deviation }),
+            fitted: settled.fitted.clone(),
         }
     }
 }

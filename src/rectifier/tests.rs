@@ -183,6 +183,7 @@ fn a_duplicate_is_corrected_as_much_as_its_frame() {
             residual: 1.0,
             readout_deviation: 0.0,
             focal_length: None,
+            fitted: Vec::new(),
         };
         for repeats in [false, true] {
             let frame = Waiting { readout, correspondences: 0, repeats };
@@ -347,6 +348,56 @@ fn inliers_are_some_of_the_correspondences_of_the_same_pair() {
         }
         assert!(solutions.iter().any(|solution| solution.inliers > 500));
     }
+}
+
+#[test]
+fn correspondences_that_are_kept_tell_inliers_from_a_patch_that_moves_by_itself() {
+    let patch = |at: Vector2<f64>| (100.0..180.0).contains(&at.x) && (60.0..140.0).contains(&at.y);
+    for lookahead in [0, 3] {
+        let mut settings = rectifier(Estimator::Continuous, lookahead).settings;
+        settings.keep_correspondences = true;
+        let mut keeping = Rectifier::new(settings, WIDTH, HEIGHT, Some(PERIOD)).unwrap();
+        for k in 0..12 {
+            let time = k as f64 * PERIOD;
+            let [mut pixels, other] = [VELOCITY, -VELOCITY].map(|velocity| frame(time, velocity));
+            let places = (0..WIDTH * HEIGHT).map(|k| Vector2::new((k % WIDTH) as f64, (k / WIDTH) as f64));
+            for (place, (pixel, other)) in places.zip(pixels.iter_mut().zip(other)) {
+                *pixel = if patch(place) { other } else { *pixel };
+            }
+            push(&mut keeping, &pixels, time, Duplicate::Detect);
+        }
+        keeping.drain();
+        let solutions = pops(&mut keeping);
+        assert_eq!((solutions.len(), solutions[0].fitted.is_empty()), (12, lookahead == 0));
+        for solution in &solutions[3..] {
+            // Between two frames the patch's edge moves; far from it there is no doubt.
+            let near = |found: &FittedCorrespondence, side: f64| {
+                (found.position - Vector2::new(140.0, 100.0)).amax() < side
+            };
+            let fitted = || solution.fitted.iter();
+            let inside: Vec<_> = fitted().filter(|one| near(one, 25.0)).collect();
+            let outside: Vec<_> = fitted().filter(|one| !near(one, 60.0)).collect();
+            assert!(inside.len() > 20 && outside.len() > 400, "{} {}", inside.len(), outside.len());
+            let followed = outside.iter().filter(|one| one.is_inlier).count();
+            assert!(followed > outside.len() * 9 / 10, "{followed} of {}", outside.len());
+            assert!(inside.iter().all(|one| !one.is_inlier));
+            // A point that moves down by d is exposed d rows later: d = v·P·(1 + d_y/N).
+            let speed = VELOCITY * PERIOD / (1.0 - VELOCITY.y * PERIOD / HEIGHT as f64);
+            for one in outside.iter().filter(|one| one.is_inlier) {
+                assert!((one.displacement - speed).norm() < 0.5, "{one:?}");
+                assert!(one.residual.norm() < 0.5, "{one:?}");
+            }
+            let off = |one: &&&FittedCorrespondence| (one.residual + 2.0 * VELOCITY * PERIOD).norm() < 1.0;
+            assert!(inside.iter().filter(off).count() > inside.len() / 2);
+        }
+    }
+    let mut silent = rectifier(Estimator::Continuous, 3);
+    (0..6).for_each(|k| {
+        let time = k as f64 * PERIOD;
+        push(&mut silent, &frame(time, VELOCITY), time, Duplicate::Detect);
+    });
+    silent.drain();
+    assert!(pops(&mut silent).iter().all(|solution| solution.fitted.is_empty()));
 }
 
 proptest! {

@@ -81,6 +81,23 @@ pub fn buffers(path: &Path, description: &str) -> Vec<gst::Sample> {
     samples
 }
 
+/// When each frame is shown, in microseconds: what MP4 stores is rounded to a track's clock.
+///
+/// Encoders with B-frames shift timestamps and segment alike, so running time is compared.
+pub fn times(frames: &[gst::Sample]) -> Vec<Option<u64>> {
+    let running = |frame: &gst::Sample| {
+        let segment = frame.segment()?.downcast_ref::<gst::ClockTime>()?;
+        Some((segment.to_running_time(frame.buffer()?.pts())?.nseconds() + 500) / 1000)
+    };
+    frames.iter().map(running).collect()
+}
+
+/// Width and height of a frame.
+pub fn size(frame: &gst::Sample) -> (i32, i32) {
+    let caps = frame.caps().unwrap().structure(0).unwrap();
+    (caps.get("width").unwrap(), caps.get("height").unwrap())
+}
+
 /// The program, with one of its commands.
 pub fn rsrectify(subcommand: &str) -> Command {
     let mut command = Command::new(env!("CARGO_BIN_EXE_rsrectify"));

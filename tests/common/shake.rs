@@ -3,7 +3,7 @@
 //! It shows a texture, known at every point, while the rows are read from the bottom up in 0.6 of the frame
 //! period: the row exposed at t shows the texture shifted by X(t).
 
-use super::{SIZE, film, numbered_caps, time, wait_for};
+use super::{FRAME, SIZE, film, numbered_caps, time, wait_for};
 use gst::prelude::*;
 use std::path::Path;
 
@@ -54,6 +54,11 @@ pub fn shaken(number: usize) -> gst::Buffer {
 
 /// Writes `seconds` of the film into an MP4 file.
 pub fn write_shaken(path: &Path, seconds: f64) {
+    write_film(path, (seconds * FPS) as usize, shaken);
+}
+
+/// Writes so many frames of any film of this kind into an MP4 file.
+pub fn write_film(path: &Path, frames: usize, frame: impl Fn(usize) -> gst::Buffer) {
     let pipeline = film::launch(&format!(
         "appsrc name=in format=time ! videoconvert ! x264enc quantizer=15 pass=qual vbv-buf-capacity=0 key-int-max=30 \
          speed-preset=ultrafast ! mp4mux ! filesink location={}",
@@ -62,7 +67,12 @@ pub fn write_shaken(path: &Path, seconds: f64) {
     let input = pipeline.by_name("in").unwrap().downcast::<gst_app::AppSrc>().unwrap();
     input.set_caps(Some(&numbered_caps()));
     pipeline.set_state(gst::State::Playing).unwrap();
-    (0..(seconds * FPS) as usize).for_each(|number| assert!(input.push_buffer(shaken(number)).is_ok()));
+    for number in 0..frames {
+        let mut buffer = frame(number);
+        // Without a duration the last frame is not shown.
+        buffer.get_mut().unwrap().set_duration(FRAME);
+        assert!(input.push_buffer(buffer).is_ok());
+    }
     input.end_of_stream().unwrap();
     wait_for(&pipeline, gst::MessageType::Eos);
     pipeline.set_state(gst::State::Null).unwrap();

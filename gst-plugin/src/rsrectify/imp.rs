@@ -161,6 +161,21 @@ pub struct RsRectify {
         nick = "Processing deadline",
         blurb = "Time in nanoseconds that the work on a frame may take in a live pipeline: latency beside that of lookahead; grows by itself where frames come late because of the work",
         maximum = gst::ClockTime::SECOND.nseconds(), default = Settings::DEFAULT.processing_deadline, mutable_ready)]
+    /// Readout time that is expected, in nanoseconds; 0: none.
+    #[property(name = "expected-readout-time", get, set, type = u64, member = expected_readout_time,
+        nick = "Expected readout time",
+        blurb = "Readout time that the camera is expected to have, in nanoseconds, as presets of known cameras state it: where the search for the readout starts, and overruled by what the picture shows; 0: none; not heeded where readout-time or inter-frame-delay is given",
+        maximum = gst::ClockTime::SECOND.nseconds(), default = Settings::DEFAULT.expected_readout_time, mutable_playing)]
+    /// Its standard deviation in nanoseconds; 0: a tenth of it.
+    #[property(name = "expected-readout-deviation", get, set, type = u64, member = expected_readout_deviation,
+        nick = "Deviation of the expected readout time",
+        blurb = "Standard deviation of expected-readout-time in nanoseconds; 0: a tenth of it",
+        maximum = gst::ClockTime::SECOND.nseconds(), default = Settings::DEFAULT.expected_readout_deviation, mutable_playing)]
+    /// The edge that is expected to be read first.
+    #[property(name = "expected-readout-direction", get, set, type = ReadoutDirection, member = expected_readout_direction, default,
+        nick = "Expected readout direction",
+        blurb = "Which edge of the frame, as it arrives here, is expected to be read first; auto: any; not heeded without expected-readout-time or against readout-direction",
+        mutable_playing)]
     pub(super) settings: Shared,
     /// `None` until caps are known.
     pub(super) state: Mutex<Option<State>>,

@@ -6,8 +6,12 @@ use super::enums::{BorderMode, Estimator, Interpolation, Model, ReadoutDirection
 use gst::glib;
 use gst::prelude::*;
 use rsrectify::motion::FrameMotion;
-use rsrectify::readout::ReadoutTime;
+use rsrectify::readout::{ReadoutPrior, ReadoutTime};
 use rsrectify::{rectifier, warp};
+
+/// Standard deviation of an expected readout time for which none is given, as a share of it: that of values which one person
+/// measured, see `readouts/README.md`.
+const USUAL_DEVIATION: f64 = 0.1;
 
 /// What the user has set.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -31,6 +35,9 @@ pub struct Settings {
     pub post_messages: bool,
     pub attach_meta: bool,
     pub processing_deadline: u64,
+    pub expected_readout_time: u64,
+    pub expected_readout_deviation: u64,
+    pub expected_readout_direction: ReadoutDirection,
 }
 
 impl Default for Settings {
@@ -61,6 +68,9 @@ impl Settings {
         post_messages: false,
         attach_meta: false,
         processing_deadline: 0,
+        expected_readout_time: 0,
+        expected_readout_deviation: 0,
+        expected_readout_direction: ReadoutDirection::Auto,
     };
 
     /// How the stream is analysed.
@@ -83,7 +93,19 @@ impl Settings {
         settings.focal_length = (self.focal_length > 0.0).then_some(self.focal_length);
         settings.direction = self.readout_direction.into();
         settings.readout_time = readout_time;
+        settings.readout_prior = self.readout_prior();
         settings
+    }
+
+    /// What is expected of the readout; `None` where nothing is.
+    fn readout_prior(&self) -> Option<ReadoutPrior> {
+        let time = self.expected_readout_time as f64 * 1e-9;
+        let deviation = match self.expected_readout_deviation {
+            0 => USUAL_DEVIATION * time,
+            nanoseconds => nanoseconds as f64 * 1e-9,
+        };
+        let prior = ReadoutPrior::new(time, deviation, self.expected_readout_direction.into());
+        prior.ok().filter(|_| self.expected_readout_time != 0)
     }
 
     /// How a frame is rectified.
@@ -132,6 +154,22 @@ mod tests {
         assert_eq!(settings.analysis().readout_time, ReadoutTime::DelayRows(40.0));
         settings.readout_time = 33_000_000;
         assert_eq!(settings.analysis().readout_time, ReadoutTime::Seconds(0.033));
+    }
+
+    #[test]
+    fn a_tenth_is_the_usual_deviation_of_what_is_expected() {
+        use rsrectify::readout::ReadoutDirection::BottomToTop;
+        let mut settings = Settings::default();
+        assert_eq!(settings.analysis().readout_prior, None);
+        settings.expected_readout_deviation = 1_000_000;
+        assert_eq!(settings.analysis().readout_prior, None, "no time is expected");
+        settings.expected_readout_time = 20_000_000;
+        settings.expected_readout_direction = ReadoutDirection::BottomToTop;
+        let stated = ReadoutPrior::new(0.02, 0.001, Some(BottomToTop)).unwrap();
+        assert_eq!(settings.analysis().readout_prior, Some(stated));
+        settings.expected_readout_deviation = 0;
+        let usual = settings.analysis().readout_prior.unwrap();
+        assert!((usual.deviation() - 0.002).abs() < 1e-12);
     }
 
     #[test]

@@ -1,19 +1,19 @@
 //! `rsrectify fix`: clips → rectified clips.
 
-mod codec;
 mod options;
 mod pipeline;
 mod plan;
 mod streams;
 mod timecode;
-mod unfinished;
 
 use crate::clips;
 use crate::interruption::Interruption;
+use crate::output::codec::Container;
+use crate::output::{self, Unfinished};
 use crate::playback::{Event, Playback};
+use crate::progress;
 use crate::readout::{self, Extent};
 use anyhow::{Context, Result, bail};
-use codec::Container;
 use gst::prelude::*;
 use indicatif::{ProgressBar, ProgressStyle};
 pub use options::FixOptions;
@@ -21,7 +21,6 @@ use pipeline::Progress;
 use plan::Job;
 use std::sync::Arc;
 use std::time::Instant;
-use unfinished::Unfinished;
 
 /// Rectifies all clips; whether all could be.
 pub fn run(options: &FixOptions, interruption: &Interruption) -> Result<bool> {
@@ -47,7 +46,7 @@ pub fn run(options: &FixOptions, interruption: &Interruption) -> Result<bool> {
 /// Rectifies a clip.
 fn one(job: &Job, options: &FixOptions, interruption: &Interruption) -> Result<()> {
     clips::check(&job.input)?;
-    job.check(options.overwrite)?;
+    output::check(&job.input, &job.output, options.overwrite)?;
     let mut recipe = job.recipe.clone();
     recipe.codec.check(recipe.container, recipe.rate)?;
     if options.dry_run {
@@ -57,16 +56,14 @@ fn one(job: &Job, options: &FixOptions, interruption: &Interruption) -> Result<(
     }
     let analysis = &mut recipe.rectifier.analysis;
     if analysis.wants_readout() {
-        let found = readout::find(&job.input, analysis.settings(), Extent::Stretches, interruption);
+        let camera = analysis.camera.of(&job.input)?;
+        let settings = analysis.settings();
+        let found = readout::find(&job.input, settings, camera.as_ref(), Extent::Stretches, interruption);
         interruption.check()?;
         // What cannot be analysed may still be played; if not, playing it says why.
         if let Ok(Some(found)) = found {
             println!("readout: {found}");
-            if found.doubt().is_none() {
-                // 0 would leave it to the rectifier again.
-                analysis.readout_time = Some(found.milliseconds.max(1e-6));
-                analysis.readout_direction = Some(found.direction.into());
-            }
+            found.apply(analysis);
         }
     }
     if let Some(folder) = job.output.parent() {
@@ -95,7 +92,7 @@ fn play(
     progress: &Progress,
     interruption: &Interruption,
 ) -> Result<()> {
-    let bar = ProgressBar::no_length().with_style(ProgressStyle::with_template("{spinner} {msg}")?);
+    let bar = progress::spinner()?;
     let mut playback = Playback::new(pipeline)?;
     playback.set_state(gst::State::Playing);
     let started = Instant::now();

@@ -1,7 +1,7 @@
 //! What the user may ask of `fix`.
 
-use super::codec::{Codec, Container};
 use super::streams::Audio;
+use crate::output::encoding::EncodingOptions;
 use crate::rectifier_options::RectifierOptions;
 use clap::Args;
 use std::path::PathBuf;
@@ -25,19 +25,8 @@ pub struct FixOptions {
     /// Shows each clip before and after, side by side.
     #[arg(long)]
     pub compare: bool,
-    /// How the video is encoded.
-    #[arg(long, value_enum, default_value = "h264")]
-    pub codec: Codec,
-    /// The kind of file; without it the one that the output's name says, else the clip's own, else the codec's usual one.
-    #[arg(long, value_enum)]
-    pub container: Option<Container>,
-    /// Constant quality on the encoder's scale, 0 the best: H.264 to 50 and HEVC to 51 (18 unless given), AV1
-    /// to 63 (20); ProRes and FFV1 have none.
-    #[arg(long)]
-    pub quality: Option<u32>,
-    /// Bit rate in kbit/s instead of a constant quality.
-    #[arg(long, value_parser = clap::value_parser!(u32).range(1..=100_000), conflicts_with = "quality")]
-    pub bitrate: Option<u32>,
+    #[command(flatten)]
+    pub encoding: EncodingOptions,
     /// What becomes of the audio.
     #[arg(long, value_enum, default_value = "copy")]
     pub audio: Audio,

@@ -3,10 +3,10 @@
 //! Frames are rectified as the sensor delivered them and turned upright only afterwards: the rows of
 //! a phone's portrait clip are read top to bottom before it is rotated.
 
-use super::codec::{Codec, Container, Rate};
 use super::streams::{self, Audio, Kind, Route};
 use super::timecode::Timecode;
 use crate::elements::{NO_VIDEO, make, named, pad, parse};
+use crate::output::codec::{Codec, Container, Rate};
 use crate::rectifier_options::RectifierOptions;
 use anyhow::{Context, Result, anyhow};
 use gst::prelude::*;

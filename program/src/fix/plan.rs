@@ -1,11 +1,11 @@
 //! Arguments → jobs: which clip becomes which file.
 
-use super::codec::{Container, Rate};
 use super::options::FixOptions;
 use super::pipeline::Recipe;
 use crate::clips;
+use crate::output;
 use anyhow::{Context, Result, bail};
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 /// One clip to be rectified.
 #[derive(Debug)]
@@ -20,60 +20,21 @@ pub struct Job {
     pub recipe: Recipe,
 }
 
-impl Job {
-    /// Refuses to write over what should stay.
-    pub fn check(&self, overwrite: bool) -> Result<()> {
-        let same = |output: PathBuf| self.input.canonicalize().is_ok_and(|input| input == output);
-        if self.output.canonicalize().is_ok_and(same) {
-            bail!("the output is the same file");
-        }
-        if self.output.exists() && !overwrite {
-            bail!("{} is there already; --overwrite replaces it", self.output.display());
-        }
-        Ok(())
-    }
-}
-
-/// Whether `--output` names a folder.
-fn is_folder(output: &Path, clips: usize) -> bool {
-    output.is_dir() || clips > 1 || output.as_os_str().to_string_lossy().ends_with(std::path::is_separator)
-}
-
-/// The file that a clip becomes in a folder, beside the clip if none is given.
-fn output_of(clip: &Path, folder: Option<&Path>, container: Container) -> Result<PathBuf> {
-    let mut name = clip.file_stem().context("has no name")?.to_owned();
-    name.push(clips::RECTIFIED);
-    name.push(".");
-    name.push(container.extension());
-    Ok(match folder {
-        Some(folder) => folder.join(name),
-        None => clip.with_file_name(name),
-    })
-}
-
 /// What is to be done; refuses what would write two clips to one file.
 pub fn jobs(options: &FixOptions) -> Result<Vec<Job>> {
     let clips = clips::expand(&options.clips)?;
     let output = options.output.as_deref();
-    let folder = output.filter(|output| is_folder(output, clips.len()));
-    let rate = options.bitrate.map_or(Rate::Quality(options.quality), Rate::Bits);
+    let folder = output.filter(|output| clips.len() > 1 || output::is_folder(output));
     let mut jobs: Vec<Job> = Vec::new();
     for clip in clips {
         let file = output.filter(|_| folder.is_none());
-        let named = file.map(Container::of);
-        if named == Some(None) && options.container.is_none() {
-            bail!("--output must end in .mp4, .mov or .mkv, or --container be given");
-        }
-        // A clip's own kind of file, where that can hold the codec.
-        let own = || {
-            let own = Container::of(&clip);
-            own.filter(|container| options.codec.check(*container, rate).is_ok())
-        };
-        let container = options.container.or(named.flatten()).or_else(own);
-        let container = container.unwrap_or(options.codec.usual_container());
+        let container = options.encoding.container(&clip, file)?;
         let output = match file {
             Some(file) => file.to_owned(),
-            None => output_of(&clip, folder, container).with_context(|| clip.display().to_string())?,
+            None => {
+                let ending = format!("{}.{}", clips::RECTIFIED, container.extension());
+                output::beside(&clip, folder, &ending).with_context(|| clip.display().to_string())?
+            }
         };
         if let Some(other) = jobs.iter().find(|job| job.output == output) {
             bail!(
@@ -84,9 +45,9 @@ pub fn jobs(options: &FixOptions) -> Result<Vec<Job>> {
             );
         }
         let recipe = Recipe {
-            codec: options.codec,
+            codec: options.encoding.codec,
             container,
-            rate,
+            rate: options.encoding.rate(),
             audio: options.audio,
             compare: options.compare,
             rectifier: options.rectifier.clone(),

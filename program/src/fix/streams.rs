@@ -1,6 +1,6 @@
 //! What becomes of the streams beside the video.
 
-use super::codec::Container;
+use crate::output::codec::Container;
 use clap::ValueEnum;
 
 /// The encoder holds back dozens of frames; audio that waits for them must not fill its queue,

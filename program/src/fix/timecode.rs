@@ -3,12 +3,11 @@
 //! It is a track of type `tmcd` (Apple, *QuickTime File Format Specification*, "Timecode Media"): its sample description
 //! tells how frames are counted, its first sample is the number of the first frame.
 
+use crate::boxes::{child, children, number, read_index};
 use std::fs::File;
 use std::io::{Read, Seek, SeekFrom};
 use std::path::Path;
 
-/// The largest index of a film that is read: hours of video have a few megabytes.
-const LARGEST_INDEX: u64 = 256 << 20;
 /// Frames are counted so that the numbers follow the clock: at 29.97 frames/s two a minute are left out.
 const DROP_FRAME: u32 = 1;
 /// The number is a counter, no time.
@@ -47,56 +46,6 @@ impl Timecode {
     }
 }
 
-/// The content of the box `moov`.
-fn read_index(file: &mut File) -> Option<Vec<u8>> {
-    let mut start = 0;
-    loop {
-        file.seek(SeekFrom::Start(start)).ok()?;
-        let mut header = [0; 16];
-        file.read_exact(&mut header[..8]).ok()?;
-        let mut length = u64::from(number(&header, 0)?);
-        let mut content = start + 8;
-        if length == 1 {
-            file.read_exact(&mut header[8..]).ok()?;
-            length = u64::from(number(&header, 8)?) << 32 | u64::from(number(&header, 12)?);
-            content += 8;
-        }
-        let end = start.checked_add(length)?;
-        if end < content {
-            return None;
-        }
-        if &header[4..8] == b"moov" {
-            let length = end - content;
-            let mut index = Vec::new();
-            file.take(length.min(LARGEST_INDEX)).read_to_end(&mut index).ok()?;
-            return Some(index);
-        }
-        start = end;
-    }
-}
-
-/// Names and contents of the boxes in a box.
-fn children(mut bytes: &[u8]) -> impl Iterator<Item = (&[u8], &[u8])> {
-    std::iter::from_fn(move || {
-        let length = number(bytes, 0)? as usize;
-        let (name, content) = (bytes.get(4..8)?, bytes.get(8..length)?);
-        bytes = bytes.get(length..)?;
-        Some((name, content))
-    })
-}
-
-fn child<'a>(bytes: &'a [u8], path: &[&[u8; 4]]) -> Option<&'a [u8]> {
-    path.iter().try_fold(bytes, |bytes, wanted| {
-        children(bytes).find(|(name, _)| name == wanted).map(|(_, content)| content)
-    })
-}
-
-/// The big-endian number at an offset.
-fn number(bytes: &[u8], at: usize) -> Option<u32> {
-    let bytes = bytes.get(at..at.checked_add(4)?)?;
-    Some(u32::from_be_bytes(bytes.try_into().ok()?))
-}
-
 fn of_track(file: &mut File, track: &[u8]) -> Option<Timecode> {
     let handler = child(track, &[b"mdia", b"hdlr"])?;
     if handler.get(8..12)? != b"tmcd" {
@@ -125,11 +74,7 @@ fn of_track(file: &mut File, track: &[u8]) -> Option<Timecode> {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    fn boxed(name: &[u8; 4], content: &[u8]) -> Vec<u8> {
-        let length = u32::try_from(content.len() + 8).unwrap().to_be_bytes();
-        [&length[..], name, content].concat()
-    }
+    use crate::boxes::boxed;
 
     /// A film with a timecode track whose only sample lies at the start of the data.
     fn film(flags: u32, frame: u32) -> Vec<u8> {

@@ -1,6 +1,5 @@
 //! `rsrectify measure`: what clips say of their cameras.
 
-mod estimate;
 mod report;
 
 use crate::clips;
@@ -81,7 +80,7 @@ pub fn run(options: &MeasureOptions, interruption: &Interruption) -> Result<bool
 fn one(clip: &Path, options: &MeasureOptions, interruption: &Interruption) -> Result<Measurement> {
     clips::check(clip)?;
     let extent = if options.quick { Extent::Stretches } else { Extent::Whole };
-    let found = readout::find(clip, options.settings.settings(), extent, interruption)?;
+    let found = readout::find(clip, options.settings.settings(), None, extent, interruption)?;
     let found = found.context("no frame could be decoded")?;
     Ok(Measurement::new(clip.display().to_string(), &found))
 }

@@ -1,6 +1,6 @@
 //! What is said of a camera, as text and for JSON.
 
-use super::estimate::{Estimate, combine};
+use crate::estimate::{Estimate, combine};
 use crate::readout::{Doubt, Found};
 use crate::rectifier_options::{Direction, name_of};
 use serde::Serialize;
@@ -93,8 +93,7 @@ impl Camera {
 impl Measurement {
     /// Of a clip.
     pub fn new(clip: String, found: &Found) -> Self {
-        let sign = if found.direction.is_reversed() { -1.0 } else { 1.0 };
-        let readout = Estimate { value: sign * found.milliseconds, deviation: found.deviation_ms() };
+        let readout = found.estimate();
         let focal = found.focal_length.map(|focal| FocalLength::kappa(focal.widths, focal.deviation));
         Self {
             clip,
@@ -252,6 +251,7 @@ mod tests {
             focal_length: None,
             frames: 90,
             followed: 80,
+            expected: None,
         };
         Measurement::new(name.to_owned(), &found)
     }

@@ -7,11 +7,11 @@ mod velocity;
 use crate::analysis::{Analysis, Frame};
 use crate::clips;
 use crate::interruption::Interruption;
+use crate::progress;
 use crate::readout::{self, Extent, Found};
 use crate::rectifier_options::AnalysisOptions;
 use anyhow::{Context, Result, bail};
 use clap::Args;
-use indicatif::{ProgressBar, ProgressStyle};
 use rsrectify::rectifier::Origin;
 use serde::Serialize;
 use std::fs::File;
@@ -94,14 +94,7 @@ impl Drop for Output {
 
 /// Analyses the clip; `false` where that fails for its sake.
 pub fn run(options: &TrackOptions, interruption: &Interruption) -> Result<bool> {
-    match track(options, interruption) {
-        Ok(()) => Ok(true),
-        Err(error) => {
-            interruption.check()?;
-            eprintln!("error: {}: {error:#}", options.clip.display());
-            Ok(false)
-        }
-    }
+    clips::finish(&options.clip, track(options, interruption), interruption)
 }
 
 fn track(options: &TrackOptions, interruption: &Interruption) -> Result<()> {
@@ -110,15 +103,11 @@ fn track(options: &TrackOptions, interruption: &Interruption) -> Result<()> {
     let wants_focal = options.gcsv.is_some() && analysis.focal_length.is_none();
     let mut found = None;
     if analysis.wants_readout() || wants_focal {
-        found = readout::find(&options.clip, analysis.settings(), Extent::Stretches, interruption)?;
+        let camera = analysis.camera.of(&options.clip)?;
+        let settings = analysis.settings();
+        found = readout::find(&options.clip, settings, camera.as_ref(), Extent::Stretches, interruption)?;
     }
-    if let Some(found) = found.as_ref().filter(|found| analysis.wants_readout() && found.doubt().is_none()) {
-        eprintln!("readout: {found}");
-        analysis.readout_time = Some(found.milliseconds.max(1e-6));
-        analysis.readout_direction = Some(found.direction.into());
-    } else if analysis.wants_readout() {
-        eprintln!("warning: the readout is not certain from this clip; give --readout-time if you know it");
-    }
+    readout::settle(found.as_ref(), &mut analysis);
     let mut focal = analysis.focal_length.filter(|focal| *focal > 0.0);
     if wants_focal {
         let widths = found_focal_length(found.as_ref())?;
@@ -166,7 +155,7 @@ fn write(
     if let Some(out) = &mut rows_csv {
         writeln!(out.file, "{LINE_HEADER}")?;
     }
-    let bar = ProgressBar::no_length().with_style(ProgressStyle::with_template("{spinner} {msg}")?);
+    let bar = progress::spinner()?;
     let name = options.clip.file_name().map(|name| name.to_string_lossy()).unwrap_or_default();
     let (mut index, mut without_motion) = (0, 0u64);
     clip.run(None, interruption, &mut |frame: Frame| {

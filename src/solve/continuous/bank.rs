@@ -24,7 +24,8 @@ const DECISIVE: f64 = 12.0;
 /// twice as many, for what has not happened in n frames happens in the next one with a probability of about 1/n (Laplace's
 /// rule of succession).
 const OTHER_CAMERA: [usize; 2] = [90, 16 * 90];
-/// Logarithm of the probability that it is, then or after a gap, one in a thousand; and after a cut, one in twenty.
+/// Logarithm of the probability that it is, then or after a gap, one in a thousand; and after a cut, or where one of which the
+/// readout is expected is another one or in another mode, one in twenty.
 const OTHER_CAMERA_ODDS: [f64; 2] = [-7.0, -3.0];
 /// Hypotheses beside which another one is tried: the likeliest, and a rival, as one along the other axis may stay undecided for
 /// minutes.
@@ -79,7 +80,11 @@ impl Bank {
             until_tried: OTHER_CAMERA[0],
             has_begun: false,
         };
-        bank.hypotheses = camera.directions().into_iter().map(|direction| bank.fresh(direction)).collect();
+        let directions = camera.first_directions();
+        bank.hypotheses = directions.into_iter().map(|direction| bank.fresh(direction)).collect();
+        if camera.expected().is_some() {
+            bank.doubt(OTHER_CAMERA_ODDS[1]);
+        }
         bank
     }
 
@@ -211,11 +216,7 @@ impl Bank {
         if starts_anew || self.since_tried >= self.until_tried {
             let [first, longest] = OTHER_CAMERA;
             self.until_tried = if starts_anew { first } else { (2 * self.until_tried).min(longest) };
-            self.other_odds = OTHER_CAMERA_ODDS[usize::from(before == Break::Cut)];
-            let by_rows = self.leading().direction.is_by_rows();
-            self.to_try = self.camera.directions();
-            // The last one is tried first.
-            self.to_try.sort_by_key(|direction| direction.is_by_rows() == by_rows);
+            self.doubt(OTHER_CAMERA_ODDS[usize::from(before == Break::Cut)]);
         }
         if self.is_in_question() || !self.to_try.is_empty() {
             self.since_tried = 0;
@@ -228,6 +229,15 @@ impl Bank {
             let prior = self.leading().prior + self.other_odds;
             self.hypotheses.push(self.fresh(direction).joining(prior));
         }
+    }
+
+    /// Has each direction tried anew, with this logarithm of its probability beside that of the leading one.
+    fn doubt(&mut self, odds: f64) {
+        self.other_odds = odds;
+        let by_rows = self.leading().direction.is_by_rows();
+        self.to_try = self.camera.directions();
+        // The last one is tried first.
+        self.to_try.sort_by_key(|direction| direction.is_by_rows() == by_rows);
     }
 
     /// Compares the hypotheses by the evidence of the same windows.
@@ -344,7 +354,8 @@ mod tests {
     fn bank_with_trial(windows: usize, odds: f64) -> Bank {
         let direction = Some(ReadoutDirection::TopToBottom);
         let readout_time = ReadoutTime::Unknown;
-        let camera = Camera { model: Model::Auto, direction, readout_time, focal_length: None };
+        let (model, readout_prior, focal_length) = (Model::Auto, None, None);
+        let camera = Camera { model, direction, readout_time, readout_prior, focal_length };
         let mut bank = Bank::new(camera, [640, 480], 320.0, 0.03);
         let mut tried = bank.fresh(ReadoutDirection::TopToBottom);
         (tried.is_on_trial, tried.score) = (true, odds);

@@ -1,7 +1,7 @@
 //! What is known of a camera, and what is believed of the rest.
 
 use crate::motion::generators::Model;
-use crate::readout::{ReadoutDirection, ReadoutTime};
+use crate::readout::{ReadoutDirection, ReadoutPrior, ReadoutTime};
 
 /// What is believed of γ before anything was seen: nothing that would change a picture.
 pub(super) const READOUT_BELIEF: (f64, f64) = (0.0, 0.5);
@@ -25,6 +25,8 @@ pub struct Camera {
     pub direction: Option<ReadoutDirection>,
     /// What is known of the readout time.
     pub readout_time: ReadoutTime,
+    /// What is expected of the readout where it is not known.
+    pub readout_prior: Option<ReadoutPrior>,
     /// Focal length in frame widths; `None` if that is to be found out. Less than 0.354, a field of view of 110°, counts
     /// as that.
     pub focal_length: Option<f64>,
@@ -44,6 +46,18 @@ impl Camera {
             Some(direction) => vec![direction],
             None => vec![TopToBottom, BottomToTop, LeftToRight, RightToLeft],
         }
+    }
+
+    /// What is expected of the readout, where it is not known and the direction that is known, if any, is the expected one.
+    pub(super) fn expected(&self) -> Option<ReadoutPrior> {
+        let allows = |expected: ReadoutDirection| self.direction.is_none_or(|known| known == expected);
+        self.readout_prior.filter(|prior| !self.is_known() && prior.direction().is_none_or(allows))
+    }
+
+    /// The directions that are tried first.
+    pub(super) fn first_directions(&self) -> Vec<ReadoutDirection> {
+        let expected = self.expected().and_then(|prior| prior.direction());
+        expected.map_or_else(|| self.directions(), |direction| vec![direction])
     }
 
     /// Logarithm of how likely a direction is before anything was seen, up to a constant, in frames of this size.
@@ -80,7 +94,8 @@ mod tests {
         let kappa = |focal: f64| {
             let focal_length = Some(focal);
             let readout_time = ReadoutTime::Unknown;
-            Camera { model: Model::Auto, direction: None, readout_time, focal_length }.kappa_belief().0
+            let (model, direction, readout_prior) = (Model::Auto, None, None);
+            Camera { model, direction, readout_time, readout_prior, focal_length }.kappa_belief().0
         };
         assert_eq!((kappa(1.0), kappa(0.5)), (0.25, 1.0));
         for narrow in [0.35, 1e-3, f64::MIN_POSITIVE, 5e-324] {

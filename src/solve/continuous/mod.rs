@@ -25,6 +25,7 @@
 //! | `bank` | the hypotheses about the camera: its posterior, what is stated and applied of it |
 //! | `deviation` | how far off a correction may be, how much of it is applied |
 //! | `evidence` | which of two hypotheses the frames so far speak for |
+//! | `fitted` | how the correspondences of a frame fit the path that was found |
 //! | `camera` | what is known of the camera, and believed of the rest |
 //! | `stream` | frames in, motions out: window, choice of the axis, confidence, residual field |
 //!
@@ -67,6 +68,7 @@ mod dominant;
 mod equations;
 mod evaluated;
 mod evidence;
+mod fitted;
 mod flow;
 mod hypothesis;
 mod normal;
@@ -87,4 +89,5 @@ mod sums;
 mod tracks;
 
 pub use camera::Camera;
+pub use fitted::FittedCorrespondence;
 pub use stream::{Continuous, Motion, PairMeasurement};

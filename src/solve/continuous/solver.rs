@@ -180,6 +180,12 @@ impl Solver {
         self.beliefs[0] = belief;
     }
 
+    /// Takes γ as expected.
+    pub fn expect_readout(&mut self, belief: Running) {
+        self.shared[0] = belief.mean;
+        self.beliefs[0] = belief;
+    }
+
     /// Goes on with frame periods that are shorter by `factor`.
     pub fn scale_readout(&mut self, factor: f64) {
         self.shared[0] *= factor;

@@ -6,6 +6,7 @@
 
 use super::bank::{Bank, Break};
 use super::camera::{Camera, KNOWN};
+use super::fitted::{FittedCorrespondence, FittedPair};
 use super::hypothesis::Hypothesis;
 use super::overlay::StaticOverlay;
 use super::pair::Pair;
@@ -58,6 +59,8 @@ pub struct Motion {
     pub readout_deviation: f64,
     /// Focal length in frame widths and its standard deviation, where the model has a perspective.
     pub focal_length: Option<(f64, f64)>,
+    /// Correspondences of one of the frame's pairs, where they are kept.
+    pub fitted: Vec<FittedCorrespondence>,
 }
 
 impl Motion {
@@ -75,6 +78,8 @@ struct Entry {
     is_cut: bool,
     /// The flow of the same pair, to the next frame and back from it, for what moves on its own.
     flows: [FlowField; 2],
+    /// All correspondences of the same pair, where they are kept.
+    found: Vec<Correspondence>,
 }
 
 /// The correspondences of a pair of frames.
@@ -112,6 +117,8 @@ pub struct Continuous {
     scene: Vec<Correspondence>,
     /// Memory for flow.
     spare: Vec<[FlowField; 2]>,
+    /// Whether correspondences are given out with the motions.
+    keeps_correspondences: bool,
 }
 
 impl Continuous {
@@ -134,7 +141,14 @@ impl Continuous {
             fixed: StaticOverlay::new(width, height, NOISE * pixel_scale),
             scene: Vec::new(),
             spare: Vec::new(),
+            keeps_correspondences: false,
         }
+    }
+
+    /// The same, which gives out the correspondences with the motions where `keep` says so.
+    #[must_use]
+    pub fn with_correspondences(self, keep: bool) -> Self {
+        Self { keeps_correspondences: keep, ..self }
     }
 
     /// Adds the next frame at `time` seconds, `period` the nominal frame period, with its
@@ -156,13 +170,16 @@ impl Continuous {
                 Some(pair) => pair.measured = found.grid.len(),
                 None => is_cut = true,
             }
+            if self.keeps_correspondences {
+                last.found.extend_from_slice(found.grid);
+            }
             if let Some(flow) = found.flow {
                 last.flows.iter_mut().zip(flow).for_each(|(own, flow)| own.clone_from(flow));
             }
         }
         let mut flows = self.spare.pop().unwrap_or_default();
         flows.iter_mut().for_each(FlowField::clear);
-        self.frames.push_back(Entry { stamp, to_next: None, is_cut, flows });
+        self.frames.push_back(Entry { stamp, to_next: None, is_cut, flows, found: Vec::new() });
         self.prepare();
     }
 
@@ -184,13 +201,16 @@ impl Continuous {
         let [width, height] = self.size;
         let time_known = self.camera.readout_time;
         for hypothesis in self.bank.hypotheses.iter_mut() {
+            let sign = if hypothesis.direction.is_reversed() { -1.0 } else { 1.0 };
+            let gamma = |time: f64| sign * (time / period).min(LONGEST_READOUT);
             if self.camera.is_known() {
                 let readout = Readout::resolved(width, height, hypothesis.direction, time_known, period);
-                let sign = if hypothesis.direction.is_reversed() { -1.0 } else { 1.0 };
-                let ratio = (readout.time / period).min(LONGEST_READOUT);
-                hypothesis.solver.know_readout(Running::new(sign * ratio, KNOWN));
+                hypothesis.solver.know_readout(Running::new(gamma(readout.time), KNOWN));
             } else if let Some(unit) = self.unit_before {
                 hypothesis.solver.scale_readout(unit / period);
+            } else if let Some(prior) = self.camera.expected() {
+                let belief = Running::new(gamma(prior.time()), prior.deviation() / period);
+                hypothesis.solver.expect_readout(belief);
             }
         }
         self.clock = Some((period, time));
@@ -240,6 +260,7 @@ impl Continuous {
         let motion = (!pairs.is_empty()).then(|| self.motion(window, stamp));
         let mut motion = motion.filter(Motion::is_finite);
         if let Some(motion) = motion.as_mut() {
+            motion.fitted = self.fitted(window, own);
             motion.field = self.field(own, past > 0, &motion.readout);
             let scale = self.pixel_scale;
             let regions: Vec<Region> =
@@ -298,7 +319,24 @@ impl Continuous {
             sigma: sigma * self.pixel_scale,
             readout_deviation: self.readout_deviation(),
             focal_length: self.focal_length(),
+            fitted: Vec::new(),
         }
+    }
+
+    /// The correspondences of frame `own` and how they fit the path, where they are kept.
+    fn fitted(&self, window: PairWindow<'_>, own: usize) -> Vec<FittedCorrespondence> {
+        let solver = &self.bank.leading().solver;
+        let index = window.own();
+        let begins = index == window.past;
+        let first = if begins { Some(own) } else { own.checked_sub(1) };
+        let entry = first.and_then(|first| self.frames.get(first)).filter(|entry| !entry.found.is_empty());
+        let (Some(entry), Some(pair), Some(sigma)) = (entry, window.pairs.get(index), solver.sigma(index))
+        else {
+            return Vec::new();
+        };
+        let sigma = sigma * self.pixel_scale;
+        let pair = FittedPair { found: &entry.found, stamps: pair.stamps, begins, sigma };
+        pair.fit(solver, self.centre, self.radius)
     }
 
     /// What parts of frame `own` do beside the motion of the whole.
@@ -369,6 +407,9 @@ mod doubt_tests;
 #[cfg(test)]
 #[path = "stream_film.rs"]
 mod film;
+#[cfg(test)]
+#[path = "stream_prior_tests.rs"]
+mod prior_tests;
 #[cfg(test)]
 #[path = "stream_tests.rs"]
 mod tests;

@@ -75,6 +75,7 @@ impl Film {
             model: Model::Auto,
             direction: Some(self.direction()),
             readout_time: ReadoutTime::Seconds(self.readout().time),
+            readout_prior: None,
             focal_length: Some(self.focal),
         }
     }
@@ -219,8 +220,13 @@ pub fn push(continuous: &mut Continuous, found: Option<&[Correspondence]>, stamp
     continuous.push(found.map(|grid| PairMeasurement { grid, flow: None }), stamp, PERIOD);
 }
 
-pub const UNKNOWN: Camera =
-    Camera { model: Model::Auto, direction: None, readout_time: ReadoutTime::Unknown, focal_length: None };
+pub const UNKNOWN: Camera = Camera {
+    model: Model::Auto,
+    direction: None,
+    readout_time: ReadoutTime::Unknown,
+    readout_prior: None,
+    focal_length: None,
+};
 
 pub fn regular(count: usize) -> Vec<f64> {
     (0..count).map(|k| k as f64 * PERIOD).collect()

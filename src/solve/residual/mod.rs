@@ -157,8 +157,10 @@ impl ResidualSolver {
             let [x, y] = field.centre(column, row);
             let late = readout.share(x, y) - 0.5;
             region.velocity += Vector2::from(*velocity).cast::<f64>();
-            // Not a number becomes the most, too.
-            let square = (posterior.variance() + sum / f32::max(known, 1.0)).min(FASTEST * FASTEST);
+            // No more than before anything was measured: rounding hides the prior from what is known far better along
+            // one axis. Not a number becomes the most, too.
+            let variance = posterior.variance().min(2.0 / prior);
+            let square = (variance + sum / f32::max(known, 1.0)).min(FASTEST * FASTEST);
             region.error += late * late * f64::from(square);
             *count += 1.0;
         }

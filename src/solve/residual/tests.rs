@@ -209,3 +209,17 @@ fn what_a_vibrating_path_explains_is_no_residual() {
     let cells = solver.solve(&readout(), &flows, &Vibration);
     assert!(cells.velocities.iter().all(|[x, y]| x.hypot(*y) < 0.02));
 }
+
+#[test]
+fn a_readout_next_to_none_leaves_next_to_no_error() {
+    // What is known along an edge alone, each neighbour some 10⁴ readouts away: information too large for f32 to hold what
+    // is known across it beside.
+    let readout =
+        Readout::new(640, 480, ReadoutDirection::TopToBottom, ReadoutTime::Seconds(8e-5 * PERIOD), PERIOD);
+    let still = flow(PERIOD, |_, _, _| Vector2::zeros(), |_| (1.0, [3000.0, 9000.0, 27000.0]));
+    let flows = [FrameFlow { field: &still, interval: PERIOD }];
+    let mut solver = ResidualSolver::default();
+    solver.solve(&readout.unwrap(), &flows, &Still);
+    let worst = solver.regions().iter().map(|region| region.error).fold(0.0, f64::max);
+    assert!(worst < 0.01, "{worst} px²");
+}

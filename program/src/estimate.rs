@@ -1,5 +1,6 @@
 //! Numbers with a standard deviation, and what several of one number say together.
 
+use rsrectify::readout::Readout;
 use serde::Serialize;
 
 /// Standard deviations on either side of the mean between which a normal number lies in 95 of 100 cases.
@@ -22,6 +23,12 @@ pub struct Combined {
 }
 
 impl Estimate {
+    /// The signed readout time in milliseconds, negative where the bottom row or the right column is read first.
+    pub fn of_readout(readout: &Readout, deviation: f64) -> Self {
+        let sign = if readout.direction().is_reversed() { -1.0 } else { 1.0 };
+        Self { value: sign * readout.time() * 1e3, deviation }
+    }
+
     /// The interval in which the number lies in 95 of 100 cases.
     pub fn interval(&self) -> [f64; 2] {
         [self.value - SIGMAS * self.deviation, self.value + SIGMAS * self.deviation]

@@ -1,0 +1,68 @@
+//! The boxes of which QuickTime and MP4 files are made (ISO/IEC 14496-12): a length, a name of four bytes, content.
+
+use std::fs::File;
+use std::io::{Read, Seek, SeekFrom};
+
+/// The largest index of a film that is read: hours of video have a few megabytes.
+const LARGEST_INDEX: u64 = 256 << 20;
+
+/// The content of the box `moov`, the index of a film.
+pub fn read_index(file: &mut File) -> Option<Vec<u8>> {
+    read_top_level(file, b"moov", LARGEST_INDEX)
+}
+
+/// The content of the first box of a name that lies in no other one, as far as `largest` bytes.
+pub fn read_top_level(file: &mut File, wanted: &[u8; 4], largest: u64) -> Option<Vec<u8>> {
+    let mut start = 0;
+    loop {
+        file.seek(SeekFrom::Start(start)).ok()?;
+        let mut header = [0; 16];
+        file.read_exact(&mut header[..8]).ok()?;
+        let mut length = u64::from(number(&header, 0)?);
+        let mut content = start + 8;
+        if length == 1 {
+            file.read_exact(&mut header[8..]).ok()?;
+            length = u64::from(number(&header, 8)?) << 32 | u64::from(number(&header, 12)?);
+            content += 8;
+        }
+        let end = start.checked_add(length)?;
+        if end < content {
+            return None;
+        }
+        if &header[4..8] == wanted {
+            let mut bytes = Vec::new();
+            file.take((end - content).min(largest)).read_to_end(&mut bytes).ok()?;
+            return Some(bytes);
+        }
+        start = end;
+    }
+}
+
+/// Names and contents of the boxes in a box.
+pub fn children(mut bytes: &[u8]) -> impl Iterator<Item = (&[u8], &[u8])> {
+    std::iter::from_fn(move || {
+        let length = number(bytes, 0)? as usize;
+        let (name, content) = (bytes.get(4..8)?, bytes.get(8..length)?);
+        bytes = bytes.get(length..)?;
+        Some((name, content))
+    })
+}
+
+/// The content of the first box at a path of names.
+pub fn child<'a>(bytes: &'a [u8], path: &[&[u8; 4]]) -> Option<&'a [u8]> {
+    path.iter().try_fold(bytes, |bytes, wanted| {
+        children(bytes).find(|(name, _)| name == wanted).map(|(_, content)| content)
+    })
+}
+
+/// The big-endian number at an offset.
+pub fn number(bytes: &[u8], at: usize) -> Option<u32> {
+    let bytes = bytes.get(at..at.checked_add(4)?)?;
+    Some(u32::from_be_bytes(bytes.try_into().ok()?))
+}
+
+#[cfg(test)]
+pub fn boxed(name: &[u8; 4], content: &[u8]) -> Vec<u8> {
+    let length = u32::try_from(content.len() + 8).unwrap().to_be_bytes();
+    [&length[..], name, content].concat()
+}

@@ -1,0 +1,101 @@
+//! Cameras whose readout is known, and which of them made a clip.
+
+mod catalogue;
+mod metadata;
+mod presets;
+
+use crate::rectifier_options::{Direction, name_of};
+use anyhow::{Result, bail};
+pub use catalogue::Camera;
+use catalogue::{Mode, key};
+use clap::Args;
+use presets::Presets;
+use std::path::Path;
+use std::str::FromStr;
+
+/// Which camera's readout is expected.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub enum CameraChoice {
+    /// The one that the file names.
+    #[default]
+    Auto,
+    /// None.
+    None,
+    /// This one.
+    Named(String),
+}
+
+impl FromStr for CameraChoice {
+    type Err = std::convert::Infallible;
+
+    fn from_str(text: &str) -> Result<Self, Self::Err> {
+        Ok(match text {
+            "auto" => Self::Auto,
+            "none" => Self::None,
+            name => Self::Named(name.to_owned()),
+        })
+    }
+}
+
+impl CameraChoice {
+    /// The camera of a clip whose modes are known; `None` where none is.
+    ///
+    /// # Errors
+    /// If a camera is named that is not known.
+    pub fn of(&self, clip: &Path) -> Result<Option<Camera>> {
+        match self {
+            Self::None => Ok(None),
+            Self::Auto => {
+                let Some(stated) = metadata::camera_of(clip) else { return Ok(None) };
+                let known = catalogue::cameras()?;
+                Ok(known.into_iter().find(|camera| camera.is_stated_as(&stated.maker, &stated.model)))
+            }
+            Self::Named(name) => {
+                let known = catalogue::cameras()?;
+                match known.into_iter().find(|camera| {
+                    [camera.name(), camera.model.clone()].iter().any(|own| key(own) == key(name))
+                }) {
+                    Some(camera) => Ok(Some(camera)),
+                    None => bail!("no camera {name} is known; `rsrectify cameras` lists those that are"),
+                }
+            }
+        }
+    }
+}
+
+/// What the user may ask of `cameras`.
+#[derive(Args, Debug)]
+pub struct CamerasOptions {
+    /// Lists the cameras whose name has this in it.
+    pub name: Option<String>,
+    /// Prints them as presets of the GStreamer element, for a file GstRsRectify.prs.
+    #[arg(long)]
+    pub presets: bool,
+}
+
+/// Lists the cameras.
+pub fn run(options: &CamerasOptions) -> Result<bool> {
+    let mut cameras = catalogue::cameras()?;
+    if let Some(name) = &options.name {
+        cameras.retain(|camera| key(&camera.name()).contains(&key(name)));
+        if cameras.is_empty() {
+            eprintln!("error: no camera whose name has {name} in it is known");
+            return Ok(false);
+        }
+    }
+    if options.presets {
+        print!("{}", Presets(&cameras));
+        return Ok(true);
+    }
+    for camera in &cameras {
+        println!("{}", camera.name());
+        camera.modes.iter().for_each(|mode| println!("  {}", line(mode)));
+    }
+    Ok(true)
+}
+
+fn line(mode: &Mode) -> String {
+    let direction = name_of(&Direction::from(mode.direction()));
+    let (time, deviation) = (mode.milliseconds(), mode.deviation());
+    format!("{:<16} {time:>5.1} ms ± {deviation:.1}, {direction}; {}", mode.name(), mode.source())
+}

@@ -1,0 +1,100 @@
+//! `rsrectify show`: a clip with what was seen of its motion drawn over it.
+
+mod overlay;
+mod strip;
+mod writer;
+
+use crate::analysis::{Analysis, Frame};
+use crate::clips;
+use crate::drawing::Renderer;
+use crate::interruption::Interruption;
+use crate::output::codec::Container;
+use crate::output::encoding::EncodingOptions;
+use crate::output::{self, Unfinished};
+use crate::progress;
+use crate::readout::{self, Extent};
+use crate::rectifier_options::AnalysisOptions;
+use anyhow::{Context, Result, bail};
+use clap::Args;
+use overlay::Overlay;
+use std::path::{Path, PathBuf};
+use writer::Writer;
+
+/// What the user may ask of `show`.
+#[derive(Args, Debug)]
+pub struct ShowOptions {
+    /// The clip.
+    pub clip: PathBuf,
+    /// The file to write, or its folder; without it the video goes beside the clip, its name ending in -shown.
+    #[arg(long, short, value_name = "FILE|FOLDER")]
+    pub output: Option<PathBuf>,
+    /// Replaces a file that is there.
+    #[arg(long)]
+    pub overwrite: bool,
+    /// By how much the arrows that show the correction are longer than it is.
+    #[arg(long, value_name = "FACTOR", default_value_t = 5.0, value_parser = factor)]
+    pub magnify: f64,
+    #[command(flatten)]
+    pub encoding: EncodingOptions,
+    #[command(flatten)]
+    pub analysis: AnalysisOptions,
+}
+
+fn factor(text: &str) -> Result<f64, String> {
+    crate::rectifier_options::in_range(text, 0.1..=1000.0)
+}
+
+/// Draws over the clip; `false` where that fails for its sake.
+pub fn run(options: &ShowOptions, interruption: &Interruption) -> Result<bool> {
+    let (clip, output) = (&options.clip, options.output.as_deref());
+    let named = output.filter(|output| !output::is_folder(output));
+    let container = options.encoding.container(clip, named)?;
+    let ending = format!("{}.{}", clips::SHOWN, container.extension());
+    let file = output::of_one(clip, output, &ending)?;
+    clips::finish(clip, show(options, &file, container, interruption), interruption)
+}
+
+fn show(options: &ShowOptions, file: &Path, container: Container, interruption: &Interruption) -> Result<()> {
+    clips::check(&options.clip)?;
+    output::check(&options.clip, file, options.overwrite)?;
+    options.encoding.codec.check(container, options.encoding.rate())?;
+    let mut told = options.analysis.clone();
+    let mut found = None;
+    if told.wants_readout() {
+        let (camera, settings) = (told.camera.of(&options.clip)?, told.settings());
+        found = readout::find(&options.clip, settings, camera.as_ref(), Extent::Stretches, interruption)?;
+        readout::settle(found.as_ref(), &mut told);
+    }
+    let found = found.filter(|found| found.doubt().is_none());
+    let mut settings = told.settings();
+    settings.keep_correspondences = true;
+    let mut analysis = Analysis::open(&options.clip, settings, interruption)?;
+    analysis.keep_pictures();
+    let period = analysis.frame_rate().map(|rate| 1e3 / rate);
+    let found = found.map(|found| found.estimate());
+    let overlay = Overlay::new(analysis.size(), options.magnify, found, period);
+    let renderer = Renderer::new();
+
+    output::make_folder(file, options.output.as_deref())?;
+    let unfinished = Unfinished::beside(file);
+    let mut writer = Writer::new(analysis.info(), &options.encoding, container, unfinished.path())?;
+    let bar = progress::spinner()?;
+    let mut frames = 0u64;
+    analysis.run(None, interruption, &mut |frame: Frame| {
+        let picture = frame.picture.as_ref().context("the picture of a frame is gone")?;
+        let svg = overlay.svg(frames, &frame);
+        writer.write(picture, |pixels| renderer.draw(&svg, pixels), interruption)?;
+        frames += 1;
+        bar.set_message(format!("{frames} frames"));
+        bar.tick();
+        Ok(())
+    })?;
+    if frames == 0 {
+        bail!("no frame could be decoded");
+    }
+    writer.finish(interruption)?;
+    bar.finish_and_clear();
+    unfinished.finish(file)?;
+    println!("{}: {frames} frames", file.display());
+    Ok(())
+}
