@@ -78,10 +78,10 @@ pub use plane::{Plane, PlaneMut};
 pub use rectifier::Rectifier;
 pub use warp::Warper;
 
-/// The README's example is a test.
+/// The example of the documents is a test.
 #[cfg(doctest)]
-#[doc = include_str!("../README.md")]
-pub struct Readme;
+#[doc = include_str!("../docs/library.md")]
+pub struct Documents;
 
 #[cfg(test)]
 mod tests {

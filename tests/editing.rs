@@ -4,35 +4,15 @@
 mod common;
 
 use common::film::{FRAMES, Film, film, launch, shown};
+use common::plugin::PluginFolder;
 use gst::prelude::*;
 use std::ops::Range;
-use std::path::{Path, PathBuf};
-use std::process::Command;
-
-/// A folder with the plugin and nothing else; it goes when it is dropped.
-struct PluginFolder(PathBuf);
-
-impl PluginFolder {
-    fn new(test: &str) -> Self {
-        let folder = std::env::temp_dir().join(format!("rsrectify-{}-{test}-plugin", std::process::id()));
-        std::fs::create_dir_all(&folder).unwrap();
-        // Cargo leaves the plugin beside the test programs.
-        let built = std::env::current_exe().unwrap().with_file_name("libgstrsrectify.so");
-        std::fs::copy(built, folder.join("libgstrsrectify.so")).unwrap();
-        Self(folder)
-    }
-}
-
-impl Drop for PluginFolder {
-    fn drop(&mut self) {
-        let _ = std::fs::remove_dir_all(&self.0);
-    }
-}
+use std::path::Path;
 
 /// Renders clips of a film, each with the effect, and reads the numbers of the frames.
 fn render(plugins: &PluginFolder, film: &Film, clips: &[Range<usize>], effect: &str) -> Vec<usize> {
     let out = Film(plugins.0.join("out.mp4"));
-    let mut command = Command::new("ges-launch-1.0");
+    let mut command = plugins.command("ges-launch-1.0");
     for (index, clip) in clips.iter().enumerate() {
         let seconds = |frames: usize| format!("{:.6}", frames as f64 / 30.0);
         let start = clips[..index].iter().map(Range::len).sum();
@@ -48,7 +28,6 @@ fn render(plugins: &PluginFolder, film: &Film, clips: &[Range<usize>], effect: &
     command.args(["--track-types", "video", "--no-interactive", "--disable-mixing"]);
     command.args(["--video-caps", "video/x-raw,width=320,height=240,framerate=30/1"]);
     command.args(["-f", "video/quicktime,variant=iso:video/x-h264"]).arg("-o").arg(&out.0);
-    command.env("GST_PLUGIN_PATH", &plugins.0).env("GST_REGISTRY", plugins.0.join("registry.bin"));
     let result = command.output().expect("ges-launch-1.0 is installed");
     assert!(result.status.success(), "{}", String::from_utf8_lossy(&result.stderr));
     decode(&out.0)

@@ -4,6 +4,7 @@
 #![allow(dead_code)]
 
 pub mod film;
+pub mod plugin;
 pub mod shake;
 
 use gst::prelude::*;
