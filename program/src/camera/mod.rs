@@ -10,6 +10,7 @@ pub use catalogue::Camera;
 use catalogue::{Mode, key};
 use clap::Args;
 use presets::Presets;
+use std::io::{ErrorKind, Write};
 use std::path::Path;
 use std::str::FromStr;
 
@@ -83,15 +84,18 @@ pub fn run(options: &CamerasOptions) -> Result<bool> {
             return Ok(false);
         }
     }
-    if options.presets {
-        print!("{}", Presets(&cameras));
-        return Ok(true);
+    let text =
+        if options.presets { Presets(&cameras).to_string() } else { cameras.iter().map(list).collect() };
+    match std::io::stdout().write_all(text.as_bytes()) {
+        // Who reads has seen enough.
+        Err(error) if error.kind() == ErrorKind::BrokenPipe => Ok(true),
+        written => Ok(written.map(|()| true)?),
     }
-    for camera in &cameras {
-        println!("{}", camera.name());
-        camera.modes.iter().for_each(|mode| println!("  {}", line(mode)));
-    }
-    Ok(true)
+}
+
+fn list(camera: &Camera) -> String {
+    let modes = camera.modes.iter().map(|mode| format!("  {}\n", line(mode)));
+    format!("{}\n{}", camera.name(), modes.collect::<String>())
 }
 
 fn line(mode: &Mode) -> String {
