@@ -5,6 +5,20 @@ use rsrectify::motion;
 use rsrectify::readout;
 use rsrectify::{rectifier, warp};
 
+/// Has GStreamer's documentation name the enums.
+#[cfg(feature = "doc")]
+pub(super) fn document() {
+    use gst::prelude::*;
+    let types = [
+        ReadoutDirection::static_type(),
+        Estimator::static_type(),
+        Model::static_type(),
+        Interpolation::static_type(),
+        BorderMode::static_type(),
+    ];
+    types.into_iter().for_each(|of| of.mark_as_plugin_api(gst::PluginAPIFlags::empty()));
+}
+
 /// Which edge of the frame, as it arrives, is read first.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, glib::Enum)]
 #[enum_type(name = "GstRsRectifyReadoutDirection")]

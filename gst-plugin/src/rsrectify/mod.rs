@@ -30,5 +30,7 @@ glib::wrapper! {
 /// Registers the element with `plugin`. It is never plugged in on its own: its rank is none.
 pub fn register(plugin: &gst::Plugin) -> Result<(), glib::BoolError> {
     report::register_meta();
+    #[cfg(feature = "doc")]
+    enums::document();
     gst::Element::register(Some(plugin), "rsrectify", gst::Rank::NONE, RsRectify::static_type())
 }
