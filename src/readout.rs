@@ -85,9 +85,7 @@ impl ReadoutPrior {
     /// # Errors
     /// [`ReadoutError::Time`] and [`ReadoutError::Deviation`].
     pub fn new(time: f64, deviation: f64, direction: Option<ReadoutDirection>) -> Result<Self, ReadoutError> {
-        if !(time.is_finite() && time >= 0.0) {
-            return Err(ReadoutError::Time(time));
-        }
+        ReadoutTime::Seconds(time).check()?;
         if !(deviation.is_finite() && deviation > 0.0) {
             return Err(ReadoutError::Deviation(deviation));
         }
@@ -261,5 +259,16 @@ mod tests {
         assert_eq!(new(ReadoutTime::WholePeriod, 0.0), Err(ReadoutError::Period(0.0)));
         assert_eq!(new(ReadoutTime::Seconds(0.0), 0.04).map(|readout| readout.time()), Ok(0.0));
         assert_eq!(new(ReadoutTime::Unknown, 0.04).map(|readout| readout.time()), Ok(0.04));
+    }
+
+    #[test]
+    fn an_expectation_that_cannot_be_is_refused() {
+        let prior = |time, deviation| ReadoutPrior::new(time, deviation, None);
+        assert!(prior(0.02, 0.001).is_ok() && prior(0.0, 0.001).is_ok());
+        for wrong in [-0.02, f64::NAN, f64::INFINITY] {
+            assert!(matches!(prior(wrong, 0.001), Err(ReadoutError::Time(_))), "{wrong}");
+            assert!(matches!(prior(0.02, wrong), Err(ReadoutError::Deviation(_))), "{wrong}");
+        }
+        assert_eq!(prior(0.02, 0.0), Err(ReadoutError::Deviation(0.0)));
     }
 }
