@@ -111,6 +111,33 @@ impl ReadoutPrior {
     }
 }
 
+/// One way in which a sensor may be read, and how likely it is by what was seen.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[non_exhaustive]
+pub struct ReadoutHypothesis {
+    /// The likeliest readout of this way.
+    pub readout: Readout,
+    /// Standard deviation of its time in seconds.
+    pub deviation: f64,
+    /// How likely it is; all hypotheses together 1.
+    pub probability: f64,
+}
+
+/// What is believed of a readout that is sought: a mixture of normal densities of the signed readout time (negative where the
+/// bottom row or the right column is read first), some for sensors that are read by rows, some for those read by columns.
+///
+/// Divided by the prior, which several streams of one camera have in common, it is what this stream says of the camera.
+#[derive(Clone, Debug, PartialEq)]
+#[non_exhaustive]
+pub struct ReadoutPosterior {
+    /// The mixture, the likeliest first.
+    pub hypotheses: Vec<ReadoutHypothesis>,
+    /// Standard deviation in seconds of the signed readout time about 0 before anything was seen.
+    pub prior_deviation: f64,
+    /// How likely it was before that the sensor is read by rows.
+    pub prior_by_rows: f64,
+}
+
 /// Why there can be no such readout.
 #[derive(Clone, Copy, Debug, PartialEq, Error)]
 #[non_exhaustive]

@@ -2,7 +2,7 @@
 
 use crate::correspond::{Correspondence, certain};
 use crate::motion::{MotionPath, Rigid, SampledPath, Twist, image_centre};
-use crate::readout::Readout;
+use crate::readout::{Readout, ReadoutPosterior};
 use crate::solve::continuous::{Camera, Continuous, FittedCorrespondence, PairMeasurement};
 use crate::solve::{Candidate, Link, Origin, Window};
 use nalgebra::Vector2;
@@ -138,6 +138,22 @@ impl Engine {
         match self {
             Self::Sequential(_) => (*stated, 0.0),
             Self::Continuous(continuous) => continuous.belief(),
+        }
+    }
+
+    /// Whether the last frame was compared with the one before it in vain.
+    pub fn is_at_cut(&self) -> bool {
+        match self {
+            Self::Sequential(_) => false,
+            Self::Continuous(continuous) => continuous.is_at_cut(),
+        }
+    }
+
+    /// What is believed of a readout that is sought.
+    pub fn posterior(&self) -> Option<ReadoutPosterior> {
+        match self {
+            Self::Sequential(_) => None,
+            Self::Continuous(continuous) => continuous.posterior(),
         }
     }
 

@@ -10,7 +10,7 @@ mod tests;
 use crate::correspond::{Correspondence, Pyramid, Sampler};
 use crate::motion::{FrameMotion, Model, MotionPath};
 use crate::plane::Luma;
-use crate::readout::{Readout, ReadoutDirection, ReadoutPrior, ReadoutTime};
+use crate::readout::{Readout, ReadoutDirection, ReadoutPosterior, ReadoutPrior, ReadoutTime};
 use crate::solve::continuous::{Camera, PairMeasurement};
 use clock::Clock;
 use duplicates::Duplicates;
@@ -122,6 +122,9 @@ pub struct FrameSolution {
     pub residual: f64,
     /// Standard deviation of the readout ratio that was found; 0 where it was given.
     pub readout_deviation: f64,
+    /// Whether hardly a point of the frame before was found again in it, as where another shot begins; never by the
+    /// sequential estimator.
+    pub begins_shot: bool,
     /// The focal length; `None` where nothing is known of it: of a frame without a motion, from the sequential estimator,
     /// and of a model without perspective.
     pub focal_length: Option<FocalLength>,
@@ -158,6 +161,7 @@ struct Waiting {
     correspondences: usize,
     /// It repeats the frame before it and is not in the window.
     repeats: bool,
+    begins_shot: bool,
 }
 
 /// Solves the motion of a stream's frames, one after another, in bounded memory.
@@ -261,7 +265,7 @@ impl Rectifier {
             && (duplicate == Duplicate::Known
                 || self.duplicates.is_repeated(self.sampler.difference(&self.before, &self.now)));
         let readout = self.readout();
-        self.waiting.push_back(Waiting { readout, correspondences: 0, repeats });
+        self.waiting.push_back(Waiting { readout, correspondences: 0, repeats, begins_shot: false });
         if repeats {
             self.timings.correspond += started.elapsed();
         } else {
@@ -309,6 +313,13 @@ impl Rectifier {
         self.timings
     }
 
+    /// What the frames so far say of the readout; `None` where it is given, before the first frame, and from the
+    /// sequential estimator.
+    #[must_use]
+    pub fn readout_posterior(&self) -> Option<ReadoutPosterior> {
+        self.engine.posterior()
+    }
+
     fn forget_the_past(&mut self) {
         self.engine.restart();
         self.clock.restart();
@@ -346,6 +357,9 @@ impl Rectifier {
             readout: *readout,
             pixel_scale: self.sampler.pixel_scale(),
         });
+        if let Some(waiting) = self.waiting.back_mut() {
+            waiting.begins_shot = self.engine.is_at_cut();
+        }
         self.reference = Some(time);
         std::mem::swap(&mut self.before, &mut self.now);
         self.timings.solve += measured.elapsed();
@@ -378,6 +392,7 @@ impl Rectifier {
             inliers: 0,
             residual: 0.0,
             readout_deviation,
+            begins_shot: frame.begins_shot,
             focal_length: None,
             fitted: Vec::new(),
         }
@@ -396,6 +411,7 @@ impl Rectifier {
             inliers: settled.inliers,
             residual: settled.residual,
             readout_deviation: settled.readout_deviation,
+            begins_shot: frame.begins_shot,
             focal_length: settled.focal_length.map(|(widths, deviation)| FocalLength { widths, deviation }),
             fitted: settled.fitted.clone(),
         }

@@ -186,7 +186,7 @@ fn a_duplicate_is_corrected_as_much_as_its_frame() {
             fitted: Vec::new(),
         };
         for repeats in [false, true] {
-            let frame = Waiting { readout, correspondences: 0, repeats };
+            let frame = Waiting { readout, correspondences: 0, repeats, begins_shot: false };
             let solution = rectifier.solution(&frame, &settled);
             assert_eq!(solution.motion.weight(), weight, "{origin:?}, repeats: {repeats}");
             assert_eq!((solution.expected_error, solution.region_errors.len()), (Some(2.5), 4));

@@ -5,7 +5,7 @@
 //! the likeliest one.
 
 use super::bank::{Bank, Break};
-use super::camera::{Camera, KNOWN};
+use super::camera::{Camera, KNOWN, READOUT_BELIEF};
 use super::fitted::{FittedCorrespondence, FittedPair};
 use super::hypothesis::Hypothesis;
 use super::overlay::StaticOverlay;
@@ -17,7 +17,7 @@ use super::solver::Solver;
 use crate::correspond::Correspondence;
 use crate::flow::FlowField;
 use crate::motion::{ResidualField, ResidualMesh, image_centre};
-use crate::readout::{Readout, ReadoutDirection};
+use crate::readout::{Readout, ReadoutDirection, ReadoutHypothesis, ReadoutPosterior};
 use crate::solve::residual::{FrameFlow, Region, ResidualSolver};
 use nalgebra::{Matrix3, Vector2};
 use std::collections::VecDeque;
@@ -281,6 +281,30 @@ impl Continuous {
         motion
     }
 
+    /// Whether correspondences of the last frame with the one before it were looked for and too few found.
+    pub fn is_at_cut(&self) -> bool {
+        self.frames.back().is_some_and(|entry| entry.is_cut)
+    }
+
+    /// What is believed of the readout; none where it is given, or no frame has come.
+    pub fn posterior(&self) -> Option<ReadoutPosterior> {
+        let unit = self.unit().filter(|_| !self.camera.is_known())?;
+        let [width, height] = self.size;
+        let hypotheses = self.bank.hypotheses.iter().zip(self.bank.probabilities());
+        let hypotheses = hypotheses.map(|(hypothesis, probability)| ReadoutHypothesis {
+            readout: self.readout(&hypothesis.solver),
+            deviation: hypothesis.solver.readout_deviation() * unit,
+            probability,
+        });
+        let [rows, columns] = [ReadoutDirection::TopToBottom, ReadoutDirection::LeftToRight]
+            .map(|direction| Camera::log_prior(direction, width, height).exp());
+        Some(ReadoutPosterior {
+            hypotheses: hypotheses.collect(),
+            prior_deviation: READOUT_BELIEF.1 * unit,
+            prior_by_rows: rows / (rows + columns),
+        })
+    }
+
     /// Forgets the frames, not the camera.
     pub fn restart(&mut self) {
         self.frames.clear();
@@ -387,9 +411,14 @@ impl Continuous {
         Some((focal, if is_given { 0.0 } else { 0.5 * focal * deviation / kappa }))
     }
 
+    /// Seconds to a frame period; `None` before the first frame.
+    fn unit(&self) -> Option<f64> {
+        self.clock.map(|(unit, _)| unit).or(self.unit_before)
+    }
+
     /// The shutter that a solver found.
     fn readout(&self, solver: &Solver) -> Readout {
-        let unit = self.clock.map_or(0.0, |(unit, _)| unit);
+        let unit = self.unit().unwrap_or(0.0);
         let direction = match (solver.scan_axis.by_rows, solver.shared[0] < 0.0) {
             (true, false) => ReadoutDirection::TopToBottom,
             (true, true) => ReadoutDirection::BottomToTop,
