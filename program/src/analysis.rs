@@ -2,13 +2,14 @@
 
 use crate::elements::{NO_VIDEO, launch, named, pad};
 use crate::interruption::Interruption;
+use crate::part::{self, Part};
 use crate::playback::{Event, Playback};
 use anyhow::{Context, Result, anyhow, bail};
 use gst::prelude::*;
 use gst_video::prelude::*;
 use rsrectify::Rectifier;
 use rsrectify::plane::{Luma, Plane, PlaneLayout, SampleFormat};
-use rsrectify::readout::ReadoutPrior;
+use rsrectify::readout::{ReadoutPosterior, ReadoutPrior};
 use rsrectify::rectifier::{Duplicate, FrameSolution, Settings};
 use std::collections::VecDeque;
 use std::path::Path;
@@ -38,8 +39,10 @@ pub struct Analysis {
     settings: Settings,
     rectifier: Rectifier,
     /// Times of the frames whose motion has not come, and the frames where they are kept.
-    waiting: VecDeque<(Option<f64>, Option<gst::Sample>)>,
+    waiting: VecDeque<(Option<gst::ClockTime>, Option<gst::Sample>)>,
     keeps_pictures: bool,
+    /// The part of the clip that is analysed, where that is not all of it.
+    part: Option<Part>,
 }
 
 impl Analysis {
@@ -72,7 +75,7 @@ impl Analysis {
         }
         let rectifier = rectifier(settings, &info)?;
         let waiting = VecDeque::new();
-        Ok(Self { playback, sink, info, settings, rectifier, waiting, keeps_pictures: false })
+        Ok(Self { playback, sink, info, settings, rectifier, waiting, keeps_pictures: false, part: None })
     }
 
     /// Starts from what is expected of the readout; before any frame is analysed.
@@ -80,6 +83,11 @@ impl Analysis {
         self.settings.readout_prior = Some(prior);
         self.rectifier = rectifier(self.settings, &self.info)?;
         Ok(())
+    }
+
+    /// What the frames so far say of the readout.
+    pub fn posterior(&self) -> Option<ReadoutPosterior> {
+        self.rectifier.readout_posterior()
     }
 
     /// Gives each frame out with its motion.
@@ -114,12 +122,30 @@ impl Analysis {
         end: gst::ClockTime,
         interruption: &Interruption,
     ) -> Result<bool> {
-        let flags = gst::SeekFlags::FLUSH | gst::SeekFlags::KEY_UNIT;
-        let pipeline = self.playback.pipeline();
-        if pipeline.seek(1.0, flags, gst::SeekType::Set, start, gst::SeekType::Set, end).is_err() {
+        self.seek_to(gst::SeekFlags::KEY_UNIT, start, Some(end), interruption)
+    }
+
+    /// Goes to a part of the clip: only its frames are given out, and those around it analysed.
+    pub fn go_to(&mut self, part: Part, interruption: &Interruption) -> Result<()> {
+        if !self.seek_to(gst::SeekFlags::ACCURATE, part.seek_start, part.seek_end, interruption)? {
+            bail!("{}", part::NO_SEEK);
+        }
+        self.part = Some(part);
+        Ok(())
+    }
+
+    fn seek_to(
+        &mut self,
+        kind: gst::SeekFlags,
+        start: gst::ClockTime,
+        end: Option<gst::ClockTime>,
+        interruption: &Interruption,
+    ) -> Result<bool> {
+        let (flags, to) = (gst::SeekFlags::FLUSH | kind, gst::SeekType::Set);
+        if self.playback.pipeline().seek(1.0, flags, to, start, to, end).is_err() {
             return Ok(false);
         }
-        while !matches!(self.playback.next(LOOK, interruption)?, Event::Ready) {}
+        while !matches!(self.playback.next(LOOK, interruption)?, Event::Ready | Event::End) {}
         Ok(true)
     }
 
@@ -138,6 +164,10 @@ impl Analysis {
             let time = stream_time(&sample);
             if until.zip(time).is_some_and(|(until, time)| time > until) {
                 break;
+            }
+            let is_outside = |part: &Part| !time.is_some_and(|time| part.analysed.contains(time));
+            if self.part.as_ref().is_some_and(is_outside) {
+                continue;
             }
             self.push(&sample, time)?;
             self.pop(note)?;
@@ -163,19 +193,25 @@ impl Analysis {
         let plane = Plane::new(frame.plane_data(0)?, layout)?;
         let duplicate =
             if buffer.flags().contains(gst::BufferFlags::GAP) { Duplicate::Known } else { Duplicate::Detect };
-        let seconds = time.map(|time| time.nseconds() as f64 * 1e-9);
-        self.rectifier.push(&Luma::from(plane), seconds, duplicate)?;
-        self.waiting.push_back((seconds, self.keeps_pictures.then(|| sample.clone())));
+        self.rectifier.push(&Luma::from(plane), time.map(seconds), duplicate)?;
+        self.waiting.push_back((time, self.keeps_pictures.then(|| sample.clone())));
         Ok(())
     }
 
     fn pop(&mut self, note: &mut dyn FnMut(Frame) -> Result<()>) -> Result<()> {
         while let Some(solution) = self.rectifier.pop() {
             let (time, picture) = self.waiting.pop_front().unwrap_or_default();
-            note(Frame { time, solution, picture })?;
+            let is_wanted = |part: &Part| time.is_some_and(|time| part.wanted.contains(time));
+            if self.part.as_ref().is_none_or(is_wanted) {
+                note(Frame { time: time.map(seconds), solution, picture })?;
+            }
         }
         Ok(())
     }
+}
+
+fn seconds(time: gst::ClockTime) -> f64 {
+    time.nseconds() as f64 * 1e-9
 }
 
 fn frame_rate(info: &gst_video::VideoInfo) -> Option<f64> {

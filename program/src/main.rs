@@ -10,15 +10,20 @@ mod drawing;
 mod elements;
 mod estimate;
 mod fix;
+mod index;
 mod interruption;
+mod join;
 mod measure;
 mod output;
+mod packets;
+mod part;
 mod playback;
 mod plot;
 mod progress;
 mod readout;
 mod rectifier_options;
 mod show;
+mod streams;
 mod track;
 
 use anyhow::{Context, Result};
@@ -53,6 +58,12 @@ enum Command {
     /// Writes the motion of each frame and row, and a virtual gyroscope for Gyroflow.
     #[command(after_help = EXIT_CODES)]
     Track(Box<track::TrackOptions>),
+    /// Lists when the frames of a clip are shown, for --index of the commands that take --frames.
+    #[command(after_help = EXIT_CODES)]
+    Index(index::IndexOptions),
+    /// Puts rectified parts of a clip together, without encoding them again, beside the clip's other streams.
+    #[command(after_help = EXIT_CODES)]
+    Join(join::JoinOptions),
     /// Draws the motion of a clip, its readout and its confidence over time, as SVG or PNG.
     #[command(after_help = EXIT_CODES)]
     Plot(plot::PlotOptions),
@@ -86,6 +97,8 @@ fn run(cli: &Cli) -> Result<bool> {
         Command::Fix(options) => fix::run(options, &start()?),
         Command::Measure(options) => measure::run(options, &start()?),
         Command::Track(options) => track::run(options, &start()?),
+        Command::Index(options) => index::run(options, &start()?),
+        Command::Join(options) => join::run(options, &start()?),
         Command::Plot(options) => plot::run(options, &start()?),
         Command::Show(options) => show::run(options, &start()?),
         Command::Cameras(options) => camera::run(options),

@@ -18,6 +18,8 @@ pub enum Event {
     End,
     /// Something the user should know.
     Warning(String),
+    /// The streams are known and held until it was gone to a place in them.
+    Held,
     /// The clip has chapters.
     Chapters,
     /// The pipeline is paused, or has reached the place that it was sent to.
@@ -51,6 +53,7 @@ impl Playback {
         match message.view() {
             gst::MessageView::Eos(_) => return Ok(Event::End),
             gst::MessageView::AsyncDone(_) => return Ok(Event::Ready),
+            gst::MessageView::Application(_) => return Ok(Event::Held),
             gst::MessageView::Toc(toc) if !toc.toc().0.entries().is_empty() => return Ok(Event::Chapters),
             gst::MessageView::Error(error) => {
                 bail!("{}", self.missing.take().unwrap_or_else(|| one_line(error.error().message())))

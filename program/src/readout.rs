@@ -7,10 +7,11 @@ use crate::analysis::{Analysis, Frame};
 use crate::camera::Camera;
 use crate::estimate::Estimate;
 use crate::interruption::Interruption;
+use crate::part::Part;
 use crate::progress;
 use crate::rectifier_options::{AnalysisOptions, Direction, name_of};
 use anyhow::Result;
-use rsrectify::readout::{ReadoutDirection, ReadoutPrior};
+use rsrectify::readout::{ReadoutDirection, ReadoutPosterior, ReadoutPrior};
 use rsrectify::rectifier::{FocalLength, FrameSolution, Settings};
 use std::fmt;
 use std::path::Path;
@@ -28,12 +29,14 @@ const FOLLOWED: u32 = 15;
 const NONE: f64 = 1.0;
 
 /// How much of a clip is looked at.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug)]
 pub enum Extent {
     /// Up to 20 s, spread over its length.
     Stretches,
     /// All of it.
     Whole,
+    /// A part of it.
+    Part(Part),
 }
 
 /// What the picture says of the camera.
@@ -57,6 +60,10 @@ pub struct Found {
     pub followed: u32,
     /// What was expected of the readout.
     pub expected: Option<ReadoutPrior>,
+    /// What is believed of the readout, where it was sought.
+    pub posterior: Option<ReadoutPosterior>,
+    /// Frames at which another shot begins; of stretches, frames of them.
+    pub cuts: Vec<usize>,
 }
 
 /// Why a readout is not to be relied on.
@@ -135,6 +142,7 @@ pub struct Summary {
     /// Sum and number of the intervals between frames, in seconds.
     intervals: (f64, u32),
     time: Option<f64>,
+    cuts: Vec<usize>,
 }
 
 impl Summary {
@@ -147,6 +155,9 @@ impl Summary {
             self.intervals.1 += 1;
         }
         self.time = frame.time;
+        if frame.solution.begins_shot {
+            self.cuts.push(self.frames as usize);
+        }
         self.frames += 1;
         self.followed += u32::from(frame.solution.confidence >= 0.5);
         self.focal_length = frame.solution.focal_length.or(self.focal_length);
@@ -168,6 +179,8 @@ impl Summary {
             frames: self.frames,
             followed: self.followed,
             expected: None,
+            posterior: None,
+            cuts: self.cuts.clone(),
         })
     }
 }
@@ -207,8 +220,8 @@ pub fn find(
         Ok(())
     };
     let whole = LENGTH * STRETCHES;
-    match analysis.duration() {
-        Some(duration) if extent == Extent::Stretches && duration > whole => {
+    match (&extent, analysis.duration()) {
+        (Extent::Stretches, Some(duration)) if duration > whole => {
             for stretch in 0..STRETCHES {
                 let start = (duration - LENGTH) * stretch / (STRETCHES - 1);
                 if !analysis.seek(start, start + LENGTH, interruption)? {
@@ -219,11 +232,17 @@ pub fn find(
                 analysis.run(None, interruption, &mut note)?;
             }
         }
-        None if extent == Extent::Stretches => analysis.run(Some(whole), interruption, &mut note)?,
+        (Extent::Stretches, None) => analysis.run(Some(whole), interruption, &mut note)?,
+        (Extent::Part(part), _) => {
+            analysis.go_to(part.clone(), interruption)?;
+            analysis.run(None, interruption, &mut note)?;
+        }
         _ => analysis.run(None, interruption, &mut note)?,
     }
     bar.finish_and_clear();
-    Ok(summary.found(analysis.size(), analysis.frame_rate()).map(|found| Found { expected, ..found }))
+    let posterior = analysis.posterior();
+    let found = summary.found(analysis.size(), analysis.frame_rate());
+    Ok(found.map(|found| Found { expected, posterior, ..found }))
 }
 
 /// Starts from what is expected of the camera that made a clip, and says so.

@@ -3,8 +3,6 @@
 mod options;
 mod pipeline;
 mod plan;
-mod streams;
-mod timecode;
 
 use crate::clips;
 use crate::interruption::Interruption;
@@ -13,6 +11,7 @@ use crate::output::{self, Unfinished};
 use crate::playback::{Event, Playback};
 use crate::progress;
 use crate::readout::{self, Extent};
+use crate::streams::{Excerpt, Remux};
 use anyhow::{Context, Result, bail};
 use gst::prelude::*;
 use indicatif::{ProgressBar, ProgressStyle};
@@ -74,11 +73,20 @@ fn one(job: &Job, options: &FixOptions, interruption: &Interruption) -> Result<(
     }
     let unfinished = Unfinished::beside(&job.output);
     let progress = Arc::new(Progress::default());
-    let pipeline = pipeline::build(&recipe, &job.input, unfinished.path(), &progress)?;
-    play(pipeline, recipe.container, &progress, interruption)?;
+    let lookahead = recipe.rectifier.analysis.settings().lookahead;
+    let part = options.part.of(&job.input, lookahead, interruption)?;
+    let excerpt = part.map(|part| Arc::new(Excerpt::new(part)));
+    let expected = excerpt.as_ref().map(|excerpt| excerpt.frames());
+    let remux = pipeline::build(&recipe, excerpt, &job.input, unfinished.path(), &progress)?;
+    play(remux, recipe.container, &progress, interruption)?;
     let frames = progress.frames();
     if frames == 0 {
         bail!("no frame could be decoded");
+    }
+    if let Some(expected) = expected.filter(|expected| *expected as u64 != frames) {
+        bail!(
+            "{frames} frames came where there should be {expected}: the clip is damaged, or its index of another one"
+        );
     }
     unfinished.finish(&job.output)?;
     println!("{}: {frames} frames", job.output.display());
@@ -86,20 +94,16 @@ fn one(job: &Job, options: &FixOptions, interruption: &Interruption) -> Result<(
 }
 
 /// Runs the pipeline to its end.
-fn play(
-    pipeline: gst::Pipeline,
-    container: Container,
-    progress: &Progress,
-    interruption: &Interruption,
-) -> Result<()> {
+fn play(remux: Remux, container: Container, progress: &Progress, interruption: &Interruption) -> Result<()> {
     let bar = progress::spinner()?;
-    let mut playback = Playback::new(pipeline)?;
+    let mut playback = Playback::new(remux.pipeline.clone())?;
     playback.set_state(gst::State::Playing);
     let started = Instant::now();
     loop {
         show(&bar, playback.pipeline(), progress, started)?;
         match playback.next(gst::ClockTime::from_mseconds(100), interruption)? {
             Event::End => break,
+            Event::Held => remux.release()?,
             Event::Warning(warning) => bar.suspend(|| eprintln!("warning: {warning}")),
             Event::Chapters if container != Container::Mkv => {
                 bar.suspend(|| {

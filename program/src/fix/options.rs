@@ -1,8 +1,9 @@
 //! What the user may ask of `fix`.
 
-use super::streams::Audio;
 use crate::output::encoding::EncodingOptions;
+use crate::part::PartOptions;
 use crate::rectifier_options::RectifierOptions;
+use crate::streams::Audio;
 use clap::Args;
 use std::path::PathBuf;
 
@@ -30,6 +31,8 @@ pub struct FixOptions {
     /// What becomes of the audio.
     #[arg(long, value_enum, default_value = "copy")]
     pub audio: Audio,
+    #[command(flatten)]
+    pub part: PartOptions,
     #[command(flatten)]
     pub rectifier: RectifierOptions,
 }

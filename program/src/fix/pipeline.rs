@@ -3,17 +3,15 @@
 //! Frames are rectified as the sensor delivered them and turned upright only afterwards: the rows of
 //! a phone's portrait clip are read top to bottom before it is rotated.
 
-use super::streams::{self, Audio, Kind, Route};
-use super::timecode::Timecode;
-use crate::elements::{NO_VIDEO, make, named, pad, parse};
+use crate::elements::{named, pad, parse};
 use crate::output::codec::{Codec, Container, Rate};
 use crate::rectifier_options::RectifierOptions;
-use anyhow::{Context, Result, anyhow};
+use crate::streams::{Audio, Destination, Excerpt, Remux, Video};
+use anyhow::Result;
 use gst::prelude::*;
-use std::collections::HashSet;
 use std::path::Path;
-use std::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, Ordering};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU32, AtomicU64, Ordering};
 
 /// Turns frames as the clip's rotation tag says.
 const UPRIGHT: &str = "videoconvert ! videoflip video-direction=auto";
@@ -66,7 +64,11 @@ impl Progress {
 }
 
 /// Decoded video → the encoded stream.
-fn video_branch(recipe: &Recipe, timecode: Option<gst_video::VideoTimeCode>) -> Result<gst::Bin> {
+fn video_branch(
+    recipe: &Recipe,
+    timecode: Option<gst_video::VideoTimeCode>,
+    excerpt: Option<&Excerpt>,
+) -> Result<gst::Bin> {
     let rectified = format!("rsrectify name=rectifier ! queue ! {UPRIGHT}");
     let shown = if recipe.compare {
         format!(
@@ -78,7 +80,8 @@ fn video_branch(recipe: &Recipe, timecode: Option<gst_video::VideoTimeCode>) -> 
     };
     let stamped = if timecode.is_some() { "timecodestamper name=stamper set=always ! " } else { "" };
     let encoded = recipe.codec.description();
-    let bin = parse(&format!("queue ! videoconvert name=decoded ! {shown} ! {stamped}{encoded}"))?;
+    let bin =
+        parse(&format!("queue name=frames ! videoconvert name=decoded ! {shown} ! {stamped}{encoded}"))?;
     if let Some(timecode) = timecode {
         let stamper = named(&bin, "stamper")?;
         let drops = timecode.flags().contains(gst_video::VideoTimeCodeFlags::DROP_FRAME);
@@ -95,6 +98,11 @@ fn video_branch(recipe: &Recipe, timecode: Option<gst_video::VideoTimeCode>) -> 
         original.set_property("max-size-bytes", 0u32);
         original.set_property("max-size-time", 0u64);
         place_side_by_side(&named(&bin, "side")?)?;
+    }
+    if let Some(excerpt) = excerpt {
+        excerpt.keep_analysed(&pad(&named(&bin, "frames")?, "src")?);
+        let shown = if recipe.compare { "side" } else { "rectifier" };
+        excerpt.keep_wanted(&pad(&named(&bin, shown)?, "src")?);
     }
     let encoder = named(&bin, "encoder")?;
     recipe.codec.configure(&encoder, recipe.rate);
@@ -148,198 +156,19 @@ fn on_caps(pad: &gst::Pad, call: impl Fn(&gst::Pad, &gst::CapsRef) + Send + Sync
     });
 }
 
-fn pad_of(bin: &gst::Bin, element: &str) -> Result<gst::Pad> {
-    pad(&named(bin, element)?, "sink")
-}
-
-/// Makes plain text of the Pango markup that comes to a pad.
-fn strip_markup(pad: &gst::Pad) {
-    pad.add_probe(gst::PadProbeType::BUFFER, |_, info| {
-        if let Some(gst::PadProbeData::Buffer(buffer)) = &mut info.data {
-            let text = buffer.map_readable().map(|bytes| plain_text(&String::from_utf8_lossy(&bytes)));
-            let mut plain = text.map(|text| gst::Buffer::from_mut_slice(text.into_bytes()));
-            if let Ok(plain) = &mut plain
-                && let Some(target) = plain.get_mut()
-            {
-                let kept = gst::BufferCopyFlags::TIMESTAMPS | gst::BufferCopyFlags::FLAGS;
-                // Without times the muxer refuses the buffer, and says so.
-                let _ = buffer.copy_into(target, kept, ..);
-            }
-            if let Ok(plain) = plain {
-                *buffer = plain;
-            }
-        }
-        gst::PadProbeReturn::Ok
-    });
-}
-
-/// Text without the tags of Pango markup, its entities resolved.
-fn plain_text(markup: &str) -> String {
-    let mut text = String::with_capacity(markup.len());
-    let mut rest = markup;
-    while let Some(start) = rest.find('<') {
-        text.push_str(rest.get(..start).unwrap_or_default());
-        let tag = rest.get(start..).unwrap_or_default();
-        rest = tag.find('>').and_then(|end| tag.get(end + 1..)).unwrap_or_default();
-    }
-    text.push_str(rest);
-    // The ampersand last, or "&amp;lt;" would become "<".
-    [("&lt;", "<"), ("&gt;", ">"), ("&quot;", "\""), ("&apos;", "'"), ("&#39;", "'"), ("&amp;", "&")]
-        .iter()
-        .fold(text, |text, (entity, character)| text.replace(entity, character))
-}
-
-/// Links what the decoder finds to the muxer.
-struct Linker {
-    pipeline: gst::glib::WeakRef<gst::Pipeline>,
-    muxer: gst::Element,
-    video: gst::Bin,
-    container: Container,
-    audio: Audio,
-    has_video: AtomicBool,
-    /// The streams of raw audio that the file holds as it is.
-    pcm: Mutex<HashSet<String>>,
-}
-
-impl Linker {
-    /// Whether the decoder goes on with a stream that has come to a pad inside it.
-    fn decodes(&self, pad: &gst::Pad, caps: &gst::CapsRef) -> bool {
-        let is_raw = caps.structure(0).is_some_and(|format| format.has_name("audio/x-raw"));
-        // Its pads stand for those of the demuxer inside.
-        let inner = pad.downcast_ref::<gst::GhostPad>().and_then(|pad| pad.target());
-        let owner = inner.and_then(|pad| pad.parent_element()).and_then(|element| element.factory());
-        if is_raw
-            && owner.is_some_and(|factory| {
-                factory.metadata("klass").is_some_and(|klass| klass.contains("Demuxer"))
-            })
-            && let Some(stream) = pad.stream_id()
-        {
-            self.pcm.lock().unwrap_or_else(PoisonError::into_inner).insert(stream.into());
-        }
-        !streams::is_copied(self.container, self.audio, caps)
-    }
-
-    fn link(&self, pad: &gst::Pad) -> Result<()> {
-        let caps = pad.current_caps().unwrap_or_else(|| pad.query_caps(None));
-        let kind = Kind::of(&caps);
-        if kind == Kind::Video && !self.has_video.swap(true, Ordering::Relaxed) {
-            return self.join(pad, &self.video, kind);
-        }
-        let is_pcm = pad.stream_id().is_some_and(|stream| {
-            self.pcm.lock().unwrap_or_else(PoisonError::into_inner).contains(stream.as_str())
-        });
-        match streams::route(self.container, self.audio, &caps, is_pcm) {
-            Route::Copied(branch) | Route::Encoded(branch) => self.join(pad, &parse(&branch)?, kind),
-            Route::Stripped(branch) => {
-                let branch = parse(&branch)?;
-                strip_markup(&pad_of(&branch, "markup")?);
-                self.join(pad, &branch, kind)
-            }
-            Route::LeftOut => {
-                if !(kind == Kind::Audio && self.audio == Audio::None) {
-                    self.warn_of_loss(&caps);
-                }
-                Ok(())
-            }
-        }
-    }
-
-    fn warn_of_loss(&self, caps: &gst::CapsRef) {
-        let name = caps.structure(0).map_or("unknown", |format| format.name().as_str());
-        if let Some(pipeline) = self.pipeline.upgrade() {
-            gst::element_warning!(
-                pipeline,
-                gst::StreamError::Format,
-                ("a stream of {name} is left out: it cannot go into {} files", self.container)
-            );
-        }
-    }
-
-    fn join(&self, pad: &gst::Pad, branch: &gst::Bin, kind: Kind) -> Result<()> {
-        let pipeline = self.pipeline.upgrade().context("the pipeline is gone")?;
-        pipeline.add(branch)?;
-        branch.link_pads(Some("src"), &self.muxer, Some(kind.muxer_pad()))?;
-        branch.sync_state_with_parent()?;
-        let input = crate::elements::pad(branch, "sink")?;
-        pad.link(&input).map_err(|e| anyhow!("the {} stream cannot be used: {e}", pad.name()))?;
-        Ok(())
-    }
-
-    fn report(&self, error: &anyhow::Error) {
-        if let Some(pipeline) = self.pipeline.upgrade() {
-            gst::element_error!(pipeline, gst::StreamError::Failed, ("{error:#}"));
-        }
-    }
-}
-
-/// The pipeline that rectifies `input` into `output`; its encoder is called `encoder`.
+/// The pipeline that rectifies a clip, or a part of it; its encoder is called `encoder`.
 pub fn build(
     recipe: &Recipe,
-    input: &Path,
+    excerpt: Option<Arc<Excerpt>>,
+    clip: &Path,
     output: &Path,
     progress: &Arc<Progress>,
-) -> Result<gst::Pipeline> {
-    let pipeline = gst::Pipeline::new();
-    let (source, decoder) = (make("filesrc")?, make("decodebin")?);
-    let (muxer, sink) = (make(recipe.container.muxer())?, make("filesink")?);
-    source.set_property("location", input);
-    sink.set_property("location", output);
-    pipeline.add_many([&source, &decoder, &muxer, &sink])?;
-    source.link(&decoder)?;
-    muxer.link(&sink)?;
-
-    let timecode = Timecode::of(input).and_then(Timecode::to_gst);
-    if timecode.is_some() && muxer.has_property("force-create-timecode-trak") {
-        muxer.set_property("force-create-timecode-trak", true);
-    }
-    if let Some(timecode) = timecode.as_ref().filter(|_| recipe.container == Container::Mkv) {
-        gst::element_warning!(
-            pipeline,
-            gst::StreamError::Format,
-            ("the timecode, from {timecode} on, is left out: it cannot go into MKV files")
-        );
-    }
-    let video = video_branch(recipe, timecode.filter(|_| recipe.container != Container::Mkv))?;
-    progress.watch(&pad(&named(&video, "encoder")?, "sink")?);
-
-    let linker = Arc::new(Linker {
-        pipeline: pipeline.downgrade(),
-        muxer,
-        video,
-        container: recipe.container,
-        audio: recipe.audio,
-        has_video: AtomicBool::new(false),
-        pcm: Mutex::default(),
-    });
-    let on_stream = linker.clone();
-    decoder.connect("autoplug-continue", false, move |values| {
-        let pad = values.get(1).and_then(|v| v.get::<gst::Pad>().ok());
-        let caps = values.get(2).and_then(|v| v.get::<gst::Caps>().ok());
-        let goes_on = pad.zip(caps).is_none_or(|(pad, caps)| on_stream.decodes(&pad, &caps));
-        Some(goes_on.to_value())
-    });
-    let on_pad = linker.clone();
-    decoder.connect_pad_added(move |_, pad| {
-        if let Err(error) = on_pad.link(pad) {
-            on_pad.report(&error);
-        }
-    });
-    decoder.connect_no_more_pads(move |_| {
-        if !linker.has_video.load(Ordering::Relaxed) {
-            linker.report(&anyhow!(NO_VIDEO));
-        }
-    });
-    Ok(pipeline)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn markup_becomes_plain_text() {
-        assert_eq!(plain_text("plain"), "plain");
-        assert_eq!(plain_text("<span color=\"#fff\"><i>a</i> &lt;b&gt;</span> &amp;amp; c"), "a <b> &amp; c");
-        assert_eq!(plain_text("an open <tag"), "an open ");
-    }
+) -> Result<Remux> {
+    let (container, audio) = (recipe.container, recipe.audio);
+    let destination = Destination { output, container, audio, excerpt: excerpt.clone() };
+    Remux::new(clip, destination, |timecode| {
+        let video = video_branch(recipe, timecode, excerpt.as_deref())?;
+        progress.watch(&pad(&named(&video, "encoder")?, "sink")?);
+        Ok(Video::Decoded(video))
+    })
 }

@@ -4,6 +4,7 @@ mod report;
 
 use crate::clips;
 use crate::interruption::Interruption;
+use crate::part::PartOptions;
 use crate::readout::{self, Extent};
 use crate::rectifier_options::MeasureSettings;
 use anyhow::{Context, Result};
@@ -25,8 +26,10 @@ pub struct MeasureOptions {
     #[arg(long)]
     pub same_camera: bool,
     /// Analyses up to 20 s of each clip, spread over its length, instead of all of it.
-    #[arg(long)]
+    #[arg(long, conflicts_with = "frames")]
     pub quick: bool,
+    #[command(flatten)]
+    pub part: PartOptions,
     #[command(flatten)]
     pub settings: MeasureSettings,
 }
@@ -79,8 +82,16 @@ pub fn run(options: &MeasureOptions, interruption: &Interruption) -> Result<bool
 
 fn one(clip: &Path, options: &MeasureOptions, interruption: &Interruption) -> Result<Measurement> {
     clips::check(clip)?;
-    let extent = if options.quick { Extent::Stretches } else { Extent::Whole };
-    let found = readout::find(clip, options.settings.settings(), None, extent, interruption)?;
+    let settings = options.settings.settings();
+    let part = options.part.of(clip, settings.lookahead, interruption)?;
+    let first_frame = part.as_ref().map_or(0, |part| part.frames.start);
+    let extent = match part {
+        Some(part) => Extent::Part(part),
+        None if options.quick => Extent::Stretches,
+        None => Extent::Whole,
+    };
+    let found = readout::find(clip, settings, None, extent, interruption)?;
     let found = found.context("no frame could be decoded")?;
-    Ok(Measurement::new(clip.display().to_string(), &found))
+    let measurement = Measurement::new(clip.display().to_string(), &found);
+    Ok(if options.quick { measurement } else { measurement.with_cuts(first_frame, &found.cuts) })
 }

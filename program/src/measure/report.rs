@@ -3,6 +3,7 @@
 use crate::estimate::{Estimate, combine};
 use crate::readout::{Doubt, Found};
 use crate::rectifier_options::{Direction, name_of};
+use rsrectify::readout::ReadoutPosterior;
 use serde::Serialize;
 use std::fmt;
 
@@ -22,8 +23,52 @@ pub struct Measurement {
     pub certain: bool,
     /// Why not.
     pub doubts: Vec<String>,
+    /// Frames of the clip at which another shot begins; absent where only stretches of it were analysed.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub cuts: Option<Vec<usize>>,
+    #[serde(flatten)]
+    pub posterior: Option<Posterior>,
     #[serde(flatten)]
     pub camera: Camera,
+}
+
+/// What is believed of the signed readout time: a mixture of normal densities.
+#[derive(Clone, Debug, Serialize)]
+pub struct Posterior {
+    pub hypotheses: Vec<Hypothesis>,
+    pub prior: Prior,
+}
+
+/// A part of the mixture, along the rows or the columns.
+#[derive(Clone, Debug, Serialize)]
+pub struct Hypothesis {
+    pub direction: String,
+    pub signed_readout_ms: f64,
+    pub deviation_ms: f64,
+    pub weight: f64,
+}
+
+/// What was believed before anything was seen: one normal density about 0 along the rows, one along the columns.
+#[derive(Clone, Debug, Serialize)]
+pub struct Prior {
+    pub deviation_ms: f64,
+    /// Their weights.
+    pub rows: f64,
+    pub columns: f64,
+}
+
+impl From<&ReadoutPosterior> for Posterior {
+    fn from(posterior: &ReadoutPosterior) -> Self {
+        let hypotheses = posterior.hypotheses.iter().map(|hypothesis| Hypothesis {
+            direction: name_of(&Direction::from(hypothesis.readout.direction())),
+            signed_readout_ms: Estimate::of_readout(&hypothesis.readout, 0.0).value,
+            deviation_ms: hypothesis.deviation * 1e3,
+            weight: hypothesis.probability,
+        });
+        let rows = posterior.prior_by_rows;
+        let prior = Prior { deviation_ms: posterior.prior_deviation * 1e3, rows, columns: 1.0 - rows };
+        Self { hypotheses: hypotheses.collect(), prior }
+    }
 }
 
 /// Readout and focal length.
@@ -104,8 +149,16 @@ impl Measurement {
             frames_with_motion: found.followed,
             certain: found.doubt().is_none(),
             doubts: doubts(found, &readout),
+            cuts: None,
+            posterior: found.posterior.as_ref().map(Posterior::from),
             camera: Camera::new(readout, name_of(&Direction::from(found.direction)), focal),
         }
+    }
+
+    /// With the frames at which shots begin, counted from the first that was analysed, which has this number in the clip.
+    #[must_use]
+    pub fn with_cuts(self, first_frame: usize, cuts: &[usize]) -> Self {
+        Self { cuts: Some(cuts.iter().map(|cut| first_frame + cut).collect()), ..self }
     }
 }
 
@@ -252,6 +305,8 @@ mod tests {
             frames: 90,
             followed: 80,
             expected: None,
+            posterior: None,
+            cuts: Vec::new(),
         };
         Measurement::new(name.to_owned(), &found)
     }

@@ -102,7 +102,7 @@ impl Writer {
                 eprintln!("warning: {warning}");
                 Ok(false)
             }
-            Event::Chapters | Event::Ready | Event::Nothing => Ok(false),
+            Event::Chapters | Event::Held | Event::Ready | Event::Nothing => Ok(false),
         }
     }
 }

@@ -32,6 +32,11 @@ impl Timecode {
         children(&index).filter(|(name, _)| name == b"trak").find_map(|(_, track)| of_track(&mut file, track))
     }
 
+    /// That of a later frame.
+    pub fn after(self, frames: usize) -> Option<Self> {
+        Some(Self { frame: self.frame.checked_add(u32::try_from(frames).ok()?)?, ..self })
+    }
+
     /// The same as GStreamer counts.
     pub fn to_gst(self) -> Option<gst_video::VideoTimeCode> {
         let rate = gst::Fraction::new(i32::try_from(self.rate[0]).ok()?, i32::try_from(self.rate[1]).ok()?);

@@ -1,11 +1,18 @@
-//! What becomes of the streams beside the video.
+//! What becomes of a clip's streams.
+
+mod excerpt;
+mod linker;
+mod markup;
+mod timecode;
 
 use crate::output::codec::Container;
 use clap::ValueEnum;
+pub use excerpt::Excerpt;
+pub use linker::{Destination, Remux, Video};
 
 /// The encoder holds back dozens of frames; audio that waits for them must not fill its queue,
 /// or the demuxer stops and with it the video.
-const BOUNDLESS_QUEUE: &str = "queue max-size-buffers=0 max-size-bytes=0 max-size-time=0";
+const BOUNDLESS_QUEUE: &str = "queue name=waiting max-size-buffers=0 max-size-bytes=0 max-size-time=0";
 
 /// What becomes of the audio.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]

@@ -1,0 +1,188 @@
+//! The encoded frames of several files, one after another, with the times of the clip's frames.
+
+use crate::elements::{pad, parse};
+use crate::index::{Digest, FrameIndex};
+use crate::interruption::Interruption;
+use crate::packets::Packets;
+use anyhow::{Context, Result, anyhow, bail};
+use gst::prelude::*;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+/// Rectified parts of a clip.
+pub struct Parts {
+    files: Vec<PartFile>,
+    /// The times of the clip's frames.
+    index: FrameIndex,
+    /// What the encoded frames are.
+    caps: gst::Caps,
+    /// By how much decoding is ahead of showing, where a frame is told from later ones.
+    reordering: gst::ClockTime,
+    sha256: String,
+    joined: AtomicUsize,
+}
+
+/// A part that was read once.
+struct PartFile {
+    path: PathBuf,
+    /// The number in the clip of each frame, in the file's order.
+    numbers: Vec<usize>,
+    sha256: String,
+}
+
+impl Parts {
+    /// Reads the parts: whether they are of one kind, and have as many frames as the clip.
+    pub fn read(paths: &[PathBuf], index: FrameIndex, interruption: &Interruption) -> Result<Self> {
+        let (mut files, mut whole) = (Vec::new(), Digest::new()?);
+        let mut caps: Option<gst::Caps> = None;
+        let mut first = 0;
+        for path in paths {
+            let (file, own) = PartFile::read(path, first, &mut whole, interruption)
+                .with_context(|| path.display().to_string())?;
+            first += file.numbers.len();
+            files.push(file);
+            if !caps.as_ref().is_none_or(|caps| is_alike(caps, &own)) {
+                bail!("{} is encoded otherwise than the parts before it", path.display());
+            }
+            caps.get_or_insert(own);
+        }
+        if first != index.frames {
+            bail!("the parts have {first} frames, the clip {}", index.frames);
+        }
+        let caps = caps.context("there are no parts")?;
+        let decoded = files.iter().flat_map(|file| &file.numbers);
+        let ahead = decoded.enumerate().filter_map(|(order, number)| {
+            index.time(order).zip(index.time(*number)).map(|(due, shown)| due.saturating_sub(shown))
+        });
+        let reordering = ahead.max().unwrap_or_default();
+        Ok(Self { reordering, files, index, caps, sha256: whole.finish()?, joined: AtomicUsize::new(0) })
+    }
+
+    /// What the encoded frames are.
+    pub fn caps(&self) -> &gst::Caps {
+        &self.caps
+    }
+
+    /// How many there are.
+    pub fn frames(&self) -> usize {
+        self.index.frames
+    }
+
+    /// How many have been given out.
+    pub fn joined(&self) -> usize {
+        self.joined.load(Ordering::Relaxed)
+    }
+
+    /// SHA-256 of all encoded frames.
+    pub fn sha256(&self) -> &str {
+        &self.sha256
+    }
+
+    /// Each part with its number of frames and their SHA-256.
+    pub fn files(&self) -> impl Iterator<Item = (&Path, usize, &str)> {
+        self.files.iter().map(|file| (file.path.as_path(), file.numbers.len(), file.sha256.as_str()))
+    }
+
+    /// Gives out all frames.
+    fn push(
+        &self,
+        source: &gst_app::AppSrc,
+        timecode: Option<&gst_video::VideoTimeCode>,
+        interruption: &Interruption,
+    ) -> Result<()> {
+        for file in &self.files {
+            let mut packets = Packets::open(&file.path, interruption)?;
+            for number in &file.numbers {
+                let packet = packets.next(interruption)?.context("a part was changed while it was read")?;
+                let mut buffer = packet.buffer;
+                let order = self.joined();
+                let (shown, due) =
+                    self.index.time(*number).zip(self.index.time(order)).context("no such frame")?;
+                let next = self.index.time(number + 1);
+                let last = || number.checked_sub(1).and_then(|last| Some(shown - self.index.time(last)?));
+                let timed = buffer.make_mut();
+                // All is later by the reordering, so that no time is negative; the branch is offset by as much.
+                timed.set_pts(shown + self.reordering);
+                timed.set_dts(due);
+                timed.set_duration(next.map(|next| next - shown).or_else(last));
+                if let Some(timecode) = timecode.filter(|_| *number == 0) {
+                    add_timecode(timed, timecode)?;
+                }
+                if source.push_buffer(buffer).is_err() {
+                    // The pipeline has stopped, and says why itself.
+                    return Ok(());
+                }
+                self.joined.fetch_add(1, Ordering::Relaxed);
+            }
+        }
+        source.end_of_stream()?;
+        Ok(())
+    }
+}
+
+impl PartFile {
+    /// Reads a part whose first frame has this number in the clip; what its frames are.
+    fn read(
+        path: &Path,
+        first: usize,
+        whole: &mut Digest,
+        interruption: &Interruption,
+    ) -> Result<(Self, gst::Caps)> {
+        let mut packets = Packets::open(path, interruption)?;
+        let caps = packets.caps()?.clone();
+        let (mut own, mut times) = (Digest::new()?, Vec::new());
+        while let Some(packet) = packets.next(interruption)? {
+            own.add(&packet.buffer)?;
+            whole.add(&packet.buffer)?;
+            times.push(packet.time.context("a frame has no time")?);
+        }
+        let mut shown: Vec<usize> = (0..times.len()).collect();
+        shown.sort_by_key(|order| times.get(*order));
+        let mut numbers = vec![0; times.len()];
+        for (rank, order) in shown.into_iter().enumerate() {
+            if let Some(number) = numbers.get_mut(order) {
+                *number = first + rank;
+            }
+        }
+        Ok((Self { path: path.to_owned(), numbers, sha256: own.finish()? }, caps))
+    }
+}
+
+/// Whether one decoder can go on from one kind of frames to the other.
+fn is_alike(one: &gst::CapsRef, other: &gst::CapsRef) -> bool {
+    let essence = |caps: &gst::CapsRef| {
+        let format = caps.structure(0)?;
+        let fields = ["width", "height", "stream-format", "codec_data", "profile", "pixel-aspect-ratio"];
+        let values = fields.map(|field| format.value(field).ok().and_then(|value| value.serialize().ok()));
+        Some((format.name().to_owned(), values))
+    };
+    essence(one) == essence(other)
+}
+
+fn add_timecode(buffer: &mut gst::BufferRef, timecode: &gst_video::VideoTimeCode) -> Result<()> {
+    let valid = gst_video::ValidVideoTimeCode::try_from(timecode.clone());
+    let valid = valid.map_err(|_| anyhow!("the timecode {timecode} cannot be"))?;
+    gst_video::VideoTimeCodeMeta::add(buffer, &valid);
+    Ok(())
+}
+
+/// A branch of a pipeline that gives out the frames of all parts.
+pub fn branch(
+    parts: &Arc<Parts>,
+    timecode: Option<gst_video::VideoTimeCode>,
+    interruption: &Interruption,
+) -> Result<gst::Bin> {
+    let bin = parse("appsrc name=frames format=time block=true max-buffers=64 ! queue")?;
+    pad(&bin, "src")?.set_offset(-i64::try_from(parts.reordering.nseconds())?);
+    let source = crate::elements::named(&bin, "frames")?;
+    let source = source.downcast::<gst_app::AppSrc>().map_err(|_| anyhow!("appsrc is another element"))?;
+    source.set_caps(Some(&parts.caps));
+    let (parts, interruption) = (parts.clone(), interruption.clone());
+    std::thread::Builder::new().name("parts".to_owned()).spawn(move || {
+        if let Err(error) = parts.push(&source, timecode.as_ref(), &interruption) {
+            gst::element_error!(source, gst::ResourceError::Read, ("{error:#}"));
+        }
+    })?;
+    Ok(bin)
+}

@@ -1,0 +1,262 @@
+//! A clip's streams → the muxer: the video by a branch of its own, the others as they are where the container can hold them.
+
+use super::excerpt::Excerpt;
+use super::timecode::Timecode;
+use super::{Audio, Kind, Route, is_copied, markup, route};
+use crate::elements::{self, NO_VIDEO, make, named, parse};
+use crate::output::codec::Container;
+use anyhow::{Context, Result, anyhow, bail};
+use gst::prelude::*;
+use std::collections::HashSet;
+use std::path::Path;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
+
+/// What waits for video from elsewhere, at most: streams of a file lie that close together, even sparse ones.
+const LONGEST_WAIT: gst::ClockTime = gst::ClockTime::from_seconds(60);
+
+/// Where the streams of a clip go.
+pub struct Destination<'a> {
+    pub output: &'a Path,
+    pub container: Container,
+    /// What becomes of the audio.
+    pub audio: Audio,
+    /// The part of the clip that is wanted, where that is not all of it.
+    pub excerpt: Option<Arc<Excerpt>>,
+}
+
+/// What gives the muxer its video.
+pub enum Video {
+    /// A branch that takes the clip's decoded frames.
+    Decoded(gst::Bin),
+    /// A branch with frames of its own; the clip's are dropped.
+    Replaced(gst::Bin),
+}
+
+/// A pipeline that reads a clip and writes a file.
+pub struct Remux {
+    pub pipeline: gst::Pipeline,
+    linker: Arc<Linker>,
+}
+
+/// Links what the decoder finds to the muxer.
+struct Linker {
+    pipeline: gst::glib::WeakRef<gst::Pipeline>,
+    muxer: gst::Element,
+    video: Video,
+    container: Container,
+    audio: Audio,
+    excerpt: Option<Arc<Excerpt>>,
+    has_video: AtomicBool,
+    /// The streams of raw audio that the file holds as it is.
+    pcm: Mutex<HashSet<String>>,
+}
+
+impl Remux {
+    /// The pipeline that puts a clip's streams into a file; `video` makes the branch of the video, given the timecode of the
+    /// first frame where the file can hold one.
+    pub fn new(
+        clip: &Path,
+        destination: Destination<'_>,
+        video: impl FnOnce(Option<gst_video::VideoTimeCode>) -> Result<Video>,
+    ) -> Result<Self> {
+        let Destination { output, container, audio, excerpt } = destination;
+        let pipeline = gst::Pipeline::new();
+        let (source, decoder) = (make("filesrc")?, make("decodebin")?);
+        let (muxer, sink) = (make(container.muxer())?, make("filesink")?);
+        source.set_property("location", clip);
+        sink.set_property("location", output);
+        pipeline.add_many([&source, &decoder, &muxer, &sink])?;
+        source.link(&decoder)?;
+        muxer.link(&sink)?;
+
+        let first_frame = excerpt.as_ref().map_or(0, |excerpt| excerpt.first_frame());
+        let timecode = Timecode::of(clip).and_then(|timecode| timecode.after(first_frame)?.to_gst());
+        if timecode.is_some() && muxer.has_property("force-create-timecode-trak") {
+            muxer.set_property("force-create-timecode-trak", true);
+        }
+        if let Some(timecode) = timecode.as_ref().filter(|_| container == Container::Mkv) {
+            gst::element_warning!(
+                pipeline,
+                gst::StreamError::Format,
+                ("the timecode, from {timecode} on, is left out: it cannot go into MKV files")
+            );
+        }
+        let video = video(timecode.filter(|_| container != Container::Mkv))?;
+        let (has_video, pcm) = (AtomicBool::new(false), Mutex::default());
+        let owner = pipeline.downgrade();
+        let linker = Linker { pipeline: owner, muxer, video, container, audio, excerpt, has_video, pcm };
+        if let Video::Replaced(branch) = &linker.video {
+            linker.add(branch, Kind::Video)?;
+        }
+        let linker = Arc::new(linker);
+        Linker::watch(&linker, &decoder);
+        Ok(Self { pipeline, linker })
+    }
+
+    /// Goes to the part of the clip that is wanted, and lets the streams go, which are held until then.
+    pub fn release(&self) -> Result<()> {
+        let Some(excerpt) = &self.linker.excerpt else { return Ok(()) };
+        excerpt.release(|pad| self.linker.link(pad))?;
+        if !self.linker.has_video.load(Ordering::Relaxed) {
+            bail!("{NO_VIDEO}");
+        }
+        Ok(())
+    }
+}
+
+impl Linker {
+    /// Whether the decoder goes on with a stream that has come to a pad inside it.
+    fn decodes(&self, pad: &gst::Pad, caps: &gst::CapsRef) -> bool {
+        let is_raw = caps.structure(0).is_some_and(|format| format.has_name("audio/x-raw"));
+        // Its pads stand for those of the demuxer inside.
+        let inner = pad.downcast_ref::<gst::GhostPad>().and_then(|pad| pad.target());
+        let owner = inner.and_then(|pad| pad.parent_element()).and_then(|element| element.factory());
+        if is_raw
+            && owner.is_some_and(|factory| {
+                factory.metadata("klass").is_some_and(|klass| klass.contains("Demuxer"))
+            })
+            && let Some(stream) = pad.stream_id()
+        {
+            self.pcm.lock().unwrap_or_else(PoisonError::into_inner).insert(stream.into());
+        }
+        let is_dropped = self.replaces_video() && Kind::of(caps) == Kind::Video;
+        !is_dropped && !is_copied(self.container, self.audio, caps)
+    }
+
+    /// Has what the decoder finds linked, or held.
+    fn watch(linker: &Arc<Self>, decoder: &gst::Element) {
+        let on_stream = linker.clone();
+        decoder.connect("autoplug-continue", false, move |values| {
+            let pad = values.get(1).and_then(|v| v.get::<gst::Pad>().ok());
+            let caps = values.get(2).and_then(|v| v.get::<gst::Caps>().ok());
+            let goes_on = pad.zip(caps).is_none_or(|(pad, caps)| on_stream.decodes(&pad, &caps));
+            Some(goes_on.to_value())
+        });
+        let on_pad = linker.clone();
+        decoder.connect_pad_added(move |_, pad| {
+            if let Some(excerpt) = &on_pad.excerpt {
+                excerpt.hold(pad);
+            } else if let Err(error) = on_pad.link(pad) {
+                on_pad.report(&error);
+            }
+        });
+        let linker = linker.clone();
+        decoder.connect_no_more_pads(move |decoder| {
+            if linker.excerpt.is_some() {
+                let held = gst::Structure::new_empty("streams-are-held");
+                let message = gst::message::Application::builder(held).src(decoder).build();
+                // Where nobody listens any more, nobody waits.
+                let _ = decoder.post_message(message);
+            } else if !linker.has_video.load(Ordering::Relaxed) {
+                linker.report(&anyhow!(NO_VIDEO));
+            }
+        });
+    }
+
+    fn link(&self, pad: &gst::Pad) -> Result<()> {
+        let caps = pad.current_caps().unwrap_or_else(|| pad.query_caps(None));
+        let kind = Kind::of(&caps);
+        let is_first_video = kind == Kind::Video && !self.has_video.swap(true, Ordering::Relaxed);
+        match &self.video {
+            Video::Decoded(branch) if is_first_video => {
+                self.add(branch, kind)?;
+                return link_to(pad, branch);
+            }
+            Video::Replaced(branch) if is_first_video => return self.replace(pad, branch),
+            _ => {}
+        }
+        let is_pcm = pad.stream_id().is_some_and(|stream| {
+            self.pcm.lock().unwrap_or_else(PoisonError::into_inner).contains(stream.as_str())
+        });
+        let branch = match route(self.container, self.audio, &caps, is_pcm) {
+            Route::Copied(branch) | Route::Encoded(branch) => parse(&branch)?,
+            Route::Stripped(branch) => {
+                let branch = parse(&branch)?;
+                markup::strip(&elements::pad(&named(&branch, "markup")?, "sink")?);
+                branch
+            }
+            Route::LeftOut => {
+                if !(kind == Kind::Audio && self.audio == Audio::None) {
+                    self.warn_of_loss(&caps);
+                }
+                return if self.replaces_video() { self.drop_all(pad) } else { Ok(()) };
+            }
+        };
+        if self.replaces_video() {
+            // The clip is read faster than it is written: its video is not waited for.
+            named(&branch, "waiting")?.set_property("max-size-time", LONGEST_WAIT.nseconds());
+        }
+        if let Some(excerpt) = &self.excerpt {
+            excerpt.keep_wanted(pad);
+        }
+        self.add(&branch, kind)?;
+        link_to(pad, &branch)
+    }
+
+    fn replaces_video(&self) -> bool {
+        matches!(self.video, Video::Replaced(_))
+    }
+
+    /// Drops the clip's video, all but its tags.
+    fn replace(&self, pad: &gst::Pad, branch: &gst::Bin) -> Result<()> {
+        let source =
+            branch.iterate_sources().into_iter().flatten().next().context("the video has no source")?;
+        pad.sticky_events_foreach(|event| {
+            if let gst::EventView::Tag(tag) = event.view()
+                && tag.tag().scope() == gst::TagScope::Global
+            {
+                source.send_event(event.clone());
+            }
+            std::ops::ControlFlow::Continue(gst::EventForeachAction::Keep)
+        });
+        self.drop_all(pad)
+    }
+
+    /// Has what comes to a pad go nowhere: with no link, it would be an error.
+    fn drop_all(&self, pad: &gst::Pad) -> Result<()> {
+        let pipeline = self.pipeline.upgrade().context("the pipeline is gone")?;
+        let sink = make("fakesink")?;
+        sink.set_property("sync", false);
+        sink.set_property("async", false);
+        pipeline.add(&sink)?;
+        sink.sync_state_with_parent()?;
+        pad.link(&elements::pad(&sink, "sink")?)?;
+        Ok(())
+    }
+
+    fn warn_of_loss(&self, caps: &gst::CapsRef) {
+        let name = caps.structure(0).map_or("unknown", |format| format.name().as_str());
+        if let Some(pipeline) = self.pipeline.upgrade() {
+            gst::element_warning!(
+                pipeline,
+                gst::StreamError::Format,
+                ("a stream of {name} is left out: it cannot go into {} files", self.container)
+            );
+        }
+    }
+
+    /// Adds a branch whose end goes to the muxer.
+    fn add(&self, branch: &gst::Bin, kind: Kind) -> Result<()> {
+        let pipeline = self.pipeline.upgrade().context("the pipeline is gone")?;
+        if let Some(excerpt) = &self.excerpt {
+            excerpt.begin_at_zero(branch)?;
+        }
+        pipeline.add(branch)?;
+        branch.link_pads(Some("src"), &self.muxer, Some(kind.muxer_pad()))?;
+        branch.sync_state_with_parent()?;
+        Ok(())
+    }
+
+    fn report(&self, error: &anyhow::Error) {
+        if let Some(pipeline) = self.pipeline.upgrade() {
+            gst::element_error!(pipeline, gst::StreamError::Failed, ("{error:#}"));
+        }
+    }
+}
+
+fn link_to(pad: &gst::Pad, branch: &gst::Bin) -> Result<()> {
+    let input = elements::pad(branch, "sink")?;
+    pad.link(&input).map_err(|e| anyhow!("the {} stream cannot be used: {e}", pad.name()))?;
+    Ok(())
+}
