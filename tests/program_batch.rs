@@ -58,6 +58,10 @@ fn a_dry_run_says_what_would_be_done() {
     assert!(output.status.success());
     let told = said(&output);
     assert!(told.contains("a-rectified.mkv: HEVC in MKV"), "{told}");
+    let output = fix(&[&clip], &["--dry-run", "--codec", "hevc", "--json"]);
+    let listed: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!((&listed[0]["codec"], &listed[0]["container"]), (&"hevc".into(), &"mkv".into()));
+    assert_eq!(listed[0]["output"].as_str(), folder.file("a-rectified.mkv").to_str());
     // A container that cannot hold the codec is not taken over from the clip.
     let told = said(&fix(&[&clip], &["--dry-run", "--codec", "prores", "--container", "mp4"]));
     assert!(told.contains("--container mov"), "{told}");

@@ -24,6 +24,10 @@ use std::time::Instant;
 /// Rectifies all clips; whether all could be.
 pub fn run(options: &FixOptions, interruption: &Interruption) -> Result<bool> {
     let jobs = plan::jobs(options)?;
+    if options.json {
+        println!("{}", serde_json::to_string_pretty(&plan::Listing::of(&jobs))?);
+        return Ok(true);
+    }
     let count = jobs.len();
     let mut failed = Vec::new();
     for job in jobs {

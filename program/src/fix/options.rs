@@ -23,6 +23,9 @@ pub struct FixOptions {
     /// Says which file each clip would become, without opening it.
     #[arg(long)]
     pub dry_run: bool,
+    /// With --dry-run: prints that as JSON.
+    #[arg(long, requires = "dry_run")]
+    pub json: bool,
     /// Shows each clip before and after, side by side.
     #[arg(long)]
     pub compare: bool,

@@ -4,7 +4,9 @@ use super::options::FixOptions;
 use super::pipeline::Recipe;
 use crate::clips;
 use crate::output;
+use crate::rectifier_options::name_of;
 use anyhow::{Context, Result, bail};
+use serde::Serialize;
 use std::path::PathBuf;
 
 /// One clip to be rectified.
@@ -18,6 +20,28 @@ pub struct Job {
     pub is_in_folder: bool,
     /// How.
     pub recipe: Recipe,
+}
+
+/// A job as it is printed.
+#[derive(Debug, Serialize)]
+pub struct Listing {
+    clip: String,
+    output: String,
+    codec: String,
+    container: String,
+}
+
+impl Listing {
+    /// What each of the jobs would do.
+    pub fn of(jobs: &[Job]) -> Vec<Self> {
+        let listed = |job: &Job| Self {
+            clip: job.input.display().to_string(),
+            output: job.output.display().to_string(),
+            codec: name_of(&job.recipe.codec),
+            container: name_of(&job.recipe.container),
+        };
+        jobs.iter().map(listed).collect()
+    }
 }
 
 /// What is to be done; refuses what would write two clips to one file.
