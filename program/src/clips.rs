@@ -2,6 +2,7 @@
 
 use crate::interruption::Interruption;
 use anyhow::{Context, Result, bail};
+use std::collections::HashSet;
 use std::path::{Path, PathBuf};
 
 /// What ends the names of rectified clips that are written beside their originals.
@@ -15,14 +16,11 @@ const EXTENSIONS: [&str; 19] = [
     "qt", "ts", "webm", "wmv", "y4m",
 ];
 
-/// The clips of one argument: a file itself; the clips right in a folder, by their extensions and without those that
-/// this program wrote there; or what a pattern with `*`, `?`, `[…]` or `**` matches.
-fn named_by(argument: &Path) -> Result<Vec<PathBuf>> {
+/// The clips of one argument: a file itself; the clips in a folder, by their extensions and without those that this program
+/// wrote there; or what a pattern with `*`, `?`, `[…]` or `**` matches.
+fn named_by(argument: &Path, is_recursive: bool) -> Result<Vec<PathBuf>> {
     if argument.is_dir() {
-        let entries = std::fs::read_dir(argument).with_context(|| argument.display().to_string())?;
-        let files = entries.map(|entry| entry.map(|entry| entry.path())).collect::<Result<Vec<_>, _>>();
-        let files = files.with_context(|| argument.display().to_string())?;
-        let clips = sorted(files.into_iter().filter(|file| file.is_file() && is_clip(file)).collect());
+        let clips = clips_in(argument, is_recursive)?;
         if clips.is_empty() {
             bail!("{}: there is no video in this folder", argument.display());
         }
@@ -37,6 +35,25 @@ fn named_by(argument: &Path) -> Result<Vec<PathBuf>> {
         bail!("{pattern}: no file matches");
     }
     Ok(clips)
+}
+
+/// The clips right in a folder, and then, where that is asked for, those of the folders in it.
+fn clips_in(folder: &Path, is_recursive: bool) -> Result<Vec<PathBuf>> {
+    let entries = std::fs::read_dir(folder).with_context(|| folder.display().to_string())?;
+    let entries = entries.map(|entry| entry.map(|entry| entry.path())).collect::<Result<Vec<_>, _>>();
+    let entries = sorted(entries.with_context(|| folder.display().to_string())?);
+    let is_wanted = |entry: &&PathBuf| entry.is_file() && is_clip(entry);
+    let mut clips: Vec<_> = entries.iter().filter(is_wanted).cloned().collect();
+    // A link to a folder above would lead round in a circle; what is hidden are other programs' files.
+    let is_entered = |entry: &&PathBuf| entry.is_dir() && !entry.is_symlink() && !is_hidden(entry);
+    for folder in entries.iter().filter(is_entered).take_while(|_| is_recursive) {
+        clips.extend(clips_in(folder, is_recursive)?);
+    }
+    Ok(clips)
+}
+
+fn is_hidden(file: &Path) -> bool {
+    file.file_name().is_some_and(|name| name.to_string_lossy().starts_with('.'))
 }
 
 fn sorted(mut files: Vec<PathBuf>) -> Vec<PathBuf> {
@@ -55,13 +72,25 @@ fn is_written(file: &Path) -> bool {
     stem.is_some_and(|stem| [RECTIFIED, SHOWN].iter().any(|ending| stem.ends_with(ending)))
 }
 
-/// The clips of all arguments, each once, in the order in which they were named.
-pub fn expand(arguments: &[PathBuf]) -> Result<Vec<PathBuf>> {
-    let mut clips: Vec<PathBuf> = Vec::new();
+/// A clip that an argument names.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Named {
+    pub path: PathBuf,
+    /// The folder in which it lies, below the one that was named; empty right in that one, or where none was.
+    pub below: PathBuf,
+}
+
+/// The clips of all arguments, each once, in the order in which they were named; those of folders in folders where
+/// that is asked for.
+pub fn expand(arguments: &[PathBuf], is_recursive: bool) -> Result<Vec<Named>> {
+    let mut clips: Vec<Named> = Vec::new();
+    let mut seen = HashSet::new();
     for argument in arguments {
-        for clip in named_by(argument)? {
-            if !clips.contains(&clip) {
-                clips.push(clip);
+        for path in named_by(argument, is_recursive)? {
+            let below = path.parent().and_then(|folder| folder.strip_prefix(argument).ok());
+            let below = below.unwrap_or(Path::new("")).to_owned();
+            if seen.insert(path.clone()) {
+                clips.push(Named { path, below });
             }
         }
     }
@@ -98,13 +127,19 @@ mod tests {
         }
         let names = |arguments: &[&str]| {
             let arguments: Vec<_> = arguments.iter().map(|name| folder.join(name)).collect();
-            let clips = expand(&arguments).map_err(|error| error.to_string())?;
-            let name = |clip: &PathBuf| clip.strip_prefix(&folder).unwrap().to_str().unwrap().to_owned();
+            let clips = expand(&arguments, false).map_err(|error| error.to_string())?;
+            let name = |clip: &Named| clip.path.strip_prefix(&folder).unwrap().to_str().unwrap().to_owned();
             Ok::<_, String>(clips.iter().map(name).collect::<Vec<_>>())
         };
         let all = names(&["", "*.mkv", "**/*.mov", "missing.mp4", "a-rectified.mkv"]).unwrap();
         assert_eq!(all, ["a.mkv", "b.MP4", "sub.mov/c.mov", "missing.mp4", "a-rectified.mkv"]);
         assert!(names(&["*.avi"]).unwrap_err().contains("no file matches"));
+
+        std::fs::create_dir_all(folder.join(".hidden")).unwrap();
+        std::fs::write(folder.join(".hidden/d.mov"), "").unwrap();
+        let below = expand(std::slice::from_ref(&folder), true).unwrap();
+        let below: Vec<_> = below.iter().map(|clip| clip.below.to_str().unwrap()).collect();
+        assert_eq!(below, ["", "", "sub.mov"]);
         std::fs::remove_dir_all(folder).unwrap();
     }
 }

@@ -17,6 +17,9 @@ pub struct FixOptions {
     /// -rectified. A folder is one that is there already, ends in a slash, or is meant for several clips.
     #[arg(long, short, value_name = "FILE|FOLDER")]
     pub output: Option<PathBuf>,
+    /// Takes the clips of folders in folders, too; below the output folder they keep their folders.
+    #[arg(long, short)]
+    pub recursive: bool,
     /// Replaces files that are there.
     #[arg(long)]
     pub overwrite: bool,

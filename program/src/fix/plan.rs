@@ -46,18 +46,20 @@ impl Listing {
 
 /// What is to be done; refuses what would write two clips to one file.
 pub fn jobs(options: &FixOptions) -> Result<Vec<Job>> {
-    let clips = clips::expand(&options.clips)?;
+    let clips = clips::expand(&options.clips, options.recursive)?;
     let output = options.output.as_deref();
     let folder = output.filter(|output| clips.len() > 1 || output::is_folder(output));
     let mut jobs: Vec<Job> = Vec::new();
-    for clip in clips {
+    for clips::Named { path: clip, below } in clips {
         let file = output.filter(|_| folder.is_none());
         let container = options.encoding.container(&clip, file)?;
         let output = match file {
             Some(file) => file.to_owned(),
             None => {
                 let ending = format!("{}.{}", clips::RECTIFIED, container.extension());
-                output::beside(&clip, folder, &ending).with_context(|| clip.display().to_string())?
+                let folder = folder.map(|folder| folder.join(below));
+                let output = output::beside(&clip, folder.as_deref(), &ending);
+                output.with_context(|| clip.display().to_string())?
             }
         };
         if let Some(other) = jobs.iter().find(|job| job.output == output) {

@@ -53,7 +53,7 @@ struct Report {
 /// Measures all clips; whether all could be.
 pub fn run(options: &MeasureOptions, interruption: &Interruption) -> Result<bool> {
     let mut report = Report { clips: Vec::new(), failed: Vec::new(), same_camera: None };
-    for clip in clips::expand(&options.clips)? {
+    for clips::Named { path: clip, .. } in clips::expand(&options.clips, false)? {
         match one(&clip, options, interruption) {
             Ok(measurement) => {
                 if !options.json {
