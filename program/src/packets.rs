@@ -39,6 +39,10 @@ impl Packets {
         let sink = sink.downcast::<gst_app::AppSink>().map_err(|_| anyhow!("appsink is another element"))?;
         let owner = pipeline.downgrade();
         let parser = named(&pipeline, "parser")?;
+        parser.connect("autoplug-continue", false, |values| {
+            let caps = values.get(2).and_then(|value| value.get::<gst::Caps>().ok());
+            Some(caps.is_none_or(|caps| !is_whole(&caps)).to_value())
+        });
         let video = input.clone();
         parser.connect_pad_added(move |parser, pad| {
             let joined = owner.upgrade().context("the pipeline is gone").and_then(|pipeline| {
@@ -91,6 +95,11 @@ impl Packets {
         }
         Ok(None)
     }
+}
+
+/// Whether packets are as a decoder wants them: a parser would add the decoder's configuration to their data once more.
+fn is_whole(caps: &gst::CapsRef) -> bool {
+    caps.structure(0).is_some_and(|format| format.has_field("codec_data"))
 }
 
 fn is_video(pad: &gst::Pad) -> bool {
