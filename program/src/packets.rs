@@ -50,7 +50,10 @@ impl Packets {
                     pad.link(&video)?;
                     return Ok(());
                 }
-                // A stream that goes nowhere would be an error.
+                // A stream that goes nowhere would be an error, and one that a sink holds until it plays holds the video too.
+                pad.add_probe(gst::PadProbeType::BUFFER | gst::PadProbeType::BUFFER_LIST, |_, _| {
+                    gst::PadProbeReturn::Drop
+                });
                 let rest = make("fakesink")?;
                 rest.set_property("sync", false);
                 rest.set_property("async", false);
