@@ -25,7 +25,7 @@ use std::time::Instant;
 pub fn run(options: &FixOptions, interruption: &Interruption) -> Result<bool> {
     let jobs = plan::jobs(options)?;
     if options.json {
-        println!("{}", serde_json::to_string_pretty(&plan::Listing::of(&jobs))?);
+        println!("{}", serde_json::to_string_pretty(&plan::Listing::of(&jobs)?)?);
         return Ok(true);
     }
     let count = jobs.len();

@@ -32,13 +32,17 @@ pub struct Listing {
 }
 
 impl Listing {
-    /// What each of the jobs would do.
-    pub fn of(jobs: &[Job]) -> Vec<Self> {
-        let listed = |job: &Job| Self {
-            clip: job.input.display().to_string(),
-            output: job.output.display().to_string(),
-            codec: name_of(&job.recipe.codec),
-            container: name_of(&job.recipe.container),
+    /// What each of the jobs would do; an error where that cannot be written.
+    pub fn of(jobs: &[Job]) -> Result<Vec<Self>> {
+        let listed = |job: &Job| {
+            let Recipe { codec, container, rate, .. } = job.recipe;
+            codec.check(container, rate)?;
+            Ok(Self {
+                clip: job.input.display().to_string(),
+                output: job.output.display().to_string(),
+                codec: name_of(&codec),
+                container: name_of(&container),
+            })
         };
         jobs.iter().map(listed).collect()
     }

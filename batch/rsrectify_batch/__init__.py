@@ -1,0 +1,3 @@
+"""Rectifies many clips, or one long film, by many processes of the program `rsrectify`."""
+
+__version__ = "0.1.0"

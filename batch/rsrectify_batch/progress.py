@@ -1,0 +1,37 @@
+"""What a run says while it goes on."""
+
+import sys
+
+from tqdm import tqdm
+
+
+class Progress:
+    """Frames measured and rectified of all clips that are known, as a bar where there is a terminal; and lines."""
+
+    def __init__(self, measures: bool):
+        self._measures = measures
+        self._known: set[str] = set()
+        self._bar = tqdm(total=0, unit=" frames", disable=None, smoothing=0.05, dynamic_ncols=True)
+
+    def knows(self, clip) -> None:
+        """Adds a clip's frames, once it is known how many it has."""
+        index = clip.known.get("index")
+        if index is None or clip.is_done or clip.job.clip in self._known:
+            return
+        self._known.add(clip.job.clip)
+        frames = index["frames"]
+        done = sum(one["end"] - one["first"] for one in clip.known.get("measured", []) if "found" in one)
+        self._bar.total += frames * (2 if self._measures else 1)
+        self._bar.update(done)
+
+    def measured(self, frames: int) -> None:
+        self._bar.update(frames)
+
+    def rectified(self, frames: int) -> None:
+        self._bar.update(frames)
+
+    def say(self, line: str) -> None:
+        self._bar.write(line, file=sys.stderr)
+
+    def close(self) -> None:
+        self._bar.close()

@@ -1,0 +1,111 @@
+"""What several parts of a clip, or several clips of one camera, say of its readout together.
+
+Each part states its posterior of the signed readout time: a mixture of normal densities, along the rows or the columns,
+and the prior that all parts have in common. Posterior ÷ prior is proportional to the likelihood of the part, and the
+logarithms of independent likelihoods add up (Bayes).
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+# Readout ratios that were found without a word about the camera end within this of the truth where they are right: the
+# error of the model, which more frames of the same part do not make smaller.
+MODEL_ERROR = 0.02
+# The share of runs that are sure of a wrong readout, 19 of 306 (docs/accuracy.md): no part alone can rule a value out.
+WRONG = 0.06
+# A readout ratio is relied on where the true one lies this close to it with that probability; and frames whose motion must
+# have been followed. The first and the last are those of `rsrectify measure`.
+SURE = 0.1
+PROBABLE = 0.9
+FOLLOWED = 15
+# A part tells something where a readout is so much likelier than before it was seen.
+TELLING = 2.0
+# The prior's standard deviation, as a share of the frame period.
+PRIOR_SHARE = 0.5
+
+# Axis of each direction (0: along the rows' order, 1: the columns').
+AXES = {"top-to-bottom": 0, "bottom-to-top": 0, "left-to-right": 1, "right-to-left": 1}
+DIRECTIONS = (("top-to-bottom", "bottom-to-top"), ("left-to-right", "right-to-left"))
+
+
+@dataclass(frozen=True)
+class Readout:
+    """What is believed of a readout: milliseconds, the edge that is read first, and why it is not certain, if so."""
+
+    milliseconds: float
+    direction: str
+    deviation_ms: float
+    doubt: str | None
+
+    def options(self) -> list[str]:
+        """What `rsrectify fix` is told."""
+        if self.doubt:
+            # It looks for it by itself then.
+            return ["--readout-time", "0"]
+        # 0 would leave it to the rectifier.
+        time = max(self.milliseconds, 1e-6)
+        return ["--readout-time", f"{time:.6f}", "--readout-direction", self.direction]
+
+    def __str__(self) -> str:
+        if self.doubt:
+            return f"not certain: {self.doubt}"
+        return f"{self.milliseconds:.1f} ms, {self.direction}, give or take {self.deviation_ms:.1f} ms"
+
+
+def combine(measurements: list[dict]) -> Readout | None:
+    """The readout that all measurements have in common, as `rsrectify measure --json` prints each; None without any."""
+    measurements = [one for one in measurements if one.get("hypotheses")]
+    if not measurements:
+        return None
+    # Half a frame period; where parts of a clip differ in it, their likelihoods do not.
+    prior_deviation = float(np.median([one["prior"]["deviation_ms"] for one in measurements]))
+    period = prior_deviation / PRIOR_SHARE
+    # No readout is longer than the frame period.
+    times = np.linspace(-period, period, 8001)
+    likelihoods = [_likelihood(one, times, period) for one in measurements]
+    logs = sum(np.log(WRONG + (1 - WRONG) * likelihood) for likelihood in likelihoods)
+    logs = logs + np.log(_prior(measurements[0]["prior"], times))
+    posterior = np.exp(logs - logs.max())
+    posterior /= posterior.sum()
+
+    axis, mode = np.unravel_index(posterior.argmax(), posterior.shape)
+    near = np.abs(times - times[mode]) <= SURE * period
+    weights = posterior[axis][near]
+    mean = float((weights * times[near]).sum() / weights.sum())
+    deviation = float(np.sqrt((weights * (times[near] - mean) ** 2).sum() / weights.sum()))
+    place = int(abs(times - mean).argmin())
+    tell = [one[axis, place] for one in likelihoods if one.max() > TELLING]
+    doubt = _doubt(measurements, float(weights.sum()), tell)
+    return Readout(abs(mean), DIRECTIONS[axis][int(mean < 0)], deviation, doubt)
+
+
+def _likelihood(measurement: dict, times: np.ndarray, period: float) -> np.ndarray:
+    """Posterior ÷ prior of the signed readout time, by axis and time."""
+    posterior = np.zeros((2, len(times)))
+    for one in measurement["hypotheses"]:
+        deviation = np.hypot(one["deviation_ms"], MODEL_ERROR * period)
+        density = _normal(times, one["signed_readout_ms"], deviation)
+        posterior[AXES[one["direction"]]] += one["weight"] * density
+    return posterior / _prior(measurement["prior"], times, MODEL_ERROR * period)
+
+
+def _prior(prior: dict, times: np.ndarray, blur: float = 0.0) -> np.ndarray:
+    density = _normal(times, 0.0, np.hypot(prior["deviation_ms"], blur))
+    return np.array([prior["rows"] * density, prior["columns"] * density])
+
+
+def _normal(values: np.ndarray, mean: float, deviation: float) -> np.ndarray:
+    return np.exp(-0.5 * ((values - mean) / deviation) ** 2) / (deviation * np.sqrt(2 * np.pi))
+
+
+def _doubt(measurements: list[dict], probability: float, tell: list[float]) -> str | None:
+    """Why the readout is not to be relied on; `tell` are its likelihoods by the measurements that tell something."""
+    if sum(one["frames_with_motion"] for one in measurements) < FOLLOWED:
+        return "hardly a frame has a motion that most of the picture follows"
+    if probability < PROBABLE:
+        return f"the likeliest one has a probability of {100 * probability:.0f} %"
+    agree = sum((1 - WRONG) * likelihood > WRONG for likelihood in tell)
+    if tell and 2 * agree <= len(tell):
+        return f"of {len(tell)} parts that tell it, {len(tell) - agree} tell another one"
+    return None

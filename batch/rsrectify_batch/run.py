@@ -1,0 +1,255 @@
+"""A run: all clips, each from its index to the checked file.
+
+    index → measure parts → combine → rectify parts → join
+
+Clips go through it side by side, and so do the parts of each, as many at a time as there are workers. What is done is in the
+manifest, and is not done again.
+"""
+
+import asyncio
+import shutil
+from dataclasses import dataclass, field
+from hashlib import sha256
+from pathlib import Path
+
+from . import readout
+from .executors import WorkerLost
+from .manifest import Manifest
+from .plan import Part, parts
+from .program import USAGE, ProgramError
+from .progress import Progress
+
+# Where parts are kept until they are joined, below the output.
+WORK = ".rsrectify-batch"
+
+
+@dataclass(frozen=True)
+class Job:
+    """A clip, and the file that it becomes."""
+
+    clip: str
+    output: str
+
+
+@dataclass(frozen=True)
+class Settings:
+    """How clips are rectified."""
+
+    program: str = "rsrectify"
+    # Frames of a part, about; and frames before it that are analysed too.
+    part: int = 600
+    halo: int = 60
+    # Whether all clips were made by one camera in one mode.
+    same_camera: bool = False
+    # The readout as options of `rsrectify fix`, where it is given.
+    readout: list[str] = field(default_factory=list)
+    # Options of `rsrectify measure`, of `rsrectify fix`, and of both `rsrectify fix` and `rsrectify join`.
+    measure_options: list[str] = field(default_factory=list)
+    fix_options: list[str] = field(default_factory=list)
+    join_options: list[str] = field(default_factory=list)
+    # Processors of each rectifier.
+    processors: int = 1
+    # How often a step that fails is tried again.
+    retries: int = 2
+
+    @property
+    def all_fix_options(self) -> list[str]:
+        # With any number of threads the pixels are the same.
+        return [*self.fix_options, "--threads", str(self.processors)]
+
+
+class Clip:
+    """A clip on its way."""
+
+    def __init__(self, job: Job, known: dict, folder: Path):
+        self.job = job
+        # Its entry of the manifest.
+        self.known = known
+        name = sha256(job.clip.encode()).hexdigest()[:16]
+        self.folder = folder / WORK / f"{Path(job.clip).stem}-{name}"
+        self.index = str(self.folder / "index.json")
+
+    @property
+    def is_done(self) -> bool:
+        result = self.known.get("result")
+        return self.known["state"] == "done" and _has_size(self.job.output, result)
+
+    @property
+    def measurements(self) -> list[dict]:
+        return [one["found"] for one in self.known.get("measured", []) if one.get("found")]
+
+    @property
+    def cuts(self) -> list[int]:
+        return sorted({cut for found in self.measurements for cut in found.get("cuts", []) if cut > 0})
+
+    def output_of(self, part: Part) -> str:
+        return str(self.folder / f"{part.first:07}{Path(self.job.output).suffix}")
+
+
+class Run:
+    """Rectifies clips by an executor."""
+
+    def __init__(self, jobs: list[Job], settings: Settings, executor, manifest: Manifest, progress: Progress):
+        folder = manifest.path.parent
+        self.settings = settings
+        self.executor = executor
+        self.manifest = manifest
+        self.progress = progress
+        self.clips = [Clip(job, manifest.clip(job.clip, job.output), folder) for job in jobs]
+        # Each clip that is begun has a step to do: with as many of them as there are slots no worker is idle, and no more
+        # parts than needed wait to be joined.
+        self._begun = asyncio.Semaphore(executor.slots)
+        self._slots = asyncio.Semaphore(executor.slots)
+
+    async def all(self) -> list[Clip]:
+        """Rectifies all clips; those that failed."""
+        waiting = [clip for clip in self.clips if not clip.is_done]
+        for clip in self.clips:
+            clip.known.pop("error", None)
+            self.progress.knows(clip)
+        if self.settings.same_camera:
+            # The readout is known when all of them are measured.
+            await self._each(waiting, self.measure)
+            measured = [clip for clip in self.clips if "error" not in clip.known]
+            common = self.combined([one for clip in measured for one in clip.measurements])
+            self.progress.say(f"readout of all clips: {common}")
+            waiting = [clip for clip in waiting if "error" not in clip.known]
+            for clip in waiting:
+                self.tell(clip, common)
+            await self._each(waiting, self.rectify)
+        else:
+            await self._each(waiting, self.measure_and_rectify)
+        return [clip for clip in self.clips if "error" in clip.known]
+
+    async def _each(self, clips: list[Clip], task) -> None:
+        await asyncio.gather(*(self._one(clip, task) for clip in clips))
+
+    async def _one(self, clip: Clip, task) -> None:
+        """Has a task done for a clip; a clip that fails does not stop the others."""
+        async with self._begun:
+            try:
+                await task(clip)
+            except (ProgramError, WorkerLost, OSError) as error:
+                clip.known.update(state="failed", error=str(error))
+                self.progress.say(f"error: {clip.job.clip}: {error}")
+            self.manifest.save()
+
+    async def measure_and_rectify(self, clip: Clip) -> None:
+        await self.measure(clip)
+        if not self.settings.readout and "readout" not in clip.known:
+            found = self.combined(clip.measurements)
+            self.progress.say(f"{clip.job.clip}: readout {found}")
+            self.tell(clip, found)
+        await self.rectify(clip)
+
+    async def measure(self, clip: Clip) -> None:
+        """Lists a clip's frames and measures its parts."""
+        known, program = clip.known, self.settings.program
+        if "index" not in known or not Path(clip.index).exists():
+            clip.folder.mkdir(parents=True, exist_ok=True)
+            known["index"] = await self.step("index", program, clip.job.clip, clip.index)
+            self.progress.knows(clip)
+        if self.settings.readout:
+            return
+        known.setdefault("measured", [
+            {"first": part.first, "end": part.end}
+            for part in parts(known["index"]["frames"], self.settings.part)
+        ])
+        await _all(self._measure(clip, one) for one in known["measured"] if "found" not in one)
+
+    async def _measure(self, clip: Clip, one: dict) -> None:
+        part = Part(one["first"], one["end"])
+        options = self.settings.measure_options
+        one["found"] = await self.step("measure", self.settings.program, clip.job.clip, clip.index, part, options)
+        self.progress.measured(part.frames)
+        self.manifest.save()
+
+    def combined(self, measurements: list[dict]) -> readout.Readout | None:
+        return readout.combine(measurements)
+
+    def tell(self, clip: Clip, found: readout.Readout | None) -> None:
+        """Has all parts of a clip rectified with one readout."""
+        options = found.options() if found else ["--readout-time", "0"]
+        told = {"options": options, "said": str(found)}
+        if clip.known.get("readout") != told:
+            # What was rectified with another one is of no use.
+            clip.known.pop("parts", None)
+            clip.known["readout"] = told
+
+    async def rectify(self, clip: Clip) -> None:
+        """Rectifies the parts of a clip and joins them."""
+        known, settings, job = clip.known, self.settings, clip.job
+        frames = known["index"]["frames"]
+        told = settings.readout or known["readout"]["options"]
+        known.setdefault("parts", [
+            {"first": part.first, "end": part.end} for part in parts(frames, settings.part, clip.cuts)
+        ])
+        common = (settings.program, job.clip, clip.index)
+        Path(job.output).parent.mkdir(parents=True, exist_ok=True)
+        if len(known["parts"]) == 1:
+            options = [*told, *settings.all_fix_options, *settings.join_options]
+            known["result"] = await self.step("fix_all", *common, frames, job.output, options)
+            self.progress.rectified(frames)
+        else:
+            await _all(self._fix(clip, one, told) for one in known["parts"] if not self._has(clip, one))
+            files = [clip.output_of(Part(one["first"], one["end"])) for one in known["parts"]]
+            known["result"] = await self.step("join", *common, files, job.output, settings.join_options)
+            self._compare(clip)
+        known["state"] = "done"
+        self.manifest.save()
+        shutil.rmtree(clip.folder, ignore_errors=True)
+        self.progress.say(f"{job.output}: {frames} frames")
+
+    def _has(self, clip: Clip, one: dict) -> bool:
+        part = Part(one["first"], one["end"])
+        is_there = _has_size(clip.output_of(part), one.get("result"))
+        if is_there:
+            self.progress.rectified(part.frames)
+        return is_there
+
+    async def _fix(self, clip: Clip, one: dict, told: list[str]) -> None:
+        part, settings = Part(one["first"], one["end"]), self.settings
+        output, options = clip.output_of(part), [*told, *settings.all_fix_options]
+        one["result"] = await self.step(
+            "fix", settings.program, clip.job.clip, clip.index, part, settings.halo, output, options
+        )
+        self.progress.rectified(part.frames)
+        self.manifest.save()
+
+    def _compare(self, clip: Clip) -> None:
+        """Whether the parts that were joined are those that were written."""
+        joined = clip.known["result"]["parts"]
+        written = [one["result"]["sha256"] for one in clip.known["parts"]]
+        for one, found, expected in zip(clip.known["parts"], joined, written):
+            if found != expected:
+                Path(clip.job.output).unlink(missing_ok=True)
+                # To be written again by the next run.
+                one.pop("result")
+        if joined != written:
+            raise ProgramError("a part was changed after it was written", 1)
+
+    async def step(self, name: str, *arguments):
+        """Has a step carried out, again where it fails."""
+        for attempt in range(self.settings.retries + 1):
+            async with self._slots:
+                try:
+                    return await self.executor.run(name, arguments)
+                except (ProgramError, WorkerLost) as error:
+                    is_final = isinstance(error, ProgramError) and error.code == USAGE
+                    if is_final or attempt == self.settings.retries:
+                        raise
+                    self.progress.say(f"{name} of {arguments[1]} is tried again: {error}")
+        raise AssertionError("a step is tried at least once")
+
+
+async def _all(tasks) -> None:
+    """Waits for all tasks, so that none goes on when the clip has failed; then raises the first error."""
+    results = await asyncio.gather(*tasks, return_exceptions=True)
+    for result in results:
+        if isinstance(result, BaseException):
+            raise result
+
+
+def _has_size(file: str, result: dict | None) -> bool:
+    path = Path(file)
+    return result is not None and path.exists() and path.stat().st_size == result["bytes"]

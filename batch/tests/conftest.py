@@ -1,0 +1,64 @@
+"""What the tests share: the program, a film, and runs of the package as its user starts them."""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+PROGRAM = os.environ.get("RSRECTIFY", "rsrectify")
+# A shaken film of two shots, rendered by scripts/check-batch.
+FILM = Path(os.environ.get("RSRECTIFY_FILM", "film.mp4")).resolve()
+FRAMES = 180
+# Frames of a part in the tests.
+PART = 30
+
+
+class Output:
+    """A folder that runs write to."""
+
+    def __init__(self, folder: Path):
+        self.folder = folder
+
+    @property
+    def manifest(self) -> dict:
+        return json.loads((self.folder / "rsrectify-batch.json").read_text())
+
+    @property
+    def files(self) -> list[str]:
+        """All files and folders but the manifest."""
+        found = (path.relative_to(self.folder).as_posix() for path in self.folder.rglob("*"))
+        return sorted(name for name in found if name != "rsrectify-batch.json")
+
+    def start(self, *clips: Path, options: tuple = ()) -> subprocess.Popen:
+        arguments = ["rectify", *clips, "--output", self.folder, "--program", PROGRAM, "--part", PART, *options]
+        command = [sys.executable, "-m", "rsrectify_batch", *map(str, arguments)]
+        return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+
+    def run(self, *clips: Path, options: tuple = (), code: int = 0) -> str:
+        """What a run says that ends with this exit code."""
+        process = self.start(*clips, options=options)
+        said, _ = process.communicate(timeout=300)
+        assert process.returncode == code, said
+        return said
+
+
+@pytest.fixture
+def output(tmp_path: Path) -> Output:
+    return Output(tmp_path / "out")
+
+
+def sha256_of_frames(file: Path) -> str:
+    """The SHA-256 of the frames of a file as they are encoded."""
+    return index(file)["sha256"]
+
+
+def index(file: Path) -> dict:
+    return json.loads(subprocess.run([PROGRAM, "index", file], check=True, capture_output=True).stdout)
+
+
+def fix(clip: Path, output: Path, *options: str) -> None:
+    """Rectifies a clip by the program itself."""
+    subprocess.run([PROGRAM, "fix", clip, "--output", output, *options], check=True, capture_output=True)

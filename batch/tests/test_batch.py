@@ -1,0 +1,140 @@
+"""Runs of the whole package with the program on this machine."""
+
+import json
+import shutil
+import signal
+import time
+
+import pytest
+
+from conftest import FILM, FRAMES, PART, fix, index, sha256_of_frames
+
+READOUT = ("--readout-time", "26.7", "--readout-direction", "top-to-bottom")
+
+
+def test_a_film_in_parts_has_the_frames_and_times_of_the_clip(output):
+    said = output.run(FILM, options=("--codec", "ffv1"))
+    assert "1 of 1 clips rectified" in said and "readout 26." in said
+    clip = output.manifest["clips"][str(FILM)]
+    # A shot begins at a cut, which one of the measured parts found; the readout is one for all parts.
+    assert [part["found"]["cuts"] for part in clip["measured"]] == [[15], [], [], [], [], []]
+    assert len(clip["parts"]) > 3 and clip["parts"][0]["end"] == 15
+    found, expected = index(output.folder / "film-rectified.mkv"), index(FILM)
+    assert found["frames"] == FRAMES == expected["frames"]
+    # Matroska's clock ticks every millisecond.
+    assert all(abs(a - b) <= 1e6 for a, b in zip(found["times_ns"], expected["times_ns"]))
+    assert output.files == ["film-rectified.mkv"]
+
+
+def test_bytes_do_not_depend_on_the_workers(output, tmp_path):
+    output.run(FILM, options=("--workers", "3", *READOUT))
+    clip = output.manifest["clips"][str(FILM)]
+    # The same parts by the program alone, one after another.
+    files = []
+    (tmp_path / "alone").mkdir()
+    for part in clip["parts"]:
+        files.append(tmp_path / "alone" / f"{part['first']:03}.mp4")
+        frames = ("--frames", f"{part['first']}:{part['end']}", "--audio", "none")
+        fix(FILM, files[-1], *READOUT, *frames)
+        assert sha256_of_frames(files[-1]) == part["result"]["sha256"]
+    assert sum(index(file)["frames"] for file in files) == FRAMES
+    assert clip["result"]["sha256"] == sha256_of_frames(output.folder / "film-rectified.mp4")
+
+
+def test_a_clip_of_one_part_is_what_the_program_makes_of_it(output, tmp_path):
+    output.run(FILM, options=("--part", "600", *READOUT))
+    fix(FILM, tmp_path / "alone.mp4", *READOUT)
+    assert sha256_of_frames(output.folder / "film-rectified.mp4") == sha256_of_frames(tmp_path / "alone.mp4")
+
+
+def test_an_archive_keeps_its_folders_and_a_bad_clip_stops_no_other(output, tmp_path):
+    archive = tmp_path / "archive"
+    for folder in ("one", "two/deep"):
+        (archive / folder).mkdir(parents=True)
+        shutil.copy(FILM, archive / folder / "GX010001.MP4")
+    (archive / "one" / "broken.mov").write_text("no video")
+    said = output.run(archive, options=("--part", "600", "--same-camera", "--retries", "1"), code=1)
+    assert "2 of 3 clips rectified" in said and "readout of all clips: 26." in said
+    assert "failed" in said and "broken.mov" in said
+    written = [name for name in output.files if name.endswith("-rectified.MP4".lower())]
+    assert written == ["one/GX010001-rectified.mp4", "two/deep/GX010001-rectified.mp4"]
+    # Mended, the same command does only what is left.
+    shutil.copy(FILM, archive / "one" / "broken.mov")
+    before = (output.folder / written[0]).stat().st_mtime_ns
+    output.run(archive, options=("--part", "600", "--same-camera", "--retries", "1"))
+    assert (output.folder / written[0]).stat().st_mtime_ns == before
+    assert "one/broken-rectified.mov" in output.files and ".rsrectify-batch" not in output.files
+
+
+@pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGINT])
+def test_a_broken_run_goes_on_where_it_was(output, how):
+    options = ("--workers", "1", *READOUT)
+    process = output.start(FILM, options=options)
+    parts = output.folder / ".rsrectify-batch"
+    deadline = time.monotonic() + 60
+    while len(done := list(parts.rglob("???????.mp4"))) < 2:
+        assert time.monotonic() < deadline and process.poll() is None, process.communicate()
+        time.sleep(0.02)
+    process.send_signal(how)
+    process.wait(timeout=20)
+    if how == signal.SIGINT:
+        assert process.returncode == 130
+        assert all(len(file.name) == len("0000000.mp4") for file in parts.rglob("*.mp4")), output.files
+    # A part that the manifest, which is written once a second, does not name yet is done again.
+    times = {file: file.stat().st_mtime_ns for file in done}
+    named = {one["first"] for one in output.manifest["clips"][str(FILM)].get("parts", []) if "result" in one}
+    said = output.run(FILM, options=options)
+    assert "1 of 1 clips rectified" in said
+    for one in output.manifest["clips"][str(FILM)]["parts"]:
+        assert "result" in one
+    assert named or how == signal.SIGKILL
+    assert times and output.files == ["film-rectified.mp4"]
+    assert index(output.folder / "film-rectified.mp4")["frames"] == FRAMES
+
+
+def test_a_part_that_was_changed_is_noticed_and_done_again(output):
+    # Without a place to write the result, the run ends with its parts.
+    output.folder.mkdir()
+    blocked = output.folder / "film-rectified.mp4"
+    blocked.mkdir()
+    output.run(FILM, options=("--overwrite", "--retries", "0", *READOUT), code=1)
+    parts = sorted((output.folder / ".rsrectify-batch").rglob("???????.mp4"))
+    assert len(parts) == FRAMES // PART
+    # Another part of the same length and size in bytes would pass for it.
+    changed = bytearray(parts[1].read_bytes())
+    changed[len(changed) // 3] ^= 0xFF
+    parts[1].write_bytes(changed)
+    blocked.rmdir()
+    said = output.run(FILM, options=("--overwrite", "--retries", "0", *READOUT), code=1)
+    assert "changed after it was written" in said
+    assert output.files[-1] != "film-rectified.mp4"
+    output.run(FILM, options=("--overwrite", *READOUT))
+    assert output.files == ["film-rectified.mp4"]
+
+
+def test_what_cannot_be_asked_for_is_refused(output, tmp_path):
+    for options, reason in [
+        (("--program", "no-such-program"), "no such program"),
+        (("--codec", "vp8"), "vp8"),
+        (("--codec", "prores", "--container", "mp4"), "MP4"),
+        (("--part", "0"), "at least 1"),
+        (("--readout-time", "soon"), "invalid float"),
+    ]:
+        said = output.run(FILM, options=options, code=2)
+        assert reason in said and "Traceback" not in said, said
+    said = output.run(tmp_path / "none.mp4", code=1)
+    assert "cannot be read" in said or "No such file" in said
+    (output.folder / "film-rectified.mp4").write_text("mine")
+    assert "--overwrite" in output.run(FILM, options=("--afresh",), code=2)
+    assert (output.folder / "film-rectified.mp4").read_text() == "mine"
+
+
+def test_a_run_with_other_options_does_not_mix_with_the_first(output):
+    output.run(FILM, options=("--part", "600", *READOUT))
+    said = output.run(FILM, options=("--part", "600", "--readout-time", "10"), code=2)
+    assert "other options (readout)" in said
+    state = output.manifest
+    (output.folder / "rsrectify-batch.json").write_text(json.dumps({**state, "version": 99}))
+    assert "another version" in output.run(FILM, options=("--part", "600", *READOUT), code=2)
+    (output.folder / "rsrectify-batch.json").write_text("{")
+    assert "cannot be read" in output.run(FILM, options=("--part", "600", *READOUT), code=2)

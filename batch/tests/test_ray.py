@@ -1,0 +1,49 @@
+"""A Ray cluster of several nodes on this machine, one of which is killed."""
+
+import time
+
+import pytest
+
+from conftest import FILM, FRAMES, index
+
+ray_cluster = pytest.importorskip("ray.cluster_utils")
+READOUT = ("--readout-time", "26.7", "--readout-direction", "top-to-bottom")
+
+
+@pytest.fixture
+def cluster():
+    # The head only keeps the books; each other node has one worker.
+    made = ray_cluster.Cluster(initialize_head=True, head_node_args={"num_cpus": 0, "include_dashboard": False})
+    made.workers = [made.add_node(num_cpus=1) for _ in range(3)]
+    made.wait_for_nodes()
+    yield made
+    made.shutdown()
+
+
+def test_nothing_is_lost_with_a_node(cluster, output, tmp_path):
+    process = output.start(FILM, options=("--address", cluster.address, "--retries", "3", *READOUT))
+    # Some parts are written and two are being written, under longer names.
+    work = output.folder / ".rsrectify-batch"
+    deadline = time.monotonic() + 120
+    while not (list(work.rglob("???????.mp4")) and len(list(work.rglob("???????.*.mp4*"))) >= 2):
+        assert time.monotonic() < deadline and process.poll() is None, process.communicate()
+        time.sleep(0.01)
+    cluster.remove_node(cluster.workers[1], allow_graceful=False)
+    said, _ = process.communicate(timeout=240)
+    assert process.returncode == 0, said
+    assert "is tried again" in said
+
+    film = output.folder / "film-rectified.mp4"
+    assert index(film)["frames"] == FRAMES
+    # What one process on this machine makes of it, to the byte.
+    alone = type(output)(tmp_path / "alone")
+    alone.run(FILM, options=("--workers", "1", *READOUT))
+    ours, theirs = (one.manifest["clips"][str(FILM)] for one in (output, alone))
+    assert [part["result"]["sha256"] for part in ours["parts"]] == [part["result"]["sha256"] for part in theirs["parts"]]
+    assert index(film)["sha256"] == index(alone.folder / "film-rectified.mp4")["sha256"]
+    assert output.files == ["film-rectified.mp4"]
+
+
+def test_a_cluster_that_is_not_there_is_an_error(output):
+    said = output.run(FILM, options=("--address", "127.0.0.1:1", *READOUT), code=2)
+    assert "Ray" in said and "Traceback" not in said

@@ -1,0 +1,80 @@
+import numpy as np
+import pytest
+
+from rsrectify_batch.readout import MODEL_ERROR, combine
+
+# Of 30 frames/s: the prior's deviation is half a period.
+PERIOD = 1000 / 30
+PRIOR = {"deviation_ms": PERIOD / 2, "rows": 0.9, "columns": 0.1}
+
+
+def measured(*hypotheses: tuple, frames: int = 100) -> dict:
+    """A measurement whose posterior is this mixture of direction, milliseconds, deviation, weight."""
+    names = ("direction", "signed_readout_ms", "deviation_ms", "weight")
+    listed = [dict(zip(names, one)) for one in hypotheses]
+    return {"hypotheses": listed, "prior": PRIOR, "frames_with_motion": frames}
+
+
+def told(milliseconds: float, deviation: float, direction: str = "top-to-bottom") -> dict:
+    return measured((direction, milliseconds, deviation, 1.0))
+
+
+NOTHING = measured(("top-to-bottom", 0.0, PERIOD / 2, 0.9), ("left-to-right", 0.0, PERIOD / 2, 0.1))
+
+
+def test_evidence_of_normal_posteriors_adds_up_as_information():
+    # Each posterior's information less the prior's, and the prior's once: in closed form, with the model's error in each.
+    means, deviations = np.array([24.0, 25.0, 24.4]), np.array([1.0, 1.5, 0.6])
+    model = (MODEL_ERROR * PERIOD) ** 2
+    prior = (PERIOD / 2) ** 2
+    posteriors = deviations**2 + model
+    likelihoods = 1 / posteriors - 1 / (prior + model)
+    information = likelihoods.sum() + 1 / prior
+    found = combine([told(*one) for one in zip(means, deviations)])
+    assert found.milliseconds == pytest.approx((means / posteriors).sum() / information, abs=0.02)
+    assert found.deviation_ms == pytest.approx(information**-0.5, rel=0.1)
+    assert (found.direction, found.doubt) == ("top-to-bottom", None)
+
+
+def test_a_part_that_tells_nothing_changes_nothing():
+    alone, beside = combine([told(20.0, 1.0)]), combine([told(20.0, 1.0), NOTHING, NOTHING])
+    assert beside.milliseconds == pytest.approx(alone.milliseconds, abs=1e-6)
+    assert beside.deviation_ms == pytest.approx(alone.deviation_ms, rel=1e-6)
+
+
+def test_what_one_part_leaves_open_another_decides():
+    # The reversed direction fits a vibration as well; a pan elsewhere in the film tells.
+    open_edge = measured(("top-to-bottom", 28.0, 1.0, 0.4), ("bottom-to-top", -24.0, 1.0, 0.6))
+    assert combine([open_edge]).doubt is not None
+    found = combine([open_edge, told(27.0, 3.0)])
+    assert found.doubt is None and found.direction == "top-to-bottom"
+    assert found.milliseconds == pytest.approx(28.0, abs=0.3)
+
+
+def test_one_sure_and_wrong_part_does_not_outvote_two():
+    wrong = told(-20.0, 0.2, "right-to-left")
+    found = combine([told(24.0, 1.0), wrong, told(24.5, 1.0)])
+    assert (found.direction, found.doubt) == ("top-to-bottom", None)
+    assert found.milliseconds == pytest.approx(24.2, abs=0.3)
+
+
+def test_parts_of_several_cameras_leave_it_open():
+    assert combine([told(10.0, 0.3), told(25.0, 0.3)]).doubt is not None
+    many = [told(time, 0.3) for time in (5.0, 10.0, 15.0, 20.0, 25.0)]
+    assert combine([*many, told(25.0, 0.3)]).doubt is not None
+
+
+def test_directions_have_their_axis_and_sign():
+    for direction, time in [("bottom-to-top", -12.0), ("left-to-right", 12.0), ("right-to-left", -12.0)]:
+        found = combine([told(time, 0.5, direction)])
+        assert found.direction == direction and found.doubt is None
+        assert found.milliseconds == pytest.approx(12.0, abs=0.1)
+        assert found.options()[-1] == direction
+
+
+def test_without_motion_it_is_not_certain():
+    assert combine([]) is None
+    assert combine([NOTHING]).doubt is not None
+    still = {**told(20.0, 0.5), "frames_with_motion": 3}
+    assert "motion" in combine([still]).doubt
+    assert combine([still]).options() == ["--readout-time", "0"]
