@@ -48,8 +48,8 @@ COPY --from=build /image /
 ENV GST_REGISTRY=/var/cache/gstreamer-1.0/registry.bin RAY_USAGE_STATS_ENABLED=0
 # Links rather than a longer PATH, which a login shell would set anew.
 RUN ln -s /opt/rsrectify-batch/bin/rsrectify-batch /opt/rsrectify-batch/bin/ray /usr/local/bin/ && \
-  mkdir -p /var/cache/gstreamer-1.0 && gst-inspect-1.0 --exists rsrectify && \
-  rsrectify --version && rsrectify-batch --version && \
+  mkdir -p /var/cache/gstreamer-1.0 && gst-inspect-1.0 rsrectify >/dev/null && \
+  chmod a+r "$GST_REGISTRY" && rsrectify --version && rsrectify-batch --version && \
   install -d -o rsrectify -g rsrectify /clips
 USER rsrectify
 WORKDIR /clips
