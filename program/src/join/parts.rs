@@ -130,7 +130,7 @@ impl PartFile {
         interruption: &Interruption,
     ) -> Result<(Self, gst::Caps)> {
         let mut packets = Packets::open(path, interruption)?;
-        let caps = packets.caps()?.clone();
+        let caps = packets.caps()?;
         let (mut own, mut times) = (Digest::new()?, Vec::new());
         while let Some(packet) = packets.next(interruption)? {
             own.add(&packet.buffer)?;
@@ -167,9 +167,10 @@ fn add_timecode(buffer: &mut gst::BufferRef, timecode: &gst_video::VideoTimeCode
     Ok(())
 }
 
-/// A branch of a pipeline that gives out the frames of all parts.
+/// A branch of a pipeline that gives out the frames of all parts, with these caps.
 pub fn branch(
     parts: &Arc<Parts>,
+    caps: &gst::Caps,
     timecode: Option<gst_video::VideoTimeCode>,
     interruption: &Interruption,
 ) -> Result<gst::Bin> {
@@ -177,7 +178,7 @@ pub fn branch(
     pad(&bin, "src")?.set_offset(-i64::try_from(parts.reordering.nseconds())?);
     let source = crate::elements::named(&bin, "frames")?;
     let source = source.downcast::<gst_app::AppSrc>().map_err(|_| anyhow!("appsrc is another element"))?;
-    source.set_caps(Some(&parts.caps));
+    source.set_caps(Some(caps));
     let (parts, interruption) = (parts.clone(), interruption.clone());
     std::thread::Builder::new().name("parts".to_owned()).spawn(move || {
         if let Err(error) = parts.push(&source, timecode.as_ref(), &interruption) {
