@@ -242,7 +242,9 @@ impl Linker {
         }
         pipeline.add(branch)?;
         branch.link_pads(Some("src"), &self.muxer, Some(kind.muxer_pad()))?;
-        branch.sync_state_with_parent()?;
+        if !branch.is_locked_state() {
+            branch.sync_state_with_parent()?;
+        }
         Ok(())
     }
 
