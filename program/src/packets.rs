@@ -66,6 +66,13 @@ impl Packets {
         first.context("there is no frame in the file")
     }
 
+    /// From which time of the clip on it is played, before the first is taken.
+    pub fn start(&self) -> gst::ClockTime {
+        let segment = self.first.as_ref().and_then(|sample| sample.segment());
+        let segment = segment.and_then(|segment| segment.downcast_ref::<gst::ClockTime>());
+        segment.and_then(|segment| segment.to_stream_time(segment.start())).unwrap_or_default()
+    }
+
     /// The next one; `None` at the end.
     pub fn next(&mut self, interruption: &Interruption) -> Result<Option<Packet>> {
         let sample = match self.first.take() {

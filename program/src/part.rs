@@ -137,7 +137,13 @@ mod tests {
 
     fn index() -> FrameIndex {
         let times_ns = [0, 40, 80, 200, 240, 280].to_vec();
-        FrameIndex { clip: "a".to_owned(), frames: times_ns.len(), times_ns, sha256: String::new() }
+        FrameIndex {
+            clip: "a".to_owned(),
+            frames: times_ns.len(),
+            times_ns,
+            start_ns: 0,
+            sha256: String::new(),
+        }
     }
 
     #[test]

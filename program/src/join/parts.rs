@@ -103,8 +103,9 @@ impl Parts {
                 let last = || number.checked_sub(1).and_then(|last| Some(shown - self.index.time(last)?));
                 let timed = buffer.make_mut();
                 // All is later by the reordering, so that no time is negative; the branch is offset by as much.
-                timed.set_pts(shown + self.reordering);
-                timed.set_dts(due);
+                let start = self.index.start();
+                timed.set_pts((shown + self.reordering).saturating_sub(start));
+                timed.set_dts(due.saturating_sub(start));
                 timed.set_duration(next.map(|next| next - shown).or_else(last));
                 if let Some(timecode) = timecode.filter(|_| *number == 0) {
                     add_timecode(timed, timecode)?;
