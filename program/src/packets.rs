@@ -35,23 +35,29 @@ impl Packets {
         )?;
         named(&pipeline, "source")?.set_property("location", file);
         let sink = named(&pipeline, "sink")?;
-        let input = pad(&sink, "sink")?;
+        let video = pad(&sink, "sink")?;
         let sink = sink.downcast::<gst_app::AppSink>().map_err(|_| anyhow!("appsink is another element"))?;
         let parser = named(&pipeline, "parser")?;
-        let video = input.clone();
         parser.connect_pad_added(move |parser, pad| {
-            if !is_video(pad) || video.is_linked() {
-                drop_all(pad);
-            } else if let Err(error) = pad.link(&video) {
-                gst::element_error!(parser, gst::StreamError::Failed, ("the video cannot be read: {error}"));
+            if is_video(pad) && !video.is_linked() {
+                if let Err(error) = pad.link(&video) {
+                    gst::element_error!(
+                        parser,
+                        gst::StreamError::Failed,
+                        ("the video cannot be read: {error}")
+                    );
+                }
+                return;
             }
-        });
-        parser.connect("no-more-pads", false, move |values| {
-            let parser = values.first().and_then(|value| value.get::<gst::Element>().ok());
-            if let Some(parser) = parser.filter(|_| !input.is_linked()) {
-                gst::element_error!(parser, gst::StreamError::WrongType, ("{NO_VIDEO}"));
-            }
-            None
+            drop_all(pad);
+            let (parser, video) = (parser.downgrade(), video.clone());
+            pad.add_probe(gst::PadProbeType::EVENT_DOWNSTREAM, move |_, info| {
+                let is_end = info.event().is_some_and(|event| event.type_() == gst::EventType::Eos);
+                if let Some(parser) = parser.upgrade().filter(|_| is_end && !video.is_linked()) {
+                    gst::element_error!(parser, gst::StreamError::WrongType, ("{NO_VIDEO}"));
+                }
+                gst::PadProbeReturn::Ok
+            });
         });
         let mut packets = Self { playback: Playback::new(pipeline)?, sink, first: None };
         // Not paused first: a demuxer gives all streams out from one thread, which would wait at the first of them.
@@ -71,6 +77,20 @@ impl Packets {
         let segment = self.first.as_ref().and_then(|sample| sample.segment());
         let segment = segment.and_then(|segment| segment.downcast_ref::<gst::ClockTime>());
         segment.and_then(|segment| segment.to_stream_time(segment.start())).unwrap_or_default()
+    }
+
+    /// What the file says of itself, before the first is taken.
+    pub fn comments(&self) -> Vec<String> {
+        let mut comments = Vec::new();
+        let Some(pad) = self.sink.static_pad("sink") else { return comments };
+        pad.sticky_events_foreach(|event| {
+            if let gst::EventView::Tag(tags) = event.view() {
+                let texts = tags.tag().iter_tag::<gst::tags::Comment>();
+                comments.extend(texts.map(|comment| comment.get().to_owned()));
+            }
+            std::ops::ControlFlow::Continue(gst::EventForeachAction::Keep)
+        });
+        comments
     }
 
     /// The next one; `None` at the end.

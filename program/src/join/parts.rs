@@ -4,6 +4,7 @@ use crate::elements::{pad, parse};
 use crate::index::{Digest, FrameIndex};
 use crate::interruption::Interruption;
 use crate::packets::Packets;
+use crate::streams::label;
 use anyhow::{Context, Result, anyhow, bail};
 use gst::prelude::*;
 use std::path::{Path, PathBuf};
@@ -132,11 +133,18 @@ impl PartFile {
     ) -> Result<(Self, gst::Caps)> {
         let mut packets = Packets::open(path, interruption)?;
         let caps = packets.caps()?;
+        let frames = packets.comments().iter().find_map(|comment| label::read(comment));
+        if let Some(frames) = frames.as_ref().filter(|frames| frames.start != first) {
+            bail!("begins with frame {} of the clip where frame {first} should follow", frames.start);
+        }
         let (mut own, mut times) = (Digest::new()?, Vec::new());
         while let Some(packet) = packets.next(interruption)? {
             own.add(&packet.buffer)?;
             whole.add(&packet.buffer)?;
             times.push(packet.time.context("a frame has no time")?);
+        }
+        if let Some(frames) = frames.filter(|frames| frames.len() != times.len()) {
+            bail!("has {} frames where there should be {}: it is damaged", times.len(), frames.len());
         }
         let mut shown: Vec<usize> = (0..times.len()).collect();
         shown.sort_by_key(|order| times.get(*order));

@@ -2,7 +2,7 @@
 
 use super::excerpt::Excerpt;
 use super::timecode::Timecode;
-use super::{Audio, Kind, Route, is_copied, markup, route};
+use super::{Audio, Kind, Route, is_copied, label, markup, route};
 use crate::elements::{self, NO_VIDEO, make, named, parse};
 use crate::output::codec::Container;
 use anyhow::{Context, Result, anyhow, bail};
@@ -69,8 +69,12 @@ impl Remux {
         pipeline.add_many([&source, &decoder, &muxer, &sink])?;
         source.link(&decoder)?;
         muxer.link(&sink)?;
+        if let Some((excerpt, tags)) = excerpt.as_ref().zip(muxer.dynamic_cast_ref::<gst::TagSetter>()) {
+            let label = label::of(&excerpt.frames());
+            tags.add_tag::<gst::tags::Comment>(&label.as_str(), gst::TagMergeMode::ReplaceAll);
+        }
 
-        let first_frame = excerpt.as_ref().map_or(0, |excerpt| excerpt.first_frame());
+        let first_frame = excerpt.as_ref().map_or(0, |excerpt| excerpt.frames().start);
         let timecode = Timecode::of(clip).and_then(|timecode| timecode.after(first_frame)?.to_gst());
         if timecode.is_some() && muxer.has_property("force-create-timecode-trak") {
             muxer.set_property("force-create-timecode-trak", true);

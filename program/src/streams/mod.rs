@@ -1,6 +1,7 @@
 //! What becomes of a clip's streams.
 
 mod excerpt;
+pub mod label;
 mod linker;
 mod markup;
 mod timecode;
