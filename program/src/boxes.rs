@@ -11,6 +11,14 @@ pub fn read_index(file: &mut File) -> Option<Vec<u8>> {
     read_top_level(file, b"moov", LARGEST_INDEX)
 }
 
+/// Whether a file is a film that lacks its index, which is written last: the recording was broken off.
+pub fn lacks_index(file: &mut File) -> bool {
+    let mut start = [0; 8];
+    file.read_exact(&mut start).is_ok()
+        && &start[4..] == b"ftyp"
+        && read_top_level(file, b"moov", 0).is_none()
+}
+
 /// The content of the first box of a name that lies in no other one, as far as `largest` bytes.
 pub fn read_top_level(file: &mut File, wanted: &[u8; 4], largest: u64) -> Option<Vec<u8>> {
     let mut start = 0;
@@ -25,7 +33,8 @@ pub fn read_top_level(file: &mut File, wanted: &[u8; 4], largest: u64) -> Option
             length = u64::from(number(&header, 8)?) << 32 | u64::from(number(&header, 12)?);
             content += 8;
         }
-        let end = start.checked_add(length)?;
+        // None: up to the end of the file.
+        let end = if length == 0 { u64::MAX } else { start.checked_add(length)? };
         if end < content {
             return None;
         }

@@ -1,8 +1,10 @@
 //! Arguments → the clips that they name.
 
+use crate::boxes;
 use crate::interruption::Interruption;
 use anyhow::{Context, Result, bail};
 use std::collections::HashSet;
+use std::fs::File;
 use std::path::{Path, PathBuf};
 
 /// What ends the names of rectified clips that are written beside their originals.
@@ -102,6 +104,10 @@ pub fn check(clip: &Path) -> Result<()> {
     let metadata = std::fs::metadata(clip).context("cannot be read")?;
     if metadata.is_dir() {
         bail!("is a folder");
+    }
+    // GStreamer may wait for ever for what is not there.
+    if boxes::lacks_index(&mut File::open(clip).context("cannot be read")?) {
+        bail!("has no index of its frames: it was not written to its end");
     }
     Ok(())
 }

@@ -76,3 +76,10 @@ pub fn pad(element: &impl IsA<gst::Element>, name: &str) -> Result<gst::Pad> {
     let element = element.upcast_ref::<gst::Element>();
     element.static_pad(name).with_context(|| format!("{} has no pad {name}", element.name()))
 }
+
+/// Has what comes out of an element go nowhere: with no link it would be an error, and a sink would be waited for.
+pub fn drop_all(source: &gst::Pad) {
+    source.add_probe(gst::PadProbeType::BUFFER | gst::PadProbeType::BUFFER_LIST, |_, _| {
+        gst::PadProbeReturn::Drop
+    });
+}

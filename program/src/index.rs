@@ -29,6 +29,8 @@ pub struct FrameIndex {
     pub frames: usize,
     /// Presentation times in the clip, in order.
     pub times_ns: Vec<u64>,
+    /// The time in the clip from which on it is played: transport streams do not begin at 0.
+    pub start_ns: u64,
     /// SHA-256 of the encoded frames in the file's order, whatever the container.
     pub sha256: String,
 }
@@ -41,6 +43,7 @@ impl FrameIndex {
     pub fn of(clip: &Path, interruption: &Interruption) -> Result<Self> {
         let mut packets = Packets::open(clip, interruption)?;
         packets.caps()?;
+        let start_ns = packets.start().nseconds();
         let mut digest = Digest::new()?;
         let (mut times_ns, mut hidden) = (Vec::new(), 0);
         let bar = progress::spinner()?;
@@ -63,7 +66,7 @@ impl FrameIndex {
             bail!("several frames are shown at the same time");
         }
         let clip = clip.display().to_string();
-        Ok(Self { clip, frames: times_ns.len(), times_ns, sha256: digest.finish()? })
+        Ok(Self { clip, frames: times_ns.len(), times_ns, start_ns, sha256: digest.finish()? })
     }
 
     /// Reads what `rsrectify index` has written.
@@ -76,6 +79,11 @@ impl FrameIndex {
             bail!(broken());
         }
         Ok(index)
+    }
+
+    /// From when on the clip is played.
+    pub fn start(&self) -> gst::ClockTime {
+        gst::ClockTime::from_nseconds(self.start_ns)
     }
 
     /// When a frame is shown; `None` beyond the last.

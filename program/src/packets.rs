@@ -1,9 +1,9 @@
 //! The encoded video of a file, packet by packet, in the file's order.
 
 use crate::clips;
-use crate::elements::{NO_VIDEO, launch, make, named, pad};
+use crate::elements::{NO_VIDEO, drop_all, launch, named, pad};
 use crate::interruption::Interruption;
-use crate::playback::{Event, Playback};
+use crate::playback::Playback;
 use anyhow::{Context, Result, anyhow};
 use gst::prelude::*;
 use std::path::Path;
@@ -22,8 +22,8 @@ pub struct Packet {
 pub struct Packets {
     playback: Playback,
     sink: gst_app::AppSink,
-    /// What the packets are.
-    caps: Option<gst::Caps>,
+    /// The first one, until it is asked for.
+    first: Option<gst::Sample>,
 }
 
 impl Packets {
@@ -35,68 +35,92 @@ impl Packets {
         )?;
         named(&pipeline, "source")?.set_property("location", file);
         let sink = named(&pipeline, "sink")?;
-        let input = pad(&sink, "sink")?;
+        let video = pad(&sink, "sink")?;
         let sink = sink.downcast::<gst_app::AppSink>().map_err(|_| anyhow!("appsink is another element"))?;
-        let owner = pipeline.downgrade();
         let parser = named(&pipeline, "parser")?;
         parser.connect("autoplug-continue", false, |values| {
             let caps = values.get(2).and_then(|value| value.get::<gst::Caps>().ok());
             Some(caps.is_none_or(|caps| !is_whole(&caps)).to_value())
         });
-        let video = input.clone();
         parser.connect_pad_added(move |parser, pad| {
-            let joined = owner.upgrade().context("the pipeline is gone").and_then(|pipeline| {
-                if is_video(pad) && !video.is_linked() {
-                    pad.link(&video)?;
-                    return Ok(());
+            if is_video(pad) && !video.is_linked() {
+                if let Err(error) = pad.link(&video) {
+                    gst::element_error!(
+                        parser,
+                        gst::StreamError::Failed,
+                        ("the video cannot be read: {error}")
+                    );
                 }
-                // A stream that goes nowhere would be an error, and one that a sink holds until it plays holds the video too.
-                pad.add_probe(gst::PadProbeType::BUFFER | gst::PadProbeType::BUFFER_LIST, |_, _| {
-                    gst::PadProbeReturn::Drop
-                });
-                let rest = make("fakesink")?;
-                rest.set_property("sync", false);
-                rest.set_property("async", false);
-                pipeline.add(&rest)?;
-                rest.sync_state_with_parent()?;
-                pad.link(&crate::elements::pad(&rest, "sink")?)?;
-                Ok(())
+                return;
+            }
+            drop_all(pad);
+            let (parser, video) = (parser.downgrade(), video.clone());
+            pad.add_probe(gst::PadProbeType::EVENT_DOWNSTREAM, move |_, info| {
+                let is_end = info.event().is_some_and(|event| event.type_() == gst::EventType::Eos);
+                if let Some(parser) = parser.upgrade().filter(|_| is_end && !video.is_linked()) {
+                    gst::element_error!(parser, gst::StreamError::WrongType, ("{NO_VIDEO}"));
+                }
+                gst::PadProbeReturn::Ok
             });
-            if let Err(error) = joined {
-                gst::element_error!(parser, gst::StreamError::Failed, ("{error:#}"));
-            }
         });
-        parser.connect("no-more-pads", false, move |values| {
-            let parser = values.first().and_then(|value| value.get::<gst::Element>().ok());
-            if let Some(parser) = parser.filter(|_| !input.is_linked()) {
-                gst::element_error!(parser, gst::StreamError::WrongType, ("{NO_VIDEO}"));
-            }
-            None
-        });
-        let mut packets = Self { playback: Playback::new(pipeline)?, sink, caps: None };
-        packets.playback.set_state(gst::State::Paused);
-        while !matches!(packets.playback.next(LOOK, interruption)?, Event::Ready | Event::End) {}
-        let first = packets.sink.try_pull_preroll(gst::ClockTime::ZERO);
-        packets.caps = first.as_ref().and_then(|sample| sample.caps_owned());
+        let mut packets = Self { playback: Playback::new(pipeline)?, sink, first: None };
+        // Not paused first: a demuxer gives all streams out from one thread, which would wait at the first of them.
         packets.playback.set_state(gst::State::Playing);
+        packets.first = packets.pull(interruption)?;
         Ok(packets)
     }
 
-    /// What the packets are; an error where the file has none.
-    pub fn caps(&self) -> Result<&gst::Caps> {
-        self.caps.as_ref().context("there is no frame in the file")
+    /// What the packets are, before the first is taken; an error where the file has none.
+    pub fn caps(&self) -> Result<gst::Caps> {
+        let first = self.first.as_ref().and_then(|sample| sample.caps_owned());
+        first.context("there is no frame in the file")
+    }
+
+    /// From which time of the clip on it is played, before the first is taken.
+    pub fn start(&self) -> gst::ClockTime {
+        let segment = self.first.as_ref().and_then(|sample| sample.segment());
+        let segment = segment.and_then(|segment| segment.downcast_ref::<gst::ClockTime>());
+        segment.and_then(|segment| segment.to_stream_time(segment.start())).unwrap_or_default()
+    }
+
+    /// What the file says of itself, before the first is taken.
+    pub fn comments(&self) -> Vec<String> {
+        let mut comments = Vec::new();
+        let Some(pad) = self.sink.static_pad("sink") else { return comments };
+        pad.sticky_events_foreach(|event| {
+            if let gst::EventView::Tag(tags) = event.view() {
+                let texts = tags.tag().iter_tag::<gst::tags::Comment>();
+                comments.extend(texts.map(|comment| comment.get().to_owned()));
+            }
+            std::ops::ControlFlow::Continue(gst::EventForeachAction::Keep)
+        });
+        comments
     }
 
     /// The next one; `None` at the end.
     pub fn next(&mut self, interruption: &Interruption) -> Result<Option<Packet>> {
-        while !self.sink.is_eos() {
-            self.playback.next(gst::ClockTime::ZERO, interruption)?;
-            let Some(sample) = self.sink.try_pull_sample(LOOK) else { continue };
-            let Some(buffer) = sample.buffer_owned() else { continue };
-            let time = shown(&sample, &buffer);
-            return Ok(Some(Packet { buffer, time }));
+        let sample = match self.first.take() {
+            Some(sample) => Some(sample),
+            None => self.pull(interruption)?,
+        };
+        let Some(sample) = sample else { return Ok(None) };
+        let buffer = sample.buffer_owned().context("a frame without data")?;
+        let time = shown(&sample, &buffer);
+        Ok(Some(Packet { buffer, time }))
+    }
+
+    fn pull(&mut self, interruption: &Interruption) -> Result<Option<gst::Sample>> {
+        loop {
+            // An error before the end has been reported when the end is.
+            let at_end = self.sink.is_eos();
+            self.playback.check(interruption)?;
+            if at_end {
+                return Ok(None);
+            }
+            if let Some(sample) = self.sink.try_pull_sample(LOOK) {
+                return Ok(Some(sample));
+            }
         }
-        Ok(None)
     }
 }
 

@@ -79,7 +79,7 @@ pub struct Part {
     pub wanted: Span,
     /// Those of the frames that are analysed.
     pub analysed: Span,
-    /// Where to begin with decoding: after the frame before the first that is analysed.
+    /// Where to begin with decoding: at the clip's first frame, or after the frame before the first that is analysed.
     pub seek_start: gst::ClockTime,
     /// The time of the first frame that is no longer analysed.
     pub seek_end: Option<gst::ClockTime>,
@@ -111,7 +111,11 @@ impl Part {
         Ok(Self {
             wanted: Span::of(index, &frames),
             analysed: Span::of(index, &analysed),
-            seek_start: time_before(index, analysed.start, 4).unwrap_or_default(),
+            seek_start: match analysed.start {
+                // Some demuxers count from elsewhere before the first frame.
+                0 => index.time(0).unwrap_or_default(),
+                start => time_before(index, start, 4).unwrap_or_default(),
+            },
             seek_end: index.time(analysed.end),
             first_time,
             frames,
@@ -133,7 +137,13 @@ mod tests {
 
     fn index() -> FrameIndex {
         let times_ns = [0, 40, 80, 200, 240, 280].to_vec();
-        FrameIndex { clip: "a".to_owned(), frames: times_ns.len(), times_ns, sha256: String::new() }
+        FrameIndex {
+            clip: "a".to_owned(),
+            frames: times_ns.len(),
+            times_ns,
+            start_ns: 0,
+            sha256: String::new(),
+        }
     }
 
     #[test]

@@ -68,6 +68,15 @@ impl Playback {
         }
         Ok(Event::Nothing)
     }
+
+    /// An error where one has been reported.
+    pub fn check(&mut self, interruption: &Interruption) -> Result<()> {
+        interruption.check()?;
+        while self.bus.have_pending() {
+            self.next(gst::ClockTime::ZERO, interruption)?;
+        }
+        Ok(())
+    }
 }
 
 impl Drop for Playback {

@@ -80,7 +80,7 @@ fn one(job: &Job, options: &FixOptions, interruption: &Interruption) -> Result<(
     let lookahead = recipe.rectifier.analysis.settings().lookahead;
     let part = options.part.of(&job.input, lookahead, interruption)?;
     let excerpt = part.map(|part| Arc::new(Excerpt::new(part)));
-    let expected = excerpt.as_ref().map(|excerpt| excerpt.frames());
+    let expected = excerpt.as_ref().map(|excerpt| excerpt.frames().len());
     let remux = pipeline::build(&recipe, excerpt, &job.input, unfinished.path(), &progress)?;
     play(remux, recipe.container, &progress, interruption)?;
     let frames = progress.frames();

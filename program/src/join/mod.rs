@@ -79,10 +79,10 @@ fn join(options: &JoinOptions, container: Container, interruption: &Interruption
         None => FrameIndex::of(&options.clip, interruption)?,
     };
     let parts = Parts::read(&options.parts, index, interruption)?;
-    if !container.takes("video_%u", parts.caps()) {
+    let Some(caps) = container.taken("video_%u", parts.caps()) else {
         let format = parts.caps().structure(0).map_or("unknown", |format| format.name().as_str());
         bail!("{container} files cannot hold the parts' video, {format}");
-    }
+    };
     let report = Report {
         file: options.output.display().to_string(),
         frames: parts.frames(),
@@ -97,7 +97,7 @@ fn join(options: &JoinOptions, container: Container, interruption: &Interruption
             .collect(),
     };
     let unfinished = Unfinished::beside(&options.output);
-    write(&options.clip, parts, unfinished.path(), container, options.audio, interruption)?;
+    write(&options.clip, parts, &caps, unfinished.path(), container, options.audio, interruption)?;
     unfinished.finish(&options.output)?;
     if options.json {
         println!("{}", serde_json::to_string_pretty(&report)?);
@@ -110,6 +110,7 @@ fn join(options: &JoinOptions, container: Container, interruption: &Interruption
 fn write(
     clip: &Path,
     parts: Parts,
+    caps: &gst::Caps,
     output: &Path,
     container: Container,
     audio: Audio,
@@ -118,7 +119,7 @@ fn write(
     let parts = Arc::new(parts);
     let destination = Destination { output, container, audio, excerpt: None };
     let remux = Remux::new(clip, destination, |timecode| {
-        Ok(Video::Replaced(parts::branch(&parts, timecode, interruption)?))
+        Ok(Video::Replaced(parts::branch(&parts, caps, timecode, interruption)?))
     })?;
     let bar = progress::spinner()?;
     let mut playback = Playback::new(remux.pipeline)?;

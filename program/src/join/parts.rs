@@ -4,6 +4,7 @@ use crate::elements::{pad, parse};
 use crate::index::{Digest, FrameIndex};
 use crate::interruption::Interruption;
 use crate::packets::Packets;
+use crate::streams::label;
 use anyhow::{Context, Result, anyhow, bail};
 use gst::prelude::*;
 use std::path::{Path, PathBuf};
@@ -103,8 +104,9 @@ impl Parts {
                 let last = || number.checked_sub(1).and_then(|last| Some(shown - self.index.time(last)?));
                 let timed = buffer.make_mut();
                 // All is later by the reordering, so that no time is negative; the branch is offset by as much.
-                timed.set_pts(shown + self.reordering);
-                timed.set_dts(due);
+                let start = self.index.start();
+                timed.set_pts((shown + self.reordering).saturating_sub(start));
+                timed.set_dts(due.saturating_sub(start));
                 timed.set_duration(next.map(|next| next - shown).or_else(last));
                 if let Some(timecode) = timecode.filter(|_| *number == 0) {
                     add_timecode(timed, timecode)?;
@@ -130,12 +132,19 @@ impl PartFile {
         interruption: &Interruption,
     ) -> Result<(Self, gst::Caps)> {
         let mut packets = Packets::open(path, interruption)?;
-        let caps = packets.caps()?.clone();
+        let caps = packets.caps()?;
+        let frames = packets.comments().iter().find_map(|comment| label::read(comment));
+        if let Some(frames) = frames.as_ref().filter(|frames| frames.start != first) {
+            bail!("begins with frame {} of the clip where frame {first} should follow", frames.start);
+        }
         let (mut own, mut times) = (Digest::new()?, Vec::new());
         while let Some(packet) = packets.next(interruption)? {
             own.add(&packet.buffer)?;
             whole.add(&packet.buffer)?;
             times.push(packet.time.context("a frame has no time")?);
+        }
+        if let Some(frames) = frames.filter(|frames| frames.len() != times.len()) {
+            bail!("has {} frames where there should be {}: it is damaged", times.len(), frames.len());
         }
         let mut shown: Vec<usize> = (0..times.len()).collect();
         shown.sort_by_key(|order| times.get(*order));
@@ -167,9 +176,10 @@ fn add_timecode(buffer: &mut gst::BufferRef, timecode: &gst_video::VideoTimeCode
     Ok(())
 }
 
-/// A branch of a pipeline that gives out the frames of all parts.
+/// A branch of a pipeline that gives out the frames of all parts, with these caps.
 pub fn branch(
     parts: &Arc<Parts>,
+    caps: &gst::Caps,
     timecode: Option<gst_video::VideoTimeCode>,
     interruption: &Interruption,
 ) -> Result<gst::Bin> {
@@ -177,7 +187,7 @@ pub fn branch(
     pad(&bin, "src")?.set_offset(-i64::try_from(parts.reordering.nseconds())?);
     let source = crate::elements::named(&bin, "frames")?;
     let source = source.downcast::<gst_app::AppSrc>().map_err(|_| anyhow!("appsrc is another element"))?;
-    source.set_caps(Some(&parts.caps));
+    source.set_caps(Some(caps));
     let (parts, interruption) = (parts.clone(), interruption.clone());
     std::thread::Builder::new().name("parts".to_owned()).spawn(move || {
         if let Err(error) = parts.push(&source, timecode.as_ref(), &interruption) {

@@ -96,11 +96,19 @@ impl Container {
 
     /// Whether its muxer takes streams of these caps on pads called `name`, such as `audio_%u`.
     pub fn takes(self, name: &str, caps: &gst::Caps) -> bool {
-        let Some(factory) = gst::ElementFactory::find(self.muxer()) else { return false };
-        factory
-            .static_pad_templates()
-            .iter()
-            .any(|template| template.name_template() == name && template.caps().can_intersect(caps))
+        self.taken(name, caps).is_some()
+    }
+
+    /// These caps as its muxer takes them on such pads, with all fields that it asks for; `None` where it does not.
+    pub fn taken(self, name: &str, caps: &gst::Caps) -> Option<gst::Caps> {
+        let factory = gst::ElementFactory::find(self.muxer())?;
+        let mut templates = factory.static_pad_templates().into_iter();
+        let template = templates.find(|template| template.name_template() == name)?;
+        let mut taken = caps.intersect_with_mode(&template.caps(), gst::CapsIntersectMode::First);
+        (!taken.is_empty()).then(|| {
+            taken.fixate();
+            taken
+        })
     }
 }
 

@@ -7,6 +7,7 @@ use crate::elements::pad;
 use crate::part::{self, Part};
 use anyhow::{Context, Result, anyhow};
 use gst::prelude::*;
+use std::ops::Range;
 use std::sync::{Mutex, PoisonError};
 
 /// A part of a clip that is cut out of its streams.
@@ -21,14 +22,9 @@ impl Excerpt {
         Self { part, held: Mutex::default() }
     }
 
-    /// Frames that are to come.
-    pub fn frames(&self) -> usize {
-        self.part.frames.len()
-    }
-
-    /// The number of the first of them in the clip.
-    pub fn first_frame(&self) -> usize {
-        self.part.frames.start
+    /// The numbers in the clip of the frames that are to come.
+    pub fn frames(&self) -> Range<usize> {
+        self.part.frames.clone()
     }
 
     /// Holds what comes to a pad.

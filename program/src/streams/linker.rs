@@ -2,7 +2,7 @@
 
 use super::excerpt::Excerpt;
 use super::timecode::Timecode;
-use super::{Audio, Kind, Route, is_copied, markup, route};
+use super::{Audio, Kind, Route, is_copied, label, markup, route};
 use crate::elements::{self, NO_VIDEO, make, named, parse};
 use crate::output::codec::Container;
 use anyhow::{Context, Result, anyhow, bail};
@@ -69,8 +69,12 @@ impl Remux {
         pipeline.add_many([&source, &decoder, &muxer, &sink])?;
         source.link(&decoder)?;
         muxer.link(&sink)?;
+        if let Some((excerpt, tags)) = excerpt.as_ref().zip(muxer.dynamic_cast_ref::<gst::TagSetter>()) {
+            let label = label::of(&excerpt.frames());
+            tags.add_tag::<gst::tags::Comment>(&label.as_str(), gst::TagMergeMode::ReplaceAll);
+        }
 
-        let first_frame = excerpt.as_ref().map_or(0, |excerpt| excerpt.first_frame());
+        let first_frame = excerpt.as_ref().map_or(0, |excerpt| excerpt.frames().start);
         let timecode = Timecode::of(clip).and_then(|timecode| timecode.after(first_frame)?.to_gst());
         if timecode.is_some() && muxer.has_property("force-create-timecode-trak") {
             muxer.set_property("force-create-timecode-trak", true);
@@ -86,9 +90,6 @@ impl Remux {
         let (has_video, pcm) = (AtomicBool::new(false), Mutex::default());
         let owner = pipeline.downgrade();
         let linker = Linker { pipeline: owner, muxer, video, container, audio, excerpt, has_video, pcm };
-        if let Video::Replaced(branch) = &linker.video {
-            linker.add(branch, Kind::Video)?;
-        }
         let linker = Arc::new(linker);
         Linker::watch(&linker, &decoder);
         Ok(Self { pipeline, linker })
@@ -98,10 +99,7 @@ impl Remux {
     pub fn release(&self) -> Result<()> {
         let Some(excerpt) = &self.linker.excerpt else { return Ok(()) };
         excerpt.release(|pad| self.linker.link(pad))?;
-        if !self.linker.has_video.load(Ordering::Relaxed) {
-            bail!("{NO_VIDEO}");
-        }
-        Ok(())
+        self.linker.start()
     }
 }
 
@@ -109,18 +107,16 @@ impl Linker {
     /// Whether the decoder goes on with a stream that has come to a pad inside it.
     fn decodes(&self, pad: &gst::Pad, caps: &gst::CapsRef) -> bool {
         let is_raw = caps.structure(0).is_some_and(|format| format.has_name("audio/x-raw"));
-        // Its pads stand for those of the demuxer inside.
-        let inner = pad.downcast_ref::<gst::GhostPad>().and_then(|pad| pad.target());
-        let owner = inner.and_then(|pad| pad.parent_element()).and_then(|element| element.factory());
         if is_raw
-            && owner.is_some_and(|factory| {
-                factory.metadata("klass").is_some_and(|klass| klass.contains("Demuxer"))
-            })
+            && comes_from(pad, "Demuxer")
             && let Some(stream) = pad.stream_id()
         {
             self.pcm.lock().unwrap_or_else(PoisonError::into_inner).insert(stream.into());
         }
-        let is_dropped = self.replaces_video() && Kind::of(caps) == Kind::Video;
+        // A whole MP4 file, before it is demuxed, calls itself video too.
+        let is_dropped = self.replaces_video()
+            && Kind::of(caps) == Kind::Video
+            && (comes_from(pad, "Demuxer") || comes_from(pad, "Parser"));
         !is_dropped && !is_copied(self.container, self.audio, caps)
     }
 
@@ -148,8 +144,8 @@ impl Linker {
                 let message = gst::message::Application::builder(held).src(decoder).build();
                 // Where nobody listens any more, nobody waits.
                 let _ = decoder.post_message(message);
-            } else if !linker.has_video.load(Ordering::Relaxed) {
-                linker.report(&anyhow!(NO_VIDEO));
+            } else if let Err(error) = linker.start() {
+                linker.report(&error);
             }
         });
     }
@@ -158,13 +154,14 @@ impl Linker {
         let caps = pad.current_caps().unwrap_or_else(|| pad.query_caps(None));
         let kind = Kind::of(&caps);
         let is_first_video = kind == Kind::Video && !self.has_video.swap(true, Ordering::Relaxed);
-        match &self.video {
-            Video::Decoded(branch) if is_first_video => {
-                self.add(branch, kind)?;
-                return link_to(pad, branch);
-            }
-            Video::Replaced(branch) if is_first_video => return self.replace(pad, branch),
-            _ => {}
+        if is_first_video {
+            return match &self.video {
+                Video::Decoded(branch) => {
+                    self.add(branch, kind)?;
+                    link_to(pad, branch)
+                }
+                Video::Replaced(branch) => self.replace(pad, branch),
+            };
         }
         let is_pcm = pad.stream_id().is_some_and(|stream| {
             self.pcm.lock().unwrap_or_else(PoisonError::into_inner).contains(stream.as_str())
@@ -180,7 +177,8 @@ impl Linker {
                 if !(kind == Kind::Audio && self.audio == Audio::None) {
                     self.warn_of_loss(&caps);
                 }
-                return if self.replaces_video() { self.drop_all(pad) } else { Ok(()) };
+                elements::drop_all(pad);
+                return Ok(());
             }
         };
         if self.replaces_video() {
@@ -198,8 +196,11 @@ impl Linker {
         matches!(self.video, Video::Replaced(_))
     }
 
-    /// Drops the clip's video, all but its tags.
+    /// Has a branch give the muxer its video in place of the clip's, of which only the tags are kept.
     fn replace(&self, pad: &gst::Pad, branch: &gst::Bin) -> Result<()> {
+        // A muxer takes no more streams once it has data of all that it knows.
+        branch.set_locked_state(true);
+        self.add(branch, Kind::Video)?;
         let source =
             branch.iterate_sources().into_iter().flatten().next().context("the video has no source")?;
         pad.sticky_events_foreach(|event| {
@@ -210,18 +211,19 @@ impl Linker {
             }
             std::ops::ControlFlow::Continue(gst::EventForeachAction::Keep)
         });
-        self.drop_all(pad)
+        elements::drop_all(pad);
+        Ok(())
     }
 
-    /// Has what comes to a pad go nowhere: with no link, it would be an error.
-    fn drop_all(&self, pad: &gst::Pad) -> Result<()> {
-        let pipeline = self.pipeline.upgrade().context("the pipeline is gone")?;
-        let sink = make("fakesink")?;
-        sink.set_property("sync", false);
-        sink.set_property("async", false);
-        pipeline.add(&sink)?;
-        sink.sync_state_with_parent()?;
-        pad.link(&elements::pad(&sink, "sink")?)?;
+    /// Lets the video go, when all streams have been linked.
+    fn start(&self) -> Result<()> {
+        if !self.has_video.load(Ordering::Relaxed) {
+            bail!("{NO_VIDEO}");
+        }
+        if let Video::Replaced(branch) = &self.video {
+            branch.set_locked_state(false);
+            branch.sync_state_with_parent()?;
+        }
         Ok(())
     }
 
@@ -244,7 +246,9 @@ impl Linker {
         }
         pipeline.add(branch)?;
         branch.link_pads(Some("src"), &self.muxer, Some(kind.muxer_pad()))?;
-        branch.sync_state_with_parent()?;
+        if !branch.is_locked_state() {
+            branch.sync_state_with_parent()?;
+        }
         Ok(())
     }
 
@@ -253,6 +257,14 @@ impl Linker {
             gst::element_error!(pipeline, gst::StreamError::Failed, ("{error:#}"));
         }
     }
+}
+
+/// Whether what gives a stream to the decoder's pad is an element of this class.
+fn comes_from(pad: &gst::Pad, class: &str) -> bool {
+    // The decoder's pads stand for those inside.
+    let inner = pad.downcast_ref::<gst::GhostPad>().and_then(|pad| pad.target());
+    let owner = inner.and_then(|pad| pad.parent_element()).and_then(|element| element.factory());
+    owner.is_some_and(|factory| factory.metadata("klass").is_some_and(|klass| klass.contains(class)))
 }
 
 fn link_to(pad: &gst::Pad, branch: &gst::Bin) -> Result<()> {

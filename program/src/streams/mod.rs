@@ -1,6 +1,7 @@
 //! What becomes of a clip's streams.
 
 mod excerpt;
+pub mod label;
 mod linker;
 mod markup;
 mod timecode;
@@ -86,6 +87,8 @@ fn audio_parser(caps: &gst::CapsRef) -> Option<&'static str> {
         "audio/x-dts" => Some("dcaparse"),
         "audio/x-opus" => Some("opusparse"),
         "audio/x-flac" => Some("flacparse"),
+        // Its parser wants the headers before the data, which do not come again where it was gone to a part.
+        "audio/x-vorbis" if format.has_field("streamheader") => Some("identity"),
         "audio/x-vorbis" => Some("vorbisparse"),
         "audio/x-alac" | "audio/x-alaw" | "audio/x-mulaw" => Some("identity"),
         _ => None,
