@@ -83,7 +83,8 @@ pub fn run(options: &MeasureOptions, interruption: &Interruption) -> Result<bool
 fn one(clip: &Path, options: &MeasureOptions, interruption: &Interruption) -> Result<Measurement> {
     clips::check(clip)?;
     let settings = options.settings.settings();
-    let part = options.part.of(clip, settings.lookahead, interruption)?;
+    // What follows is left to the measurement of another part, so that each frame tells once.
+    let part = options.part.of(clip, 0, interruption)?;
     let first_frame = part.as_ref().map_or(0, |part| part.frames.start);
     let extent = match part {
         Some(part) => Extent::Part(part),

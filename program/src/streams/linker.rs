@@ -58,7 +58,7 @@ impl Remux {
     pub fn new(
         clip: &Path,
         destination: Destination<'_>,
-        video: impl FnOnce(Option<gst_video::VideoTimeCode>) -> Result<Video>,
+        video: impl FnOnce(Option<gst_video::ValidVideoTimeCode>) -> Result<Video>,
     ) -> Result<Self> {
         let Destination { output, container, audio, excerpt } = destination;
         let pipeline = gst::Pipeline::new();
@@ -160,7 +160,7 @@ impl Linker {
                     self.add(branch, kind)?;
                     link_to(pad, branch)
                 }
-                Video::Replaced(branch) => self.replace(pad, branch),
+                Video::Replaced(branch) => self.replace(pad, &caps, branch),
             };
         }
         let is_pcm = pad.stream_id().is_some_and(|stream| {
@@ -197,12 +197,20 @@ impl Linker {
     }
 
     /// Has a branch give the muxer its video in place of the clip's, of which only the tags are kept.
-    fn replace(&self, pad: &gst::Pad, branch: &gst::Bin) -> Result<()> {
+    fn replace(&self, pad: &gst::Pad, caps: &gst::CapsRef, branch: &gst::Bin) -> Result<()> {
         // A muxer takes no more streams once it has data of all that it knows.
         branch.set_locked_state(true);
         self.add(branch, Kind::Video)?;
         let source =
             branch.iterate_sources().into_iter().flatten().next().context("the video has no source")?;
+        // Muxers make a clock of the frame rate, which a part states otherwise where it varies.
+        let rate = caps.structure(0).and_then(|format| format.get::<gst::Fraction>("framerate").ok());
+        let rate = rate.filter(|rate| rate.numer() > 0);
+        if let Some(rate) = rate {
+            let mut caps = source.property::<gst::Caps>("caps");
+            caps.make_mut().set("framerate", rate);
+            source.set_property("caps", caps);
+        }
         pad.sticky_events_foreach(|event| {
             if let gst::EventView::Tag(tag) = event.view()
                 && tag.tag().scope() == gst::TagScope::Global
