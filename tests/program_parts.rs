@@ -112,12 +112,12 @@ fn a_joined_film_has_the_clips_streams_and_times() {
     assert!((32..45).contains(&count), "{count} frames");
     let (whole, parts, output) = joined(&folder, &clip, "hevc", "mov");
     let (ours, theirs) = (frames(&output), frames(&whole));
-    // A muxer makes a clock of the average frame rate: a hundred ticks a frame.
-    let tick = 1_000_000 / 2000;
+    // A muxer makes a clock of the average frame rate, a hundred ticks a frame, and rounds durations to it.
+    let ticks = 2 * 1_000_000 / 2000;
     for other in [&theirs, &frames(&clip)] {
         let differences = times(&ours).into_iter().zip(times(other));
         let most = differences.map(|(a, b)| a.unwrap().abs_diff(b.unwrap())).max();
-        assert!(ours.len() == other.len() && most.unwrap() <= tick, "{most:?}");
+        assert!(ours.len() == other.len() && most.unwrap() <= ticks, "{most:?}");
     }
     // No frame is broken where parts meet.
     assert!(parts.iter().flat_map(|part| bytes(&frames(part))).eq(bytes(&ours)));
