@@ -239,6 +239,8 @@ fn what_has_no_such_frames_is_refused() {
         assert!(said.contains(reason), "{said}");
         assert_eq!(folder.names(), before, "{said}");
     }
+    let said = refused("measure", &[text(&clip), "--frames", "40:60", "--index", text(&index)]);
+    assert!(said.contains("its index of another one"), "{said}");
     for clip in [&broken, &sound, &words] {
         refused("index", &[text(clip)]);
     }

@@ -36,6 +36,16 @@ pub struct FrameRange {
 /// Frames after which a path hardly depends on what was before them: docs/batch.md has the measurements.
 const HALO: usize = 60;
 
+/// Refuses a part of other than its number of frames.
+pub fn check_count(came: usize, expected: usize) -> Result<()> {
+    if came != expected {
+        bail!(
+            "{came} frames came where there should be {expected}: the clip is damaged, or its index of another one"
+        );
+    }
+    Ok(())
+}
+
 fn range(text: &str) -> Result<FrameRange, String> {
     let (first, end) = text.split_once(':').ok_or("not of the form A:B")?;
     let number = |text: &str| match text {
