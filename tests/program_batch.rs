@@ -126,7 +126,7 @@ fn manual_pages_and_completions_are_written() {
     assert!(output.status.success(), "{}", said(&output));
     let page = std::fs::read_to_string(folder.file("rsrectify-fix.1")).unwrap();
     assert!(page.contains("Exit codes") && page.contains("overwrite"), "{page}");
-    for command in ["measure", "track", "plot", "show"] {
+    for command in ["measure", "track", "index", "join", "plot", "show"] {
         assert!(folder.file(&format!("rsrectify-{command}.1")).exists(), "{command}");
     }
     let output = rsrectify("completions").arg("bash").output().unwrap();

@@ -204,6 +204,11 @@ fn chapters_and_colour_stay() {
     };
     assert_eq!(titles(&input), ["first", "second"]);
     assert_eq!(titles(&output), ["first", "second"]);
+    // A part that is the whole.
+    let joined = folder.file("joined.mkv");
+    let result = rsrectify("join").args([&input, &output]).arg("--output").arg(&joined).output().unwrap();
+    assert!(result.status.success(), "{}", String::from_utf8_lossy(&result.stderr));
+    assert_eq!(titles(&joined), ["first", "second"]);
     let frames = buffers(&output, "decodebin");
     let colours: String = frames[0].caps().unwrap().structure(0).unwrap().get("colorimetry").unwrap();
     assert_eq!(colours, "bt2020-10");

@@ -106,7 +106,7 @@ pub fn check(clip: &Path) -> Result<()> {
         bail!("is a folder");
     }
     // GStreamer may wait for ever for what is not there.
-    if boxes::lacks_index(&mut File::open(clip).context("cannot be read")?) {
+    if metadata.is_file() && boxes::lacks_index(&mut File::open(clip).context("cannot be read")?) {
         bail!("has no index of its frames: it was not written to its end");
     }
     Ok(())

@@ -10,7 +10,7 @@ pub const NO_VIDEO: &str = "there is no video in the file that could be decoded"
 fn package(element: &str) -> &'static str {
     match element {
         "x264enc" => "gstreamer1.0-plugins-ugly",
-        "x265enc" | "av1enc" | "av1parse" | "h264parse" | "h265parse" | "compositor" | "timecodestamper" => {
+        "x265enc" | "av1enc" | "av1parse" | "h264parse" | "h265parse" | "compositor" => {
             "gstreamer1.0-plugins-bad"
         }
         "mp4mux" | "qtmux" | "matroskamux" | "videoflip" | "capssetter" => "gstreamer1.0-plugins-good",

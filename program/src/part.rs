@@ -14,8 +14,8 @@ pub struct PartOptions {
     /// Only frames A to B of the clip, counted from 0, B not among them; without A from the first, without B to the last.
     #[arg(long, value_name = "A:B", value_parser = range)]
     pub frames: Option<FrameRange>,
-    /// Frames before these that are analysed too, as what was seen of a motion tells how it goes on; after these, there are as
-    /// many as are looked ahead.
+    /// Frames before these that are analysed too, as what was seen of a motion tells how it goes on. `fix` looks ahead of
+    /// these, too; what `measure` finds is the same whatever follows.
     #[arg(long, value_name = "FRAMES", default_value_t = HALO, requires = "frames")]
     pub halo: usize,
     /// What `rsrectify index` has written for the clip; without it the clip is read to its end first.
@@ -35,6 +35,16 @@ pub struct FrameRange {
 
 /// Frames after which a path hardly depends on what was before them: docs/batch.md has the measurements.
 const HALO: usize = 60;
+
+/// Refuses a part of other than its number of frames.
+pub fn check_count(came: usize, expected: usize) -> Result<()> {
+    if came != expected {
+        bail!(
+            "{came} frames came where there should be {expected}: the clip is damaged, or its index of another one"
+        );
+    }
+    Ok(())
+}
 
 fn range(text: &str) -> Result<FrameRange, String> {
     let (first, end) = text.split_once(':').ok_or("not of the form A:B")?;

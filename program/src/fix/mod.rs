@@ -8,6 +8,7 @@ use crate::clips;
 use crate::interruption::Interruption;
 use crate::output::codec::Container;
 use crate::output::{self, Unfinished};
+use crate::part;
 use crate::playback::{Event, Playback};
 use crate::progress;
 use crate::readout::{self, Extent};
@@ -87,10 +88,8 @@ fn one(job: &Job, options: &FixOptions, interruption: &Interruption) -> Result<(
     if frames == 0 {
         bail!("no frame could be decoded");
     }
-    if let Some(expected) = expected.filter(|expected| *expected as u64 != frames) {
-        bail!(
-            "{frames} frames came where there should be {expected}: the clip is damaged, or its index of another one"
-        );
+    if let Some(expected) = expected {
+        part::check_count(usize::try_from(frames)?, expected)?;
     }
     unfinished.finish(&job.output)?;
     println!("{}: {frames} frames", job.output.display());

@@ -6,7 +6,7 @@
 use crate::elements::{named, pad, parse};
 use crate::output::codec::{Codec, Container, Rate};
 use crate::rectifier_options::RectifierOptions;
-use crate::streams::{Audio, Destination, Excerpt, Remux, Video};
+use crate::streams::{Audio, Destination, Excerpt, Remux, Video, timecode};
 use anyhow::Result;
 use gst::prelude::*;
 use std::path::Path;
@@ -66,7 +66,7 @@ impl Progress {
 /// Decoded video → the encoded stream.
 fn video_branch(
     recipe: &Recipe,
-    timecode: Option<gst_video::VideoTimeCode>,
+    timecode: Option<gst_video::ValidVideoTimeCode>,
     excerpt: Option<&Excerpt>,
 ) -> Result<gst::Bin> {
     let rectified = format!("rsrectify name=rectifier ! queue ! {UPRIGHT}");
@@ -78,16 +78,8 @@ fn video_branch(
     } else {
         rectified
     };
-    let stamped = if timecode.is_some() { "timecodestamper name=stamper set=always ! " } else { "" };
     let encoded = recipe.codec.description();
-    let bin =
-        parse(&format!("queue name=frames ! videoconvert name=decoded ! {shown} ! {stamped}{encoded}"))?;
-    if let Some(timecode) = timecode {
-        let stamper = named(&bin, "stamper")?;
-        let drops = timecode.flags().contains(gst_video::VideoTimeCodeFlags::DROP_FRAME);
-        stamper.set_property("drop-frame", drops);
-        stamper.set_property("set-internal-timecode", timecode);
-    }
+    let bin = parse(&format!("queue name=frames ! videoconvert name=decoded ! {shown} ! {encoded}"))?;
     let rectifier = named(&bin, "rectifier")?;
     recipe.rectifier.apply(&rectifier)?;
     if recipe.compare {
@@ -105,6 +97,9 @@ fn video_branch(
         excerpt.keep_wanted(&pad(&named(&bin, shown)?, "src")?);
     }
     let encoder = named(&bin, "encoder")?;
+    if let Some(timecode) = timecode {
+        timecode::stamp_first(&pad(&encoder, "sink")?, timecode);
+    }
     recipe.codec.configure(&encoder, recipe.rate);
     warn_of_fewer_bits(&encoder, &named(&bin, "decoded")?)?;
     Ok(bin)

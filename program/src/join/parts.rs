@@ -4,7 +4,7 @@ use crate::elements::{pad, parse};
 use crate::index::{Digest, FrameIndex};
 use crate::interruption::Interruption;
 use crate::packets::Packets;
-use crate::streams::label;
+use crate::streams::{label, timecode};
 use anyhow::{Context, Result, anyhow, bail};
 use gst::prelude::*;
 use std::path::{Path, PathBuf};
@@ -89,7 +89,7 @@ impl Parts {
     fn push(
         &self,
         source: &gst_app::AppSrc,
-        timecode: Option<&gst_video::VideoTimeCode>,
+        timecode: Option<&gst_video::ValidVideoTimeCode>,
         interruption: &Interruption,
     ) -> Result<()> {
         for file in &self.files {
@@ -109,7 +109,7 @@ impl Parts {
                 timed.set_dts(due.saturating_sub(start));
                 timed.set_duration(next.map(|next| next - shown).or_else(last));
                 if let Some(timecode) = timecode.filter(|_| *number == 0) {
-                    add_timecode(timed, timecode)?;
+                    timecode::stamp(timed, timecode);
                 }
                 if source.push_buffer(buffer).is_err() {
                     // The pipeline has stopped, and says why itself.
@@ -169,18 +169,11 @@ fn is_alike(one: &gst::CapsRef, other: &gst::CapsRef) -> bool {
     essence(one) == essence(other)
 }
 
-fn add_timecode(buffer: &mut gst::BufferRef, timecode: &gst_video::VideoTimeCode) -> Result<()> {
-    let valid = gst_video::ValidVideoTimeCode::try_from(timecode.clone());
-    let valid = valid.map_err(|_| anyhow!("the timecode {timecode} cannot be"))?;
-    gst_video::VideoTimeCodeMeta::add(buffer, &valid);
-    Ok(())
-}
-
 /// A branch of a pipeline that gives out the frames of all parts, with these caps.
 pub fn branch(
     parts: &Arc<Parts>,
     caps: &gst::Caps,
-    timecode: Option<gst_video::VideoTimeCode>,
+    timecode: Option<gst_video::ValidVideoTimeCode>,
     interruption: &Interruption,
 ) -> Result<gst::Bin> {
     let bin = parse("appsrc name=frames format=time block=true max-buffers=64 ! queue")?;

@@ -4,7 +4,7 @@ mod report;
 
 use crate::clips;
 use crate::interruption::Interruption;
-use crate::part::PartOptions;
+use crate::part::{self, PartOptions};
 use crate::readout::{self, Extent};
 use crate::rectifier_options::MeasureSettings;
 use anyhow::{Context, Result};
@@ -83,8 +83,9 @@ pub fn run(options: &MeasureOptions, interruption: &Interruption) -> Result<bool
 fn one(clip: &Path, options: &MeasureOptions, interruption: &Interruption) -> Result<Measurement> {
     clips::check(clip)?;
     let settings = options.settings.settings();
-    let part = options.part.of(clip, settings.lookahead, interruption)?;
-    let first_frame = part.as_ref().map_or(0, |part| part.frames.start);
+    // What follows is left to the measurement of another part, so that each frame tells once.
+    let part = options.part.of(clip, 0, interruption)?;
+    let frames = part.as_ref().map(|part| part.frames.clone());
     let extent = match part {
         Some(part) => Extent::Part(part),
         None if options.quick => Extent::Stretches,
@@ -92,6 +93,10 @@ fn one(clip: &Path, options: &MeasureOptions, interruption: &Interruption) -> Re
     };
     let found = readout::find(clip, settings, None, extent, interruption)?;
     let found = found.context("no frame could be decoded")?;
+    if let Some(frames) = &frames {
+        part::check_count(found.frames as usize, frames.len())?;
+    }
+    let first_frame = frames.map_or(0, |frames| frames.start);
     let measurement = Measurement::new(clip.display().to_string(), &found);
     Ok(if options.quick { measurement } else { measurement.with_cuts(first_frame, &found.cuts) })
 }

@@ -58,7 +58,7 @@ impl Remux {
     pub fn new(
         clip: &Path,
         destination: Destination<'_>,
-        video: impl FnOnce(Option<gst_video::VideoTimeCode>) -> Result<Video>,
+        video: impl FnOnce(Option<gst_video::ValidVideoTimeCode>) -> Result<Video>,
     ) -> Result<Self> {
         let Destination { output, container, audio, excerpt } = destination;
         let pipeline = gst::Pipeline::new();
@@ -99,7 +99,7 @@ impl Remux {
     pub fn release(&self) -> Result<()> {
         let Some(excerpt) = &self.linker.excerpt else { return Ok(()) };
         excerpt.release(|pad| self.linker.link(pad))?;
-        self.linker.start()
+        self.linker.check()
     }
 }
 
@@ -144,13 +144,13 @@ impl Linker {
                 let message = gst::message::Application::builder(held).src(decoder).build();
                 // Where nobody listens any more, nobody waits.
                 let _ = decoder.post_message(message);
-            } else if let Err(error) = linker.start() {
+            } else if let Err(error) = linker.check() {
                 linker.report(&error);
             }
         });
     }
 
-    fn link(&self, pad: &gst::Pad) -> Result<()> {
+    fn link(self: &Arc<Self>, pad: &gst::Pad) -> Result<()> {
         let caps = pad.current_caps().unwrap_or_else(|| pad.query_caps(None));
         let kind = Kind::of(&caps);
         let is_first_video = kind == Kind::Video && !self.has_video.swap(true, Ordering::Relaxed);
@@ -160,7 +160,7 @@ impl Linker {
                     self.add(branch, kind)?;
                     link_to(pad, branch)
                 }
-                Video::Replaced(branch) => self.replace(pad, branch),
+                Video::Replaced(branch) => self.replace(pad, &caps, branch),
             };
         }
         let is_pcm = pad.stream_id().is_some_and(|stream| {
@@ -196,33 +196,61 @@ impl Linker {
         matches!(self.video, Video::Replaced(_))
     }
 
-    /// Has a branch give the muxer its video in place of the clip's, of which only the tags are kept.
-    fn replace(&self, pad: &gst::Pad, branch: &gst::Bin) -> Result<()> {
+    /// Has a branch give the muxer its video in place of the clip's, of which only tags and chapters are kept.
+    fn replace(self: &Arc<Self>, pad: &gst::Pad, caps: &gst::CapsRef, branch: &gst::Bin) -> Result<()> {
         // A muxer takes no more streams once it has data of all that it knows.
         branch.set_locked_state(true);
         self.add(branch, Kind::Video)?;
         let source =
             branch.iterate_sources().into_iter().flatten().next().context("the video has no source")?;
-        pad.sticky_events_foreach(|event| {
-            if let gst::EventView::Tag(tag) = event.view()
-                && tag.tag().scope() == gst::TagScope::Global
-            {
-                source.send_event(event.clone());
+        // Muxers make a clock of the frame rate, which a part states otherwise where it varies.
+        let rate = caps.structure(0).and_then(|format| format.get::<gst::Fraction>("framerate").ok());
+        let rate = rate.filter(|rate| rate.numer() > 0);
+        if let Some(rate) = rate {
+            let mut caps = source.property::<gst::Caps>("caps");
+            caps.make_mut().set("framerate", rate);
+            source.set_property("caps", caps);
+        }
+        let linker = self.clone();
+        let data = gst::PadProbeType::BUFFER | gst::PadProbeType::BUFFER_LIST;
+        pad.add_probe(data | gst::PadProbeType::EVENT_DOWNSTREAM, move |pad, info| {
+            if info.event().is_some_and(|event| event.type_() != gst::EventType::Eos) {
+                return gst::PadProbeReturn::Ok;
             }
-            std::ops::ControlFlow::Continue(gst::EventForeachAction::Keep)
+            // At the clip's first frame its streams are linked, and its tags known.
+            linker.start(pad, &source);
+            gst::PadProbeReturn::Remove
         });
         elements::drop_all(pad);
         Ok(())
     }
 
-    /// Lets the video go, when all streams have been linked.
-    fn start(&self) -> Result<()> {
-        if !self.has_video.load(Ordering::Relaxed) {
-            bail!("{NO_VIDEO}");
-        }
+    /// Lets the branch of the video go, with what belongs to all of the clip.
+    fn start(&self, pad: &gst::Pad, source: &gst::Element) {
+        pad.sticky_events_foreach(|event| {
+            let is_of_clip = match event.view() {
+                gst::EventView::Tag(tags) => tags.tag().scope() == gst::TagScope::Global,
+                // Chapters.
+                gst::EventView::Toc(_) => true,
+                _ => false,
+            };
+            if is_of_clip {
+                source.send_event(event.clone());
+            }
+            std::ops::ControlFlow::Continue(gst::EventForeachAction::Keep)
+        });
         if let Video::Replaced(branch) = &self.video {
             branch.set_locked_state(false);
-            branch.sync_state_with_parent()?;
+            if let Err(error) = branch.sync_state_with_parent() {
+                self.report(&error.into());
+            }
+        }
+    }
+
+    /// An error where the clip has no video.
+    fn check(&self) -> Result<()> {
+        if !self.has_video.load(Ordering::Relaxed) {
+            bail!("{NO_VIDEO}");
         }
         Ok(())
     }

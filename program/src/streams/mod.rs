@@ -4,7 +4,7 @@ mod excerpt;
 pub mod label;
 mod linker;
 mod markup;
-mod timecode;
+pub mod timecode;
 
 use crate::output::codec::Container;
 use clap::ValueEnum;

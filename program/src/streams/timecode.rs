@@ -4,6 +4,7 @@
 //! tells how frames are counted, its first sample is the number of the first frame.
 
 use crate::boxes::{child, children, number, read_index};
+use gst::prelude::*;
 use std::fs::File;
 use std::io::{Read, Seek, SeekFrom};
 use std::path::Path;
@@ -38,7 +39,7 @@ impl Timecode {
     }
 
     /// The same as GStreamer counts.
-    pub fn to_gst(self) -> Option<gst_video::VideoTimeCode> {
+    pub fn to_gst(self) -> Option<gst_video::ValidVideoTimeCode> {
         let rate = gst::Fraction::new(i32::try_from(self.rate[0]).ok()?, i32::try_from(self.rate[1]).ok()?);
         let flags = match self.drops {
             true => gst_video::VideoTimeCodeFlags::DROP_FRAME,
@@ -47,8 +48,23 @@ impl Timecode {
         let start = gst_video::VideoTimeCode::new(rate, None, flags, 0, 0, 0, 0, 0);
         let mut code = gst_video::ValidVideoTimeCode::try_from(start).ok()?;
         code.add_frames(self.frame.into());
-        Some(code.into())
+        Some(code)
     }
+}
+
+/// Gives a frame a timecode.
+pub fn stamp(frame: &mut gst::BufferRef, timecode: &gst_video::ValidVideoTimeCode) {
+    gst_video::VideoTimeCodeMeta::add(frame, timecode);
+}
+
+/// Gives the first frame that comes to a pad a timecode: from it, muxers count on.
+pub fn stamp_first(pad: &gst::Pad, timecode: gst_video::ValidVideoTimeCode) {
+    pad.add_probe(gst::PadProbeType::BUFFER, move |_, info| {
+        if let Some(gst::PadProbeData::Buffer(frame)) = &mut info.data {
+            stamp(frame.make_mut(), &timecode);
+        }
+        gst::PadProbeReturn::Remove
+    });
 }
 
 fn of_track(file: &mut File, track: &[u8]) -> Option<Timecode> {
