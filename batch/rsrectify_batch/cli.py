@@ -149,7 +149,7 @@ def _jobs(program: Program, clips: list[str], output: Path, encoding: list[str])
     arguments = [Path(clip).resolve() for clip in clips]
     # Files that are there are looked at later: they may be this run's own.
     found = program.json("fix", "--dry-run", "--json", "--recursive", "--output", f"{output}/", *encoding, *arguments)
-    return [Job(one["clip"], one["output"]) for one in found]
+    return [Job(one["clip"], one["output"], one["codec"]) for one in found]
 
 
 def _status(options: argparse.Namespace) -> int:

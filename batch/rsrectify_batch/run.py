@@ -29,6 +29,7 @@ class Job:
 
     clip: str
     output: str
+    codec: str
 
 
 @dataclass(frozen=True)
@@ -83,7 +84,10 @@ class Clip:
         return sorted({cut for found in self.measurements for cut in found.get("cuts", []) if cut > 0})
 
     def output_of(self, part: Part) -> str:
-        return str(self.folder / f"{part.first:07}{Path(self.job.output).suffix}")
+        # Matroska states the time of each frame, where MP4's edit lists may end before the last one. But of ProRes, GStreamer's
+        # demuxer of it does not give the times out.
+        ending = ".mov" if self.job.codec == "prores" else ".mkv"
+        return str(self.folder / f"{part.first:07}{ending}")
 
 
 class Run:

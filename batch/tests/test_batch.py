@@ -33,7 +33,7 @@ def test_bytes_do_not_depend_on_the_workers(output, tmp_path):
     files = []
     (tmp_path / "alone").mkdir()
     for part in clip["parts"]:
-        files.append(tmp_path / "alone" / f"{part['first']:03}.mp4")
+        files.append(tmp_path / "alone" / f"{part['first']:03}.mkv")
         frames = ("--frames", f"{part['first']}:{part['end']}", "--audio", "none")
         fix(FILM, files[-1], *READOUT, *frames)
         assert sha256_of_frames(files[-1]) == part["result"]["sha256"]
@@ -72,14 +72,14 @@ def test_a_broken_run_goes_on_where_it_was(output, how):
     process = output.start(FILM, options=options)
     parts = output.folder / ".rsrectify-batch"
     deadline = time.monotonic() + 60
-    while len(done := list(parts.rglob("???????.mp4"))) < 2:
+    while len(done := list(parts.rglob("???????.mkv"))) < 2:
         assert time.monotonic() < deadline and process.poll() is None, process.communicate()
         time.sleep(0.02)
     process.send_signal(how)
     process.wait(timeout=20)
     if how == signal.SIGINT:
         assert process.returncode == 130
-        assert all(len(file.name) == len("0000000.mp4") for file in parts.rglob("*.mp4")), output.files
+        assert all(len(file.name) == len("0000000.mkv") for file in parts.rglob("*.mkv")), output.files
     # A part that the manifest, which is written once a second, does not name yet is done again.
     times = {file: file.stat().st_mtime_ns for file in done}
     named = {one["first"] for one in output.manifest["clips"][str(FILM)].get("parts", []) if "result" in one}
@@ -98,7 +98,7 @@ def test_a_part_that_was_changed_is_noticed_and_done_again(output):
     blocked = output.folder / "film-rectified.mp4"
     blocked.mkdir()
     output.run(FILM, options=("--overwrite", "--retries", "0", *READOUT), code=1)
-    parts = sorted((output.folder / ".rsrectify-batch").rglob("???????.mp4"))
+    parts = sorted((output.folder / ".rsrectify-batch").rglob("???????.mkv"))
     assert len(parts) == FRAMES // PART
     # Another part of the same length and size in bytes would pass for it.
     changed = bytearray(parts[1].read_bytes())

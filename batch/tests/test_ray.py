@@ -22,10 +22,10 @@ def cluster():
 
 def test_nothing_is_lost_with_a_node(cluster, output, tmp_path):
     process = output.start(FILM, options=("--address", cluster.address, "--retries", "3", *READOUT))
-    # Some parts are written and two are being written, under longer names.
+    # Some parts are written and each node writes another one, under a longer name.
     work = output.folder / ".rsrectify-batch"
     deadline = time.monotonic() + 120
-    while not (list(work.rglob("???????.mp4")) and len(list(work.rglob("???????.*.mp4*"))) >= 2):
+    while not (list(work.rglob("???????.mkv")) and len(list(work.rglob("???????.*.mkv*"))) >= 3):
         assert time.monotonic() < deadline and process.poll() is None, process.communicate()
         time.sleep(0.01)
     cluster.remove_node(cluster.workers[1], allow_graceful=False)
