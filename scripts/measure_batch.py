@@ -100,8 +100,8 @@ def main() -> None:
     tables = "\n".join([
         "PSNR of the luma against one run with the same readout, and, for scale, of the clip as it was recorded:", "",
         *seams(folder), "",
-        "The time of the whole way of one film, its measurement and the halos of 60 frames included (which of parts as short as these are a",
-        "third; of 600, a tenth), the shorter of two runs:", "",
+        "One film from its index to the checked file, the shorter of two runs. With the halo of 60 frames, three of eight frames that are",
+        "analysed are analysed twice; with parts of 600, one of eleven:", "",
         *workers(folder),
     ])
     text = document.read_text()

@@ -129,7 +129,7 @@ def _run(jobs: list[Job], settings: Settings, options: argparse.Namespace, state
     try:
         run = Run(jobs, settings, executor, state, progress)
         for clip in run.clips:
-            if not options.overwrite and clip.known["state"] == "waiting" and Path(clip.job.output).exists():
+            if clip.is_in_the_way and not options.overwrite:
                 raise ManifestError(f"{clip.job.output} is there already; --overwrite replaces it")
         failed = asyncio.run(run.all())
     finally:

@@ -76,6 +76,12 @@ class Clip:
         return self.known["state"] == "done" and _has_size(self.job.output, result)
 
     @property
+    def is_in_the_way(self) -> bool:
+        """Whether there is a file under the output's name that no run has written."""
+        is_new = "index" not in self.known or self.known["state"] == "done"
+        return is_new and not self.is_done and Path(self.job.output).exists()
+
+    @property
     def measurements(self) -> list[dict]:
         return [one["found"] for one in self.known.get("measured", []) if one.get("found")]
 
@@ -111,11 +117,11 @@ class Run:
         for clip in self.clips:
             clip.known.pop("error", None)
             self.progress.knows(clip)
-        if self.settings.same_camera:
+        if self.settings.same_camera and not self.settings.readout:
             # The readout is known when all of them are measured.
             await self._each(waiting, self.measure)
             measured = [clip for clip in self.clips if "error" not in clip.known]
-            common = self.combined([one for clip in measured for one in clip.measurements])
+            common = readout.combine([one for clip in measured for one in clip.measurements])
             self.progress.say(f"readout of all clips: {common}")
             waiting = [clip for clip in waiting if "error" not in clip.known]
             for clip in waiting:
@@ -141,7 +147,7 @@ class Run:
     async def measure_and_rectify(self, clip: Clip) -> None:
         await self.measure(clip)
         if not self.settings.readout and "readout" not in clip.known:
-            found = self.combined(clip.measurements)
+            found = readout.combine(clip.measurements)
             self.progress.say(f"{clip.job.clip}: readout {found}")
             self.tell(clip, found)
         await self.rectify(clip)
@@ -153,6 +159,8 @@ class Run:
             clip.folder.mkdir(parents=True, exist_ok=True)
             known["index"] = await self.step("index", program, clip.job.clip, clip.index)
             self.progress.knows(clip)
+            # From now on a file under the output's name is the run's own.
+            self.manifest.save(now=True)
         if self.settings.readout:
             return
         known.setdefault("measured", [
@@ -167,9 +175,6 @@ class Run:
         one["found"] = await self.step("measure", self.settings.program, clip.job.clip, clip.index, part, options)
         self.progress.measured(part.frames)
         self.manifest.save()
-
-    def combined(self, measurements: list[dict]) -> readout.Readout | None:
-        return readout.combine(measurements)
 
     def tell(self, clip: Clip, found: readout.Readout | None) -> None:
         """Has all parts of a clip rectified with one readout."""
@@ -200,7 +205,7 @@ class Run:
             known["result"] = await self.step("join", *common, files, job.output, settings.join_options)
             self._compare(clip)
         known["state"] = "done"
-        self.manifest.save()
+        self.manifest.save(now=True)
         shutil.rmtree(clip.folder, ignore_errors=True)
         self.progress.say(f"{job.output}: {frames} frames")
 

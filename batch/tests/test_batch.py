@@ -131,6 +131,12 @@ def test_what_cannot_be_asked_for_is_refused(output, tmp_path):
 
 def test_a_run_with_other_options_does_not_mix_with_the_first(output):
     output.run(FILM, options=("--part", "600", *READOUT))
+    # Nor does it replace what somebody else has put there.
+    written = output.folder / "film-rectified.mp4"
+    whole = written.read_bytes()
+    written.write_text("mine")
+    assert "--overwrite" in output.run(FILM, options=("--part", "600", *READOUT), code=2)
+    written.write_bytes(whole)
     said = output.run(FILM, options=("--part", "600", "--readout-time", "10"), code=2)
     assert "other options (readout)" in said
     state = output.manifest
