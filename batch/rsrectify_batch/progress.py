@@ -24,10 +24,8 @@ class Progress:
         self._bar.total += frames * (2 if self._measures else 1)
         self._bar.update(done)
 
-    def measured(self, frames: int) -> None:
-        self._bar.update(frames)
-
-    def rectified(self, frames: int) -> None:
+    def done(self, frames: int) -> None:
+        """Adds frames that were measured, or rectified."""
         self._bar.update(frames)
 
     def say(self, line: str) -> None:

@@ -140,8 +140,10 @@ class Run:
             try:
                 await task(clip)
             except (ProgramError, WorkerLost, OSError) as error:
-                clip.known.update(state="failed", error=str(error))
-                self.progress.say(f"error: {clip.job.clip}: {error}")
+                # The program names the clip, too.
+                reason = str(error).removeprefix(f"{clip.job.clip}: ")
+                clip.known.update(state="failed", error=reason)
+                self.progress.say(f"error: {clip.job.clip}: {reason}")
             self.manifest.save()
 
     async def measure_and_rectify(self, clip: Clip) -> None:
@@ -173,7 +175,7 @@ class Run:
         part = Part(one["first"], one["end"])
         options = self.settings.measure_options
         one["found"] = await self.step("measure", self.settings.program, clip.job.clip, clip.index, part, options)
-        self.progress.measured(part.frames)
+        self.progress.done(part.frames)
         self.manifest.save()
 
     def tell(self, clip: Clip, found: readout.Readout | None) -> None:
@@ -198,7 +200,7 @@ class Run:
         if len(known["parts"]) == 1:
             options = [*told, *settings.all_fix_options, *settings.join_options]
             known["result"] = await self.step("fix_all", *common, frames, job.output, options)
-            self.progress.rectified(frames)
+            self.progress.done(frames)
         else:
             await _all(self._fix(clip, one, told) for one in known["parts"] if not self._has(clip, one))
             files = [clip.output_of(Part(one["first"], one["end"])) for one in known["parts"]]
@@ -213,7 +215,7 @@ class Run:
         part = Part(one["first"], one["end"])
         is_there = _has_size(clip.output_of(part), one.get("result"))
         if is_there:
-            self.progress.rectified(part.frames)
+            self.progress.done(part.frames)
         return is_there
 
     async def _fix(self, clip: Clip, one: dict, told: list[str]) -> None:
@@ -222,7 +224,7 @@ class Run:
         one["result"] = await self.step(
             "fix", settings.program, clip.job.clip, clip.index, part, settings.halo, output, options
         )
-        self.progress.rectified(part.frames)
+        self.progress.done(part.frames)
         self.manifest.save()
 
     def _compare(self, clip: Clip) -> None:
