@@ -40,7 +40,7 @@ class Output:
     def run(self, *clips: Path, options: tuple = (), code: int = 0) -> str:
         """What a run says that ends with this exit code."""
         process = self.start(*clips, options=options)
-        said, _ = process.communicate(timeout=300)
+        said, _ = process.communicate(timeout=500)
         assert process.returncode == code, said
         return said
 

@@ -7,7 +7,8 @@ import pytest
 from conftest import FILM, FRAMES, index
 
 ray_cluster = pytest.importorskip("ray.cluster_utils")
-READOUT = ("--readout-time", "26.7", "--readout-direction", "top-to-bottom")
+# Many parts, each of which takes a while.
+OPTIONS = ("--part", "15", "--halo", "90", "--readout-time", "26.7", "--readout-direction", "top-to-bottom")
 
 
 @pytest.fixture
@@ -21,7 +22,7 @@ def cluster():
 
 
 def test_nothing_is_lost_with_a_node(cluster, output, tmp_path):
-    process = output.start(FILM, options=("--address", cluster.address, "--retries", "3", *READOUT))
+    process = output.start(FILM, options=("--address", cluster.address, "--retries", "3", *OPTIONS))
     # Some parts are written and each node writes another one, under a longer name.
     work = output.folder / ".rsrectify-batch"
     deadline = time.monotonic() + 120
@@ -29,7 +30,7 @@ def test_nothing_is_lost_with_a_node(cluster, output, tmp_path):
         assert time.monotonic() < deadline and process.poll() is None, process.communicate()
         time.sleep(0.01)
     cluster.remove_node(cluster.workers[1], allow_graceful=False)
-    said, _ = process.communicate(timeout=240)
+    said, _ = process.communicate(timeout=500)
     assert process.returncode == 0, said
     assert "is tried again" in said
 
@@ -37,7 +38,7 @@ def test_nothing_is_lost_with_a_node(cluster, output, tmp_path):
     assert index(film)["frames"] == FRAMES
     # What one process on this machine makes of it, to the byte.
     alone = type(output)(tmp_path / "alone")
-    alone.run(FILM, options=("--workers", "1", *READOUT))
+    alone.run(FILM, options=("--workers", "1", *OPTIONS))
     ours, theirs = (one.manifest["clips"][str(FILM)] for one in (output, alone))
     assert [part["result"]["sha256"] for part in ours["parts"]] == [part["result"]["sha256"] for part in theirs["parts"]]
     assert index(film)["sha256"] == index(alone.folder / "film-rectified.mp4")["sha256"]
@@ -45,5 +46,5 @@ def test_nothing_is_lost_with_a_node(cluster, output, tmp_path):
 
 
 def test_a_cluster_that_is_not_there_is_an_error(output):
-    said = output.run(FILM, options=("--address", "127.0.0.1:1", *READOUT), code=2)
+    said = output.run(FILM, options=("--address", "127.0.0.1:1", *OPTIONS), code=2)
     assert "Ray" in said and "Traceback" not in said
