@@ -48,8 +48,10 @@ fn clips_in(folder: &Path, is_recursive: bool) -> Result<Vec<PathBuf>> {
     let mut clips: Vec<_> = entries.iter().filter(is_wanted).cloned().collect();
     // A link to a folder above would lead round in a circle; what is hidden are other programs' files.
     let is_entered = |entry: &&PathBuf| entry.is_dir() && !entry.is_symlink() && !is_hidden(entry);
-    for folder in entries.iter().filter(is_entered).take_while(|_| is_recursive) {
-        clips.extend(clips_in(folder, is_recursive)?);
+    if is_recursive {
+        for folder in entries.iter().filter(is_entered) {
+            clips.extend(clips_in(folder, is_recursive)?);
+        }
     }
     Ok(clips)
 }

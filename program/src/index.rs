@@ -40,7 +40,7 @@ impl FrameIndex {
     ///
     /// # Errors
     /// Where the clip cannot be read, or does not state the times of its frames.
-    pub fn of(clip: &Path, interruption: &Interruption) -> Result<Self> {
+    fn of(clip: &Path, interruption: &Interruption) -> Result<Self> {
         let mut packets = Packets::open(clip, interruption)?;
         packets.caps()?;
         let start_ns = packets.start().nseconds();
@@ -69,8 +69,16 @@ impl FrameIndex {
         Ok(Self { clip, frames: times_ns.len(), times_ns, start_ns, sha256: digest.finish()? })
     }
 
+    /// That of a clip: what `rsrectify index` has written, or else by reading the clip.
+    pub fn given_or_of(file: Option<&Path>, clip: &Path, interruption: &Interruption) -> Result<Self> {
+        match file {
+            Some(file) => Self::read(file),
+            None => Self::of(clip, interruption),
+        }
+    }
+
     /// Reads what `rsrectify index` has written.
-    pub fn read(file: &Path) -> Result<Self> {
+    fn read(file: &Path) -> Result<Self> {
         let broken = || format!("{} is no index of frames", file.display());
         let text = std::fs::read(file).with_context(|| format!("cannot read {}", file.display()))?;
         let index: Self = serde_json::from_slice(&text).with_context(broken)?;

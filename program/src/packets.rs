@@ -83,7 +83,7 @@ impl Packets {
         segment.and_then(|segment| segment.to_stream_time(segment.start())).unwrap_or_default()
     }
 
-    /// What the file says of itself, before the first is taken.
+    /// Comments among the tags of the file, before the first packet is taken.
     pub fn comments(&self) -> Vec<String> {
         let mut comments = Vec::new();
         let Some(pad) = self.sink.static_pad("sink") else { return comments };

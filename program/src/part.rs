@@ -101,10 +101,7 @@ impl PartOptions {
     /// The part of a clip that is meant, of which so many frames are looked ahead; `None` for all of it.
     pub fn of(&self, clip: &Path, lookahead: usize, interruption: &Interruption) -> Result<Option<Part>> {
         let Some(frames) = self.frames else { return Ok(None) };
-        let index = match &self.index {
-            Some(file) => FrameIndex::read(file)?,
-            None => FrameIndex::of(clip, interruption)?,
-        };
+        let index = FrameIndex::given_or_of(self.index.as_deref(), clip, interruption)?;
         Part::new(&index, frames, [self.halo, lookahead]).map(Some)
     }
 }

@@ -74,10 +74,7 @@ fn join(options: &JoinOptions, container: Container, interruption: &Interruption
     for input in std::iter::once(&options.clip).chain(&options.parts) {
         output::check(input, &options.output, options.overwrite)?;
     }
-    let index = match &options.index {
-        Some(file) => FrameIndex::read(file)?,
-        None => FrameIndex::of(&options.clip, interruption)?,
-    };
+    let index = FrameIndex::given_or_of(options.index.as_deref(), &options.clip, interruption)?;
     let parts = Parts::read(&options.parts, index, interruption)?;
     let Some(caps) = container.taken("video_%u", parts.caps()) else {
         let format = parts.caps().structure(0).map_or("unknown", |format| format.name().as_str());

@@ -1,6 +1,6 @@
 //! The encoded frames of several files, one after another, with the times of the clip's frames.
 
-use crate::elements::{pad, parse};
+use crate::elements::{named, pad, parse};
 use crate::index::{Digest, FrameIndex};
 use crate::interruption::Interruption;
 use crate::packets::Packets;
@@ -178,7 +178,7 @@ pub fn branch(
 ) -> Result<gst::Bin> {
     let bin = parse("appsrc name=frames format=time block=true max-buffers=64 ! queue")?;
     pad(&bin, "src")?.set_offset(-i64::try_from(parts.reordering.nseconds())?);
-    let source = crate::elements::named(&bin, "frames")?;
+    let source = named(&bin, "frames")?;
     let source = source.downcast::<gst_app::AppSrc>().map_err(|_| anyhow!("appsrc is another element"))?;
     source.set_caps(Some(caps));
     let (parts, interruption) = (parts.clone(), interruption.clone());

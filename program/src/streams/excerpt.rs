@@ -54,7 +54,8 @@ impl Excerpt {
         Ok(())
     }
 
-    /// Drops frames that are not to be analysed, as they come to a pad.
+    /// Drops frames that are not to be analysed, as they leave by a source pad: GStreamer 1.22 complains of what is dropped at
+    /// a sink pad.
     pub fn keep_analysed(&self, pad: &gst::Pad) {
         let analysed = self.part.analysed;
         keep(pad, move |segment, time| {
