@@ -11,6 +11,15 @@ class Part:
     first: int
     end: int
 
+    @classmethod
+    def of(cls, entry: dict) -> "Part":
+        """That of a manifest's entry."""
+        return cls(entry["first"], entry["end"])
+
+    @property
+    def entry(self) -> dict:
+        return {"first": self.first, "end": self.end}
+
     @property
     def frames(self) -> int:
         return self.end - self.first

@@ -165,14 +165,12 @@ class Run:
             self.manifest.save(now=True)
         if self.settings.readout:
             return
-        known.setdefault("measured", [
-            {"first": part.first, "end": part.end}
-            for part in parts(known["index"]["frames"], self.settings.part)
-        ])
+        planned = parts(known["index"]["frames"], self.settings.part)
+        known.setdefault("measured", [part.entry for part in planned])
         await _all(self._measure(clip, one) for one in known["measured"] if "found" not in one)
 
     async def _measure(self, clip: Clip, one: dict) -> None:
-        part = Part(one["first"], one["end"])
+        part = Part.of(one)
         options = self.settings.measure_options
         one["found"] = await self.step("measure", self.settings.program, clip.job.clip, clip.index, part, options)
         self.progress.done(part.frames)
@@ -192,9 +190,7 @@ class Run:
         known, settings, job = clip.known, self.settings, clip.job
         frames = known["index"]["frames"]
         told = settings.readout or known["readout"]["options"]
-        known.setdefault("parts", [
-            {"first": part.first, "end": part.end} for part in parts(frames, settings.part, clip.cuts)
-        ])
+        known.setdefault("parts", [part.entry for part in parts(frames, settings.part, clip.cuts)])
         common = (settings.program, job.clip, clip.index)
         Path(job.output).parent.mkdir(parents=True, exist_ok=True)
         if len(known["parts"]) == 1:
@@ -203,7 +199,7 @@ class Run:
             self.progress.done(frames)
         else:
             await _all(self._fix(clip, one, told) for one in known["parts"] if not self._has(clip, one))
-            files = [clip.output_of(Part(one["first"], one["end"])) for one in known["parts"]]
+            files = [clip.output_of(Part.of(one)) for one in known["parts"]]
             known["result"] = await self.step("join", *common, files, job.output, settings.join_options)
             self._compare(clip)
         known["state"] = "done"
@@ -212,14 +208,14 @@ class Run:
         self.progress.say(f"{job.output}: {frames} frames")
 
     def _has(self, clip: Clip, one: dict) -> bool:
-        part = Part(one["first"], one["end"])
+        part = Part.of(one)
         is_there = _has_size(clip.output_of(part), one.get("result"))
         if is_there:
             self.progress.done(part.frames)
         return is_there
 
     async def _fix(self, clip: Clip, one: dict, told: list[str]) -> None:
-        part, settings = Part(one["first"], one["end"]), self.settings
+        part, settings = Part.of(one), self.settings
         output, options = clip.output_of(part), [*told, *settings.all_fix_options]
         one["result"] = await self.step(
             "fix", settings.program, clip.job.clip, clip.index, part, settings.halo, output, options

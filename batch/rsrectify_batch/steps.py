@@ -9,6 +9,7 @@ import os
 import platform
 import time
 import uuid
+from contextlib import contextmanager
 from pathlib import Path
 
 from .plan import Part
@@ -20,13 +21,9 @@ CLOCK_NS = 1_000_000
 
 def index(program: str, clip: str, file: str) -> dict:
     """Lists the frames of a clip in a file: how many there are, and the SHA-256 of all as they are encoded."""
-    attempt = _attempt(file)
-    try:
+    with _replaced(file) as attempt:
         Program(program).run("index", clip, "--output", attempt)
         found = json.loads(Path(attempt).read_text())
-        os.replace(attempt, file)
-    finally:
-        Path(attempt).unlink(missing_ok=True)
     return {"frames": found["frames"], "sha256": found["sha256"]}
 
 
@@ -51,28 +48,20 @@ def fix_all(program: str, clip: str, index_file: str, frames: int, output: str, 
 
 def join(program: str, clip: str, index_file: str, parts: list[str], output: str, options: list[str]) -> dict:
     """Joins the parts of a clip; what was joined, as `rsrectify join --json` prints it, and the file."""
-    attempt = _attempt(output)
-    try:
+    with _replaced(output) as attempt:
         arguments = [clip, *parts, "--output", attempt, "--index", index_file]
         joined = Program(program).json("join", "--json", *arguments, *options)
         result = _check(program, index_file, Part(0, joined["frames"]), attempt)
         if result["sha256"] != joined["sha256"]:
             raise ProgramError("the joined file does not hold what its parts do", 1)
-        os.replace(attempt, output)
-    finally:
-        Path(attempt).unlink(missing_ok=True)
     return {**result, "parts": [part["sha256"] for part in joined["parts"]]}
 
 
 def _write(program: str, clip: str, index_file: str, part: Part, output: str, options: list) -> dict:
     started = time.monotonic()
-    attempt = _attempt(output)
-    try:
+    with _replaced(output) as attempt:
         Program(program).run("fix", clip, "--output", attempt, *options)
         result = _check(program, index_file, part, attempt)
-        os.replace(attempt, output)
-    finally:
-        Path(attempt).unlink(missing_ok=True)
     return {**result, "seconds": round(time.monotonic() - started, 3), "machine": platform.node()}
 
 
@@ -93,10 +82,17 @@ def _check(program: str, index_file: str, part: Part, output: str) -> dict:
     return {"frames": found["frames"], "sha256": found["sha256"], "bytes": os.path.getsize(output)}
 
 
-def _attempt(output: str) -> str:
-    """A name beside a file's own that nobody else uses, with its extension, which tells the program the container."""
+@contextmanager
+def _replaced(output: str):
+    """A file to write under a name that nobody else uses, with the extension, which tells the program the container; it
+    becomes the output if all goes well."""
     path = Path(output)
-    return str(path.with_name(f"{path.stem}.{uuid.uuid4().hex}{path.suffix}"))
+    attempt = path.with_name(f"{path.stem}.{uuid.uuid4().hex}{path.suffix}")
+    try:
+        yield str(attempt)
+        os.replace(attempt, output)
+    finally:
+        attempt.unlink(missing_ok=True)
 
 
 STEPS = {step.__name__: step for step in (index, measure, fix, fix_all, join)}
