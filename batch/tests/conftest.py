@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -12,6 +13,10 @@ PROGRAM = os.environ.get("RSRECTIFY", "rsrectify")
 # A shaken film of two shots, rendered by scripts/check-batch.
 FILM = Path(os.environ.get("RSRECTIFY_FILM", "film.mp4")).resolve()
 FRAMES = 180
+# Its readout is 0.8 frame periods. One that is measured differs from it by a little more than nothing, and by another little on
+# another processor: 3 % of a frame period are allowed, where a wrong one is off by 10 % and more.
+READOUT_MS = 0.8 * 1000 / 30
+READOUT_ERROR_MS = 0.03 * 1000 / 30
 # Frames of a part in the tests.
 PART = 30
 
@@ -43,6 +48,13 @@ class Output:
         said, _ = process.communicate(timeout=500)
         assert process.returncode == code, said
         return said
+
+
+def readout_said(said: str, begin: str) -> float:
+    """The readout in milliseconds that a run says after these words."""
+    found = re.search(re.escape(begin) + r" ([0-9.]+) ms, top-to-bottom, give or take [0-9.]+ ms", said)
+    assert found, said
+    return float(found[1])
 
 
 @pytest.fixture

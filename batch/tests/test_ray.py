@@ -1,10 +1,11 @@
 """A Ray cluster of several nodes on this machine, one of which is killed."""
 
 import time
+from types import SimpleNamespace
 
 import pytest
 
-from conftest import FILM, FRAMES, index
+from conftest import FILM, FRAMES, PROGRAM, index
 
 ray_cluster = pytest.importorskip("ray.cluster_utils")
 # Many parts, each of which takes a while.
@@ -21,18 +22,44 @@ def cluster():
     made.shutdown()
 
 
-def test_nothing_is_lost_with_a_node(cluster, output, tmp_path):
-    process = output.start(FILM, options=("--address", cluster.address, "--retries", "3", *OPTIONS))
-    # Some parts are written and each node writes another one, under a longer name.
+@pytest.fixture
+def held(tmp_path):
+    """The program, all of whose parts but the first are begun and then wait for `go`: how fast a machine is does not tell which
+    of its workers are at work when one is killed."""
+    program, begun, go = tmp_path / "held", tmp_path / "begun", tmp_path / "go"
+    begun.mkdir()
+    program.write_text(
+        f"""#!/usr/bin/env bash
+if [[ $1 == fix && $* == *" --frames "* && $* != *" --frames 0:"* ]]; then
+  touch {begun}/$$
+  timeout 120 bash -c 'until [[ -e {go} ]]; do sleep 0.02; done'
+fi
+exec {PROGRAM} "$@"
+"""
+    )
+    program.chmod(0o755)
+    return SimpleNamespace(program=program, begun=begun, go=go)
+
+
+def test_nothing_is_lost_with_a_node(cluster, output, tmp_path, held):
+    process = output.start(
+        FILM, options=("--address", cluster.address, "--retries", "3", *OPTIONS, "--program", held.program)
+    )
+    # Each node has begun a part.
     work = output.folder / ".rsrectify-batch"
     deadline = time.monotonic() + 120
-    while not (list(work.rglob("???????.mkv")) and len(list(work.rglob("???????.*.mkv*"))) >= 3):
+    while not (list(work.rglob("???????.mkv")) and len(list(held.begun.iterdir())) >= len(cluster.workers)):
         assert time.monotonic() < deadline and process.poll() is None, process.communicate()
         time.sleep(0.01)
     cluster.remove_node(cluster.workers[1], allow_graceful=False)
-    said, _ = process.communicate(timeout=500)
-    assert process.returncode == 0, said
-    assert "is tried again" in said
+    said = ""
+    while "is tried again" not in said:
+        line = process.stdout.readline()
+        said += line
+        assert line, said
+    held.go.touch()
+    rest, _ = process.communicate(timeout=500)
+    assert process.returncode == 0, said + rest
 
     film = output.folder / "film-rectified.mp4"
     assert index(film)["frames"] == FRAMES

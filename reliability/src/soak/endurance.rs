@@ -5,7 +5,7 @@ use super::process::Usage;
 use super::{Effort, PATIENCE};
 use crate::outcome::Outcome;
 use gst::prelude::*;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 fn times(frames: u64) -> Vec<Option<gst::ClockTime>> {
     (0..frames).map(|number| Some(gst::ClockTime::from_nseconds(number * 1_000_000_000 / 30))).collect()
@@ -40,9 +40,10 @@ pub fn long_film(effort: Effort) -> anyhow::Result<Outcome> {
     Ok(outcome)
 }
 
+/// What an allocator may keep of freed memory, in kilobytes.
+const SLACK: u64 = 16_000;
+
 fn level(outcome: &mut Outcome, early: &Usage, late: &Usage) {
-    // What an allocator may keep of freed memory.
-    const SLACK: u64 = 16_000;
     if let Some(growth) = early.growth(late, SLACK) {
         outcome.fault(growth);
     }
@@ -79,12 +80,23 @@ pub fn restarts(effort: Effort) -> anyhow::Result<Outcome> {
             early = Some(Usage::now()?);
         }
     }
-    // Threads that have been told to end take their time.
-    std::thread::sleep(Duration::from_millis(300));
     if let Some(early) = early {
-        level(&mut outcome, &early, &Usage::now()?);
+        level(&mut outcome, &early, &late_usage(&early)?);
     }
     Ok(outcome)
+}
+
+/// What is in use in the end. Threads that have been told to end, and what they hold of memory, take their time on a busy
+/// machine; what is leaked stays.
+fn late_usage(early: &Usage) -> anyhow::Result<Usage> {
+    let begin = Instant::now();
+    loop {
+        let late = Usage::now()?;
+        if early.growth(&late, SLACK).is_none() || begin.elapsed() > PATIENCE {
+            return Ok(late);
+        }
+        std::thread::sleep(Duration::from_millis(50));
+    }
 }
 
 /// Many elements at a time.
