@@ -6,6 +6,7 @@ mod program;
 
 use common::shake::write_shaken;
 use program::{Folder, rsrectify};
+use serde_json::Value;
 use std::path::Path;
 use std::process::Output;
 
@@ -52,6 +53,8 @@ fn a_clip_that_names_its_camera_starts_from_its_readout() {
         said(&output)
     );
     assert!(!said(&fix(&clip, &["--overwrite", "--camera", "none"])).contains("camera:"));
+    // It is expected as well where the readout is sought frame by frame only.
+    assert!(said(&fix(&clip, &["--overwrite", "--readout-time", "0"])).contains("25.2 ± 2.5 ms expected"));
     // What is given by hand is no expectation.
     assert!(!said(&fix(&clip, &["--overwrite", "--readout-time", "12"])).contains("camera:"));
     let output = fix(&clip, &["--overwrite", "--camera", "hero8 black"]);
@@ -61,13 +64,41 @@ fn a_clip_that_names_its_camera_starts_from_its_readout() {
 }
 
 #[test]
+fn what_is_known_of_a_camera_is_stated_beside_what_is_measured() {
+    let folder = Folder::new("camera-measured");
+    let clip = folder.clip("clip.mp4", "mp4mux", VIDEO);
+    sign(&clip, "HD5.03.02.51.00");
+    let measure = |options: &[&str]| {
+        let output = rsrectify("measure").arg(&clip).args(options).output().unwrap();
+        String::from_utf8(output.stdout).unwrap()
+    };
+    let report = |options: &[&str]| {
+        let report: Value = serde_json::from_str(&measure(&[options, &["--json"]].concat())).unwrap();
+        report["clips"][0].clone()
+    };
+    let (known, alone) = (report(&[]), report(&["--camera", "none"]));
+    let expected = &known["expected"];
+    assert_eq!(expected["camera"], "GoPro HERO5 Session");
+    assert_eq!((&expected["mode"], &expected["direction"]), (&"1280x720@25".into(), &"top-to-bottom".into()));
+    assert_eq!(expected["signed_readout_ms"], 25.2);
+    // It is no part of what is measured.
+    assert_eq!(alone.get("expected"), None);
+    assert!(alone["hypotheses"].is_array() && known["hypotheses"] == alone["hypotheses"]);
+    assert!(
+        measure(&[]).contains("expected      25.2 ms ± 2.5, top-to-bottom: GoPro HERO5 Session, 1280x720@25")
+    );
+    assert!(!measure(&["--camera", "hero8 black"]).contains("expected"));
+}
+
+#[test]
 fn a_camera_that_is_not_known_is_an_error() {
     let folder = Folder::new("camera-unknown");
     let clip = folder.file("clip.mp4");
     write_shaken(&clip, 1.5);
     let output = fix(&clip, &["--camera", "Pinhole 3"]);
-    assert_eq!(output.status.code(), Some(1));
-    assert!(said(&output).contains("no camera Pinhole 3 is known; `rsrectify cameras` lists those that are"));
+    assert_eq!(output.status.code(), Some(2));
+    let reason = "'Pinhole 3' for '--camera <NAME>': no such camera is known; `rsrectify cameras` lists those that are";
+    assert!(said(&output).contains(reason), "{}", said(&output));
 }
 
 #[test]

@@ -66,6 +66,8 @@ def _parser() -> argparse.ArgumentParser:
                         help="all clips were made by one camera in one mode: one readout for all")
     camera.add_argument("--readout-time", type=float, metavar="MS", help="known already: nothing is measured")
     camera.add_argument("--readout-direction", metavar="DIRECTION", help="the edge that is read first, as for rsrectify fix")
+    camera.add_argument("--camera", metavar="NAME",
+                        help="the camera whose readout is expected, as for rsrectify fix (the one that a clip names)")
     camera.add_argument("--focal-length", type=float, metavar="WIDTHS", help="in frame widths, where it is known")
 
     written = rectify.add_argument_group("files that are written")
@@ -95,22 +97,21 @@ def _given(options: argparse.Namespace, *names: str) -> list[str]:
 def _rectify(options: argparse.Namespace) -> int:
     is_given = options.readout_time is not None
     direction, focal_length = _given(options, "readout-direction"), _given(options, "focal-length")
-    encoding = _given(options, "codec", "quality", "bitrate")
+    camera = _given(options, "camera")
     settings = Settings(
         program=options.program,
         part=options.part,
         halo=options.halo,
         same_camera=options.same_camera,
         readout=[*_given(options, "readout-time"), *direction] if is_given else [],
-        measure_options=[] if is_given else [*direction, *focal_length],
-        fix_options=[*encoding, *focal_length, *options.fix],
+        measure_options=[] if is_given else [*direction, *focal_length, *camera],
+        fix_options=[*_given(options, "codec", "quality", "bitrate"), *focal_length, *camera, *options.fix],
         join_options=_given(options, "audio"),
         processors=options.processors,
         retries=options.retries,
     )
     program = Program(options.program)
-    encoding += _given(options, "container")
-    jobs = _jobs(program, options.clips, options.output.resolve(), encoding)
+    jobs = _jobs(program, options.clips, options.output.resolve(), settings, _given(options, "container"))
     options.output.mkdir(parents=True, exist_ok=True)
     # What changes the result; not who works on it.
     decisive = ("part", "halo", "same_camera", "readout", "measure_options", "fix_options", "join_options")
@@ -144,11 +145,13 @@ def _run(jobs: list[Job], settings: Settings, options: argparse.Namespace, state
     return 1 if failed else 0
 
 
-def _jobs(program: Program, clips: list[str], output: Path, encoding: list[str]) -> list[Job]:
-    """The clips that are named, and the files that they become, as `rsrectify fix` says."""
+def _jobs(program: Program, clips: list[str], output: Path, settings: Settings, container: list[str]) -> list[Job]:
+    """The clips that are named, and the files that they become, as `rsrectify fix` says, which refuses options that it cannot
+    carry out."""
     arguments = [Path(clip).resolve() for clip in clips]
     # Files that are there are looked at later: they may be this run's own.
-    found = program.json("fix", "--dry-run", "--json", "--recursive", "--output", f"{output}/", *encoding, *arguments)
+    given = [*settings.readout, *settings.all_fix_options, *settings.join_options, *container]
+    found = program.json("fix", "--dry-run", "--json", "--recursive", "--output", f"{output}/", *given, *arguments)
     return [Job(one["clip"], one["output"], one["codec"]) for one in found]
 
 

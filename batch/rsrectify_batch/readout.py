@@ -2,7 +2,8 @@
 
 Each part states its posterior of the signed readout time: a mixture of normal densities, along the rows or the columns,
 and the prior that all parts have in common. Posterior ÷ prior is proportional to the likelihood of the part, and the
-logarithms of independent likelihoods add up (Bayes).
+logarithms of independent likelihoods add up (Bayes). Where the camera is known that made them, they add up with what is
+known of its readout.
 """
 
 from dataclasses import dataclass
@@ -21,6 +22,9 @@ PROBABLE = 0.9
 FOLLOWED = 15
 # A part tells something where a readout is so much likelier than before it was seen.
 TELLING = 2.0
+# The odds that a clip is of another camera, or in another mode, than the one whose readout is expected: `OTHER_CAMERA_ODDS`
+# of the rectifier.
+OTHER_CAMERA = float(np.exp(-3.0))
 # The prior's standard deviation, as a share of the frame period.
 PRIOR_SHARE = 0.5
 
@@ -37,20 +41,24 @@ class Readout:
     direction: str
     deviation_ms: float
     doubt: str | None
+    # What was known of the camera before, as `rsrectify measure --json` prints it.
+    expected: dict | None = None
 
     def options(self) -> list[str]:
         """What `rsrectify fix` is told."""
         if self.doubt:
-            # It looks for it by itself then.
+            # It looks for it by itself then, from what is known of the camera on.
             return ["--readout-time", "0"]
         # 0 would leave it to the rectifier.
         time = max(self.milliseconds, 1e-6)
         return ["--readout-time", f"{time:.6f}", "--readout-direction", self.direction]
 
     def __str__(self) -> str:
+        known = self.expected
+        camera = f"; {known['camera']} {known['mode']}: {known['signed_readout_ms']:.1f} ms expected" if known else ""
         if self.doubt:
-            return f"not certain: {self.doubt}"
-        return f"{self.milliseconds:.1f} ms, {self.direction}, give or take {self.deviation_ms:.1f} ms"
+            return f"not certain: {self.doubt}{camera}"
+        return f"{self.milliseconds:.1f} ms, {self.direction}, give or take {self.deviation_ms:.1f} ms{camera}"
 
 
 def combine(measurements: list[dict]) -> Readout | None:
@@ -65,7 +73,8 @@ def combine(measurements: list[dict]) -> Readout | None:
     times = np.linspace(-period, period, 8001)
     likelihoods = [_likelihood(one, times, period) for one in measurements]
     logs = sum(np.log(WRONG + (1 - WRONG) * likelihood) for likelihood in likelihoods)
-    logs = logs + np.log(_prior(measurements[0]["prior"], times))
+    expected = _expected(measurements)
+    logs = logs + np.log(_belief(measurements[0]["prior"], expected, times))
     posterior = np.exp(logs - logs.max())
     posterior /= posterior.sum()
 
@@ -77,7 +86,7 @@ def combine(measurements: list[dict]) -> Readout | None:
     place = int(abs(times - mean).argmin())
     tell = [one[axis, place] for one in likelihoods if one.max() > TELLING]
     doubt = _doubt(measurements, float(weights.sum()), tell)
-    return Readout(abs(mean), DIRECTIONS[axis][int(mean < 0)], deviation, doubt)
+    return Readout(abs(mean), DIRECTIONS[axis][int(mean < 0)], deviation, doubt, expected)
 
 
 def _likelihood(measurement: dict, times: np.ndarray, period: float) -> np.ndarray:
@@ -93,6 +102,22 @@ def _likelihood(measurement: dict, times: np.ndarray, period: float) -> np.ndarr
 def _prior(prior: dict, times: np.ndarray, blur: float = 0.0) -> np.ndarray:
     density = _normal(times, 0.0, np.hypot(prior["deviation_ms"], blur))
     return np.array([prior["rows"] * density, prior["columns"] * density])
+
+
+def _expected(measurements: list[dict]) -> dict | None:
+    """What is known of the camera that made all of this; None where that is nothing, or not one readout."""
+    known = [one["expected"] for one in measurements if one.get("expected")]
+    return known[0] if known and all(one == known[0] for one in known) else None
+
+
+def _belief(prior: dict, expected: dict | None, times: np.ndarray) -> np.ndarray:
+    """What is believed before anything is seen, by axis and time."""
+    belief = _prior(prior, times)
+    if expected:
+        belief = OTHER_CAMERA * belief
+        density = _normal(times, expected["signed_readout_ms"], expected["deviation_ms"])
+        belief[AXES[expected["direction"]]] += (1 - OTHER_CAMERA) * density
+    return belief
 
 
 def _normal(values: np.ndarray, mean: float, deviation: float) -> np.ndarray:

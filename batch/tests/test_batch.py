@@ -121,6 +121,9 @@ def test_what_cannot_be_asked_for_is_refused(output, tmp_path):
         (("--codec", "prores", "--container", "mp4"), "MP4"),
         (("--part", "0"), "at least 1"),
         (("--readout-time", "soon"), "invalid float"),
+        (("--readout-time", "-5"), "readout-time"),
+        (("--camera", "Pinhole 3"), "no such camera is known"),
+        (("--fix", "--strength", "7"), "strength"),
     ]:
         said = output.run(FILM, options=options, code=2)
         assert reason in said and "Traceback" not in said, said

@@ -72,6 +72,29 @@ def test_directions_have_their_axis_and_sign():
         assert found.options()[-1] == direction
 
 
+def test_what_is_known_of_the_camera_counts_where_the_film_leaves_it_open():
+    known = {"camera": "GoPro HERO5 Session", "mode": "1280x720@29.97", "direction": "top-to-bottom"}
+    known |= {"signed_readout_ms": 25.7, "deviation_ms": 2.6}
+
+    def of_camera(one: dict) -> dict:
+        return {**one, "expected": known}
+
+    open_edge = measured(("top-to-bottom", 28.0, 1.0, 0.4), ("bottom-to-top", -24.0, 1.0, 0.6))
+    found = combine([of_camera(open_edge)] * 2)
+    assert found.doubt is None and found.direction == "top-to-bottom" and "25.7 ms expected" in str(found)
+    # Between the two, by their information; how far from the expected one the film is alone is a matter of its own.
+    assert 25.7 < found.milliseconds < combine([open_edge, told(28.0, 1.0)]).milliseconds
+    # A film that shows another readout is of another camera, or of another mode of it.
+    clear = told(12.0, 0.3)
+    found = combine([of_camera(clear)] * 3)
+    assert found.doubt is None and found.milliseconds == pytest.approx(12.0, abs=0.2)
+    # What was not seen to move is not decided by what is known, but looked for from there on.
+    assert combine([of_camera({**NOTHING, "frames_with_motion": 3})]).options() == ["--readout-time", "0"]
+    # Clips of several cameras have no expectation in common.
+    other = {**open_edge, "expected": {**known, "signed_readout_ms": 10.0}}
+    assert combine([of_camera(open_edge), other]).expected is None
+
+
 def test_without_motion_it_is_not_certain():
     assert combine([]) is None
     assert combine([NOTHING]).doubt is not None

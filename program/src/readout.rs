@@ -245,6 +245,20 @@ pub fn find(
     Ok(found.map(|found| Found { expected, posterior, ..found }))
 }
 
+/// What is expected of the readout of a clip that is not analysed before it is rectified.
+pub fn expected(
+    clip: &Path,
+    options: &AnalysisOptions,
+    interruption: &Interruption,
+) -> Result<Option<ReadoutPrior>> {
+    let Some(camera) = options.camera.of(clip)? else { return Ok(None) };
+    match Analysis::open(clip, options.settings(), interruption) {
+        Ok(mut analysis) => expect(&mut analysis, Some(&camera)),
+        // What cannot be analysed may still be played; if not, playing it says why.
+        Err(_) => Ok(None),
+    }
+}
+
 /// Starts from what is expected of the camera that made a clip, and says so.
 pub fn expect(analysis: &mut Analysis, camera: Option<&Camera>) -> Result<Option<ReadoutPrior>> {
     let Some((camera, rate)) = camera.zip(analysis.frame_rate()) else { return Ok(None) };

@@ -198,6 +198,11 @@ impl AnalysisOptions {
         self.readout_time.is_none() && !has_delay && self.estimator != Some(Estimator::Sequential)
     }
 
+    /// Whether the rectifier itself is to find the readout, frame by frame.
+    pub fn leaves_readout_open(&self) -> bool {
+        self.settings().readout_time == ReadoutTime::Unknown && self.estimator != Some(Estimator::Sequential)
+    }
+
     /// The library's settings, as the element derives them from its properties.
     pub fn settings(&self) -> Settings {
         let mut settings = Settings::default();

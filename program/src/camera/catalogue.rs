@@ -63,6 +63,11 @@ pub struct Camera {
 }
 
 impl Mode {
+    /// Readout time in milliseconds, negative where the bottom row is read first.
+    pub fn signed_milliseconds(&self) -> f64 {
+        self.signed_milliseconds
+    }
+
     /// Readout time in milliseconds.
     pub fn milliseconds(&self) -> f64 {
         self.signed_milliseconds.abs()

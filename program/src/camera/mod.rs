@@ -23,26 +23,31 @@ pub enum CameraChoice {
     /// None.
     None,
     /// This one.
-    Named(String),
+    Named(Box<Camera>),
 }
 
 impl FromStr for CameraChoice {
-    type Err = std::convert::Infallible;
+    type Err = anyhow::Error;
 
+    /// # Errors
+    /// If a camera is named that is not known.
     fn from_str(text: &str) -> Result<Self, Self::Err> {
-        Ok(match text {
-            "auto" => Self::Auto,
-            "none" => Self::None,
-            name => Self::Named(name.to_owned()),
-        })
+        match text {
+            "auto" => return Ok(Self::Auto),
+            "none" => return Ok(Self::None),
+            _ => {}
+        }
+        let is_called =
+            |camera: &Camera| [camera.name(), camera.model.clone()].iter().any(|name| key(name) == key(text));
+        match catalogue::cameras()?.into_iter().find(is_called) {
+            Some(camera) => Ok(Self::Named(Box::new(camera))),
+            None => bail!("no such camera is known; `rsrectify cameras` lists those that are"),
+        }
     }
 }
 
 impl CameraChoice {
     /// The camera of a clip whose modes are known; `None` where none is.
-    ///
-    /// # Errors
-    /// If a camera is named that is not known.
     pub fn of(&self, clip: &Path) -> Result<Option<Camera>> {
         match self {
             Self::None => Ok(None),
@@ -51,15 +56,7 @@ impl CameraChoice {
                 let known = catalogue::cameras()?;
                 Ok(known.into_iter().find(|camera| camera.is_stated_as(&stated.maker, &stated.model)))
             }
-            Self::Named(name) => {
-                let known = catalogue::cameras()?;
-                match known.into_iter().find(|camera| {
-                    [camera.name(), camera.model.clone()].iter().any(|own| key(own) == key(name))
-                }) {
-                    Some(camera) => Ok(Some(camera)),
-                    None => bail!("no camera {name} is known; `rsrectify cameras` lists those that are"),
-                }
-            }
+            Self::Named(camera) => Ok(Some(camera.as_ref().clone())),
         }
     }
 }

@@ -69,6 +69,8 @@ fn one(job: &Job, options: &FixOptions, interruption: &Interruption) -> Result<(
             println!("readout: {found}");
             found.apply(analysis);
         }
+    } else if analysis.leaves_readout_open() {
+        analysis.expected = readout::expected(&job.input, analysis, interruption)?;
     }
     if let Some(folder) = job.output.parent() {
         // `--output` may name a folder that is not there yet.

@@ -2,6 +2,7 @@
 
 mod report;
 
+use crate::camera::CameraChoice;
 use crate::clips;
 use crate::interruption::Interruption;
 use crate::part::{self, PartOptions};
@@ -28,6 +29,10 @@ pub struct MeasureOptions {
     /// Analyses up to 20 s of each clip, spread over its length, instead of all of it.
     #[arg(long, conflicts_with = "frames")]
     pub quick: bool,
+    /// Camera whose known readout is stated beside the measured one, which it does not change: a name that `rsrectify cameras`
+    /// lists; `auto`, the one that the file names; `none`.
+    #[arg(long, value_name = "NAME", default_value = "auto")]
+    pub camera: CameraChoice,
     #[command(flatten)]
     pub part: PartOptions,
     #[command(flatten)]
@@ -83,6 +88,7 @@ pub fn run(options: &MeasureOptions, interruption: &Interruption) -> Result<bool
 fn one(clip: &Path, options: &MeasureOptions, interruption: &Interruption) -> Result<Measurement> {
     clips::check(clip)?;
     let settings = options.settings.settings();
+    let camera = options.camera.of(clip)?;
     // What follows is left to the measurement of another part, so that each frame tells once.
     let part = options.part.of(clip, 0, interruption)?;
     let frames = part.as_ref().map(|part| part.frames.clone());
@@ -97,6 +103,6 @@ fn one(clip: &Path, options: &MeasureOptions, interruption: &Interruption) -> Re
         part::check_count(found.frames as usize, frames.len())?;
     }
     let first_frame = frames.map_or(0, |frames| frames.start);
-    let measurement = Measurement::new(clip.display().to_string(), &found);
+    let measurement = Measurement::new(clip.display().to_string(), &found).with_camera(camera.as_ref());
     Ok(if options.quick { measurement } else { measurement.with_cuts(first_frame, &found.cuts) })
 }

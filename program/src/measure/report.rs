@@ -1,5 +1,6 @@
 //! What is said of a camera, as text and for JSON.
 
+use crate::camera;
 use crate::estimate::{Estimate, combine};
 use crate::readout::{Doubt, Found};
 use crate::rectifier_options::{Direction, name_of};
@@ -26,10 +27,40 @@ pub struct Measurement {
     /// Frames of the clip at which another shot begins; absent where only stretches of it were analysed.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub cuts: Option<Vec<usize>>,
+    /// What is known of the camera in this mode, which has changed nothing of the rest; absent where nothing is.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub expected: Option<Expected>,
     #[serde(flatten)]
     pub posterior: Option<Posterior>,
     #[serde(flatten)]
     pub camera: Camera,
+}
+
+/// The readout of a camera that is known.
+#[derive(Clone, Debug, Serialize)]
+pub struct Expected {
+    pub camera: String,
+    /// Size and frame rate.
+    pub mode: String,
+    pub direction: String,
+    pub signed_readout_ms: f64,
+    pub deviation_ms: f64,
+    /// Where that is from.
+    pub source: String,
+}
+
+impl Expected {
+    /// Of a camera in the mode of frames of this size, so many a second.
+    fn new(camera: &camera::Camera, size: [u32; 2], rate: f64) -> Option<Self> {
+        camera.mode(size, rate).map(|mode| Self {
+            camera: camera.name(),
+            mode: mode.name(),
+            direction: name_of(&Direction::from(mode.direction())),
+            signed_readout_ms: mode.signed_milliseconds(),
+            deviation_ms: mode.deviation(),
+            source: mode.source(),
+        })
+    }
 }
 
 /// What is believed of the signed readout time: a mixture of normal densities.
@@ -150,9 +181,19 @@ impl Measurement {
             certain: found.doubt().is_none(),
             doubts: doubts(found, &readout),
             cuts: None,
+            expected: None,
             posterior: found.posterior.as_ref().map(Posterior::from),
             camera: Camera::new(readout, name_of(&Direction::from(found.direction)), focal),
         }
+    }
+
+    /// With what is known of this camera.
+    #[must_use]
+    pub fn with_camera(self, camera: Option<&camera::Camera>) -> Self {
+        let known = camera.zip(self.frame_rate);
+        let expected =
+            known.and_then(|(camera, rate)| Expected::new(camera, [self.width, self.height], rate));
+        Self { expected, ..self }
     }
 
     /// With the frames at which shots begin, counted from the first that was analysed, which has this number in the clip.
@@ -265,11 +306,21 @@ impl fmt::Display for Camera {
     }
 }
 
+impl fmt::Display for Expected {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { camera, mode, direction, signed_readout_ms, deviation_ms, .. } = self;
+        write!(f, "{signed_readout_ms:.1} ms ± {deviation_ms:.1}, {direction}: {camera}, {mode}")
+    }
+}
+
 impl fmt::Display for Measurement {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let rate = self.frame_rate.map_or(String::new(), |rate| format!(", {rate:.2} frames/s"));
         writeln!(f, "{}: {} x {}{rate}, {} frames", self.clip, self.width, self.height, self.frames)?;
         self.camera.fmt(f)?;
+        if let Some(expected) = &self.expected {
+            writeln!(f, "  expected      {expected}")?;
+        }
         if self.certain {
             write!(f, "  certain       yes")?;
         } else {
