@@ -220,8 +220,12 @@ fn what_has_no_such_frames_is_refused() {
     let folder = Folder::new("parts-index");
     let clip = folder.clip("clip.mp4", "mp4mux", &format!("{BALL} ! x264enc ! mux."));
     let other = folder.clip("other.mp4", "mp4mux", &format!("{BALL} ! x264enc ! mux.").replace("=45", "=60"));
-    let [index, words, broken] = ["other.json", "words.json", "broken.mp4"].map(|name| folder.file(name));
+    let [index, same_size, words, broken] =
+        ["other.json", "same_size.json", "words.json", "broken.mp4"].map(|name| folder.file(name));
     run("index", &[text(&other), "--output", text(&index)]);
+    let mut listed = serde_json::from_slice::<Value>(&std::fs::read(&index).unwrap()).unwrap();
+    listed["bytes"] = std::fs::metadata(&clip).unwrap().len().into();
+    std::fs::write(&same_size, listed.to_string()).unwrap();
     std::fs::write(&words, "{}").unwrap();
     let whole = std::fs::read(&clip).unwrap();
     std::fs::write(&broken, &whole[..whole.len() / 2]).unwrap();
@@ -230,7 +234,8 @@ fn what_has_no_such_frames_is_refused() {
     for (clip, options, reason) in [
         (&clip, &["--frames", "40:46"][..], "there are no frames 40 to 46: the clip has 45"),
         (&clip, &["--frames", "45:"], "there are no frames 45 to 45: the clip has 45"),
-        (&clip, &["--frames", "40:60", "--index", text(&index)], "its index of another one"),
+        (&clip, &["--frames", "0:5", "--index", text(&index)], "is the index of a clip of"),
+        (&clip, &["--frames", "40:60", "--index", text(&same_size)], "its index of another one"),
         (&clip, &["--frames", "0:5", "--index", text(&words)], "is no index of frames"),
         (&broken, &["--frames", "0:5"], "not written to its end"),
         (&sound, &["--frames", "0:5"], "there is no video"),
@@ -239,8 +244,11 @@ fn what_has_no_such_frames_is_refused() {
         assert!(said.contains(reason), "{said}");
         assert_eq!(folder.names(), before, "{said}");
     }
-    let said = refused("measure", &[text(&clip), "--frames", "40:60", "--index", text(&index)]);
+    let said = refused("measure", &[text(&clip), "--frames", "40:60", "--index", text(&same_size)]);
     assert!(said.contains("its index of another one"), "{said}");
+    let said =
+        refused("join", &[text(&clip), text(&clip), "--output", "joined.mp4", "--index", text(&index)]);
+    assert!(said.contains("is the index of a clip of"), "{said}");
     for clip in [&broken, &sound, &words] {
         refused("index", &[text(clip)]);
     }

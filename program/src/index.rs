@@ -26,6 +26,8 @@ pub struct IndexOptions {
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct FrameIndex {
     pub clip: String,
+    /// Size of the clip's file.
+    pub bytes: u64,
     pub frames: usize,
     /// Presentation times in the clip, in order.
     pub times_ns: Vec<u64>,
@@ -65,14 +67,25 @@ impl FrameIndex {
         if times_ns.windows(2).any(|pair| pair[0] == pair[1]) {
             bail!("several frames are shown at the same time");
         }
-        let clip = clip.display().to_string();
-        Ok(Self { clip, frames: times_ns.len(), times_ns, start_ns, sha256: digest.finish()? })
+        let (bytes, clip) = (size(clip)?, clip.display().to_string());
+        Ok(Self { clip, bytes, frames: times_ns.len(), times_ns, start_ns, sha256: digest.finish()? })
     }
 
     /// That of a clip: what `rsrectify index` has written, or else by reading the clip.
+    ///
+    /// # Errors
+    /// Where the clip cannot be read, or is of another size than the one that was indexed.
     pub fn given_or_of(file: Option<&Path>, clip: &Path, interruption: &Interruption) -> Result<Self> {
         match file {
-            Some(file) => Self::read(file),
+            Some(file) => {
+                let index = Self::read(file)?;
+                let bytes = size(clip)?;
+                if bytes != index.bytes {
+                    let file = file.display();
+                    bail!("{file} is the index of a clip of {} bytes, but this one has {bytes}", index.bytes);
+                }
+                Ok(index)
+            }
             None => Self::of(clip, interruption),
         }
     }
@@ -98,6 +111,12 @@ impl FrameIndex {
     pub fn time(&self, frame: usize) -> Option<gst::ClockTime> {
         self.times_ns.get(frame).copied().map(gst::ClockTime::from_nseconds)
     }
+}
+
+/// Bytes of a file.
+fn size(file: &Path) -> Result<u64> {
+    let about = std::fs::metadata(file).with_context(|| format!("cannot read {}", file.display()))?;
+    Ok(about.len())
 }
 
 /// The SHA-256 of encoded frames.

@@ -146,6 +146,7 @@ mod tests {
         let times_ns = [0, 40, 80, 200, 240, 280].to_vec();
         FrameIndex {
             clip: "a".to_owned(),
+            bytes: 0,
             frames: times_ns.len(),
             times_ns,
             start_ns: 0,

@@ -182,10 +182,20 @@ pub fn branch(
     let source = source.downcast::<gst_app::AppSrc>().map_err(|_| anyhow!("appsrc is another element"))?;
     source.set_caps(Some(caps));
     let (parts, interruption) = (parts.clone(), interruption.clone());
-    std::thread::Builder::new().name("parts".to_owned()).spawn(move || {
+    let mut push = Some(move |source: gst_app::AppSrc| {
         if let Err(error) = parts.push(&source, timecode.as_ref(), &interruption) {
             gst::element_error!(source, gst::ResourceError::Read, ("{error:#}"));
         }
-    })?;
+    });
+    // Not before data is asked for: until then the caps may change, and those of frames that wait do not.
+    let need_data = move |source: &gst_app::AppSrc, _: u32| {
+        let Some(push) = push.take() else { return };
+        let own = source.clone();
+        let begun = std::thread::Builder::new().name("parts".to_owned()).spawn(move || push(own));
+        if let Err(error) = begun {
+            gst::element_error!(source, gst::ResourceError::Failed, ("{error}"));
+        }
+    };
+    source.set_callbacks(gst_app::AppSrcCallbacks::builder().need_data(need_data).build());
     Ok(bin)
 }
