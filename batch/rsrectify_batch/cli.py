@@ -91,7 +91,7 @@ def _positive(text: str) -> int:
 def _given(options: argparse.Namespace, *names: str) -> list[str]:
     """The options that were given, as arguments of the program."""
     values = [(name, getattr(options, name.replace("-", "_"))) for name in names]
-    return [text for name, value in values if value is not None for text in (f"--{name}", str(value))]
+    return [f"--{name}={value}" for name, value in values if value is not None]
 
 
 def _rectify(options: argparse.Namespace) -> int:
