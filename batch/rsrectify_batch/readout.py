@@ -22,7 +22,7 @@ PROBABLE = 0.9
 FOLLOWED = 15
 # A part tells something where a readout is so much likelier than before it was seen.
 TELLING = 2.0
-# The odds that a clip is of another camera, or in another mode, than the one whose readout is expected: `OTHER_CAMERA_ODDS`
+# The probability that a clip is of another camera, or in another mode, than the one whose readout is expected: `OTHER_CAMERA_ODDS`
 # of the rectifier.
 OTHER_CAMERA = float(np.exp(-3.0))
 # The prior's standard deviation, as a share of the frame period.
