@@ -28,6 +28,9 @@ OTHER_CAMERA = float(np.exp(-3.0))
 # The prior's standard deviation, as a share of the frame period.
 PRIOR_SHARE = 0.5
 
+# What `rsrectify fix` is told where it is to look for the readout by itself, from what is known of the camera on.
+OPEN = ["--readout-time", "0"]
+
 # Axis of each direction (0: along the rows' order, 1: the columns').
 AXES = {"top-to-bottom": 0, "bottom-to-top": 0, "left-to-right": 1, "right-to-left": 1}
 DIRECTIONS = (("top-to-bottom", "bottom-to-top"), ("left-to-right", "right-to-left"))
@@ -47,8 +50,7 @@ class Readout:
     def options(self) -> list[str]:
         """What `rsrectify fix` is told."""
         if self.doubt:
-            # It looks for it by itself then, from what is known of the camera on.
-            return ["--readout-time", "0"]
+            return OPEN
         # 0 would leave it to the rectifier.
         time = max(self.milliseconds, 1e-6)
         return ["--readout-time", f"{time:.6f}", "--readout-direction", self.direction]

@@ -194,8 +194,7 @@ pub fn in_range(text: &str, range: std::ops::RangeInclusive<f64>) -> Result<f64,
 impl AnalysisOptions {
     /// Whether the readout is to be found before the first frame is rectified.
     pub fn wants_readout(&self) -> bool {
-        let has_delay = self.inter_frame_delay.is_some_and(|rows| rows >= 0.0);
-        self.readout_time.is_none() && !has_delay && self.estimator != Some(Estimator::Sequential)
+        self.readout_time.is_none() && self.leaves_readout_open()
     }
 
     /// Whether the rectifier itself is to find the readout, frame by frame.

@@ -5,7 +5,7 @@ mod metadata;
 mod presets;
 
 use crate::rectifier_options::{Direction, name_of};
-use anyhow::{Result, bail};
+use anyhow::{Context, Result};
 pub use catalogue::Camera;
 use catalogue::{Mode, key};
 use clap::Args;
@@ -33,15 +33,17 @@ impl FromStr for CameraChoice {
     /// If a camera is named that is not known.
     fn from_str(text: &str) -> Result<Self, Self::Err> {
         match text {
-            "auto" => return Ok(Self::Auto),
-            "none" => return Ok(Self::None),
-            _ => {}
-        }
-        let is_called =
-            |camera: &Camera| [camera.name(), camera.model.clone()].iter().any(|name| key(name) == key(text));
-        match catalogue::cameras()?.into_iter().find(is_called) {
-            Some(camera) => Ok(Self::Named(Box::new(camera))),
-            None => bail!("no such camera is known; `rsrectify cameras` lists those that are"),
+            "auto" => Ok(Self::Auto),
+            "none" => Ok(Self::None),
+            name => {
+                let is_called = |camera: &Camera| {
+                    [camera.name(), camera.model.clone()].iter().any(|own| key(own) == key(name))
+                };
+                let known = catalogue::cameras()?.into_iter().find(is_called);
+                let known =
+                    known.context("no such camera is known; `rsrectify cameras` lists those that are")?;
+                Ok(Self::Named(Box::new(known)))
+            }
         }
     }
 }
