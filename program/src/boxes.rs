@@ -70,8 +70,24 @@ pub fn number(bytes: &[u8], at: usize) -> Option<u32> {
     Some(u32::from_be_bytes(bytes.try_into().ok()?))
 }
 
-#[cfg(test)]
+/// The big-endian number of eight bytes at an offset.
+pub fn long_number(bytes: &[u8], at: usize) -> Option<u64> {
+    let bytes = bytes.get(at..at.checked_add(8)?)?;
+    Some(u64::from_be_bytes(bytes.try_into().ok()?))
+}
+
+/// A box of a name and content; of more than 4 GiB in the long form.
 pub fn boxed(name: &[u8; 4], content: &[u8]) -> Vec<u8> {
-    let length = u32::try_from(content.len() + 8).unwrap().to_be_bytes();
-    [&length[..], name, content].concat()
+    let length = content.len() + 8;
+    match u32::try_from(length) {
+        Ok(length) => [&length.to_be_bytes()[..], name, content].concat(),
+        Err(_) => {
+            [&1u32.to_be_bytes()[..], name, &(length as u64 + 8).to_be_bytes(), content].concat()
+        }
+    }
+}
+
+/// Numbers one after another, big-endian.
+pub fn words(words: &[u32]) -> Vec<u8> {
+    words.iter().flat_map(|word| word.to_be_bytes()).collect()
 }

@@ -12,6 +12,7 @@ mod estimate;
 mod fix;
 mod index;
 mod interruption;
+mod isobmff;
 mod join;
 mod measure;
 mod output;

@@ -17,7 +17,7 @@ use anyhow::{Context, Result, bail};
 use gst::prelude::*;
 use indicatif::{ProgressBar, ProgressStyle};
 pub use options::FixOptions;
-use pipeline::Progress;
+use pipeline::{Progress, Rectification};
 use plan::Job;
 use std::sync::Arc;
 use std::time::Instant;
@@ -84,8 +84,8 @@ fn one(job: &Job, options: &FixOptions, interruption: &Interruption) -> Result<(
     let part = options.part.of(&job.input, lookahead, interruption)?;
     let excerpt = part.map(|part| Arc::new(Excerpt::new(part)));
     let expected = excerpt.as_ref().map(|excerpt| excerpt.frames().len());
-    let remux = pipeline::build(&recipe, excerpt, &job.input, unfinished.path(), &progress)?;
-    play(remux, recipe.container, &progress, interruption)?;
+    let rectification = Rectification::new(&recipe, excerpt, &job.input, unfinished.path(), &progress)?;
+    play(&rectification.remux, recipe.container, &progress, interruption)?;
     let frames = progress.frames();
     if frames == 0 {
         bail!("no frame could be decoded");
@@ -93,13 +93,14 @@ fn one(job: &Job, options: &FixOptions, interruption: &Interruption) -> Result<(
     if let Some(expected) = expected {
         part::check_count(usize::try_from(frames)?, expected)?;
     }
+    rectification.finish(unfinished.path())?;
     unfinished.finish(&job.output)?;
     println!("{}: {frames} frames", job.output.display());
     Ok(())
 }
 
 /// Runs the pipeline to its end.
-fn play(remux: Remux, container: Container, progress: &Progress, interruption: &Interruption) -> Result<()> {
+fn play(remux: &Remux, container: Container, progress: &Progress, interruption: &Interruption) -> Result<()> {
     let bar = progress::spinner()?;
     let mut playback = Playback::new(remux.pipeline.clone())?;
     playback.set_state(gst::State::Playing);

@@ -6,11 +6,12 @@
 use crate::elements::{named, pad, parse};
 use crate::output::codec::{Codec, Container, Rate};
 use crate::rectifier_options::RectifierOptions;
-use crate::streams::{Audio, Destination, Excerpt, Remux, Video, timecode};
+use crate::isobmff::EncodedVideo;
+use crate::streams::{Audio, Destination, Excerpt, Remux, Video, collect};
 use anyhow::Result;
 use gst::prelude::*;
 use std::path::Path;
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, PoisonError};
 use std::sync::atomic::{AtomicU32, AtomicU64, Ordering};
 
 /// Turns frames as the clip's rotation tag says.
@@ -66,10 +67,11 @@ impl Progress {
 /// Decoded video → the encoded stream.
 fn video_branch(
     recipe: &Recipe,
-    timecode: Option<gst_video::ValidVideoTimeCode>,
+    is_turned: bool,
     excerpt: Option<&Excerpt>,
 ) -> Result<gst::Bin> {
-    let rectified = format!("rsrectify name=rectifier ! queue ! {UPRIGHT}");
+    let turned = if is_turned { UPRIGHT } else { "identity" };
+    let rectified = format!("rsrectify name=rectifier ! queue ! {turned}");
     let shown = if recipe.compare {
         format!(
             "tee name=both  both. ! queue name=original ! {UPRIGHT} ! side.  both. ! {rectified} ! side. \
@@ -78,7 +80,10 @@ fn video_branch(
     } else {
         rectified
     };
-    let encoded = recipe.codec.description();
+    let encoded = match recipe.container.is_isobmff() {
+        true => format!("{} ! {}", recipe.codec.description(), recipe.codec.kept()),
+        false => recipe.codec.description(),
+    };
     let bin = parse(&format!("queue name=frames ! videoconvert name=decoded ! {shown} ! {encoded}"))?;
     let rectifier = named(&bin, "rectifier")?;
     recipe.rectifier.apply(&rectifier)?;
@@ -97,9 +102,6 @@ fn video_branch(
         excerpt.keep_wanted(&pad(&named(&bin, shown)?, "src")?);
     }
     let encoder = named(&bin, "encoder")?;
-    if let Some(timecode) = timecode {
-        timecode::stamp_first(&pad(&encoder, "sink")?, timecode);
-    }
     recipe.codec.configure(&encoder, recipe.rate);
     warn_of_fewer_bits(&encoder, &named(&bin, "decoded")?)?;
     Ok(bin)
@@ -151,19 +153,43 @@ fn on_caps(pad: &gst::Pad, call: impl Fn(&gst::Pad, &gst::CapsRef) + Send + Sync
     });
 }
 
-/// The pipeline that rectifies a clip, or a part of it; its encoder is called `encoder`.
-pub fn build(
-    recipe: &Recipe,
-    excerpt: Option<Arc<Excerpt>>,
-    clip: &Path,
-    output: &Path,
-    progress: &Arc<Progress>,
-) -> Result<Remux> {
-    let (container, audio) = (recipe.container, recipe.audio);
-    let destination = Destination { output, container, audio, excerpt: excerpt.clone() };
-    Remux::new(clip, destination, |timecode| {
-        let video = video_branch(recipe, timecode, excerpt.as_deref())?;
-        progress.watch(&pad(&named(&video, "encoder")?, "sink")?);
-        Ok(Video::Decoded(video))
-    })
+/// A pipeline that rectifies a clip, or a part of it; its encoder is called `encoder`.
+pub struct Rectification {
+    pub remux: Remux,
+    /// What is encoded, where this program writes the file.
+    encoded: Option<Arc<Mutex<EncodedVideo>>>,
+    is_turned: bool,
+}
+
+impl Rectification {
+    pub fn new(
+        recipe: &Recipe,
+        excerpt: Option<Arc<Excerpt>>,
+        clip: &Path,
+        output: &Path,
+        progress: &Arc<Progress>,
+    ) -> Result<Self> {
+        let (container, audio) = (recipe.container, recipe.audio);
+        let destination = Destination { output, container, audio, excerpt: excerpt.clone() };
+        let (mut encoded, mut is_turned) = (None, true);
+        let remux = Remux::new(clip, destination, |keeps_orientation| {
+            // Parts of a clip are alike in all containers, so that they can be joined in any.
+            is_turned = recipe.compare || excerpt.is_some() || !keeps_orientation;
+            let video = video_branch(recipe, is_turned, excerpt.as_deref())?;
+            progress.watch(&pad(&named(&video, "encoder")?, "sink")?);
+            if container.is_isobmff() {
+                encoded = Some(collect(&video, output.with_extension("video"))?);
+            }
+            Ok(Video::Decoded(video))
+        })?;
+        Ok(Self { remux, encoded, is_turned })
+    }
+
+    /// Once the pipeline has come to its end: writes the file, where the pipeline has not.
+    pub fn finish(&self, output: &Path) -> Result<()> {
+        let Some(encoded) = &self.encoded else { return Ok(()) };
+        let mut encoded = encoded.lock().unwrap_or_else(PoisonError::into_inner);
+        encoded.finish()?;
+        self.remux.write(&encoded, self.is_turned, output)
+    }
 }

@@ -5,6 +5,7 @@ mod parts;
 use crate::clips;
 use crate::index::FrameIndex;
 use crate::interruption::Interruption;
+use crate::isobmff::EncodedVideo;
 use crate::output::codec::Container;
 use crate::output::{self, Unfinished};
 use crate::playback::{Event, Playback};
@@ -115,20 +116,32 @@ fn write(
 ) -> Result<()> {
     let parts = Arc::new(parts);
     let destination = Destination { output, container, audio, excerpt: None };
-    let remux = Remux::new(clip, destination, |timecode| {
-        Ok(Video::Replaced(parts::branch(&parts, caps, timecode, interruption)?))
-    })?;
+    let video = match container.is_isobmff() {
+        true => Video::Elsewhere,
+        false => Video::Replaced(parts::branch(&parts, caps, interruption)?),
+    };
+    let remux = Remux::new(clip, destination, |_| Ok(video))?;
     let bar = progress::spinner()?;
-    let mut playback = Playback::new(remux.pipeline)?;
-    playback.set_state(gst::State::Playing);
-    loop {
+    let show = || {
         bar.set_message(format!("{} of {} frames joined", parts.joined(), parts.frames()));
         bar.tick();
+    };
+    let mut playback = Playback::new(remux.pipeline.clone())?;
+    playback.set_state(gst::State::Playing);
+    loop {
+        show();
         match playback.next(gst::ClockTime::from_mseconds(100), interruption)? {
             Event::End => break,
             Event::Warning(warning) => bar.suspend(|| eprintln!("warning: {warning}")),
             Event::Chapters | Event::Held | Event::Ready | Event::Nothing => {}
         }
+    }
+    if container.is_isobmff() {
+        let mut video = EncodedVideo::create(output.with_extension("video"))?;
+        parts.collect(&mut video, interruption, &mut || show())?;
+        // As `fix` writes parts.
+        let is_turned = true;
+        remux.write(&video, is_turned, output)?;
     }
     bar.finish_and_clear();
     if parts.joined() != parts.frames() {

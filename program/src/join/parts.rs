@@ -4,7 +4,8 @@ use crate::elements::{named, pad, parse};
 use crate::index::{Digest, FrameIndex};
 use crate::interruption::Interruption;
 use crate::packets::Packets;
-use crate::streams::{label, timecode};
+use crate::isobmff::EncodedVideo;
+use crate::streams::label;
 use anyhow::{Context, Result, anyhow, bail};
 use gst::prelude::*;
 use std::path::{Path, PathBuf};
@@ -85,42 +86,75 @@ impl Parts {
         self.files.iter().map(|file| (file.path.as_path(), file.numbers.len(), file.sha256.as_str()))
     }
 
-    /// Gives out all frames.
-    fn push(
+    /// Gives out all frames in decoding order, each with when it is shown, in the clip, by its place; until `give` says no.
+    fn each(
         &self,
-        source: &gst_app::AppSrc,
-        timecode: Option<&gst_video::ValidVideoTimeCode>,
         interruption: &Interruption,
+        give: &mut dyn FnMut(gst::Buffer, Place) -> Result<bool>,
     ) -> Result<()> {
         for file in &self.files {
             let mut packets = Packets::open(&file.path, interruption)?;
             for number in &file.numbers {
                 let packet = packets.next(interruption)?.context("a part was changed while it was read")?;
-                let mut buffer = packet.buffer;
                 let order = self.joined();
                 let (shown, due) =
                     self.index.time(*number).zip(self.index.time(order)).context("no such frame")?;
                 let next = self.index.time(number + 1);
                 let last = || number.checked_sub(1).and_then(|last| Some(shown - self.index.time(last)?));
-                let timed = buffer.make_mut();
-                // All is later by the reordering, so that no time is negative; the branch is offset by as much.
+                let duration = next.map(|next| next - shown).or_else(last);
                 let start = self.index.start();
-                timed.set_pts((shown + self.reordering).saturating_sub(start));
-                timed.set_dts(due.saturating_sub(start));
-                timed.set_duration(next.map(|next| next - shown).or_else(last));
-                if let Some(timecode) = timecode.filter(|_| *number == 0) {
-                    timecode::stamp(timed, timecode);
-                }
-                if source.push_buffer(buffer).is_err() {
-                    // The pipeline has stopped, and says why itself.
+                let (shown, due) = (shown.saturating_sub(start), due.saturating_sub(start));
+                if !give(packet.buffer, Place { shown, due, duration })? {
                     return Ok(());
                 }
                 self.joined.fetch_add(1, Ordering::Relaxed);
             }
         }
-        source.end_of_stream()?;
         Ok(())
     }
+
+    /// Collects all frames; `note` is told of each.
+    pub fn collect(
+        &self,
+        video: &mut EncodedVideo,
+        interruption: &Interruption,
+        note: &mut dyn FnMut(),
+    ) -> Result<()> {
+        video.set_caps(&self.caps);
+        self.each(interruption, &mut |mut buffer, place| {
+            buffer.make_mut().set_duration(place.duration);
+            video.push(&buffer, i64::try_from(place.shown.nseconds())?)?;
+            note();
+            Ok(true)
+        })?;
+        video.finish()
+    }
+
+    /// Gives out all frames to a pipeline.
+    fn push(&self, source: &gst_app::AppSrc, interruption: &Interruption) -> Result<()> {
+        let mut is_taken = true;
+        self.each(interruption, &mut |mut buffer, place| {
+            let timed = buffer.make_mut();
+            // All is later by the reordering, so that no time is negative; the branch is offset by as much.
+            timed.set_pts(place.shown + self.reordering);
+            timed.set_dts(place.due);
+            timed.set_duration(place.duration);
+            // A pipeline that has stopped says why itself.
+            is_taken = source.push_buffer(buffer).is_ok();
+            Ok(is_taken)
+        })?;
+        if is_taken {
+            source.end_of_stream()?;
+        }
+        Ok(())
+    }
+}
+
+/// When a frame is shown and decoded, from the start of the clip, and for how long it is shown.
+struct Place {
+    shown: gst::ClockTime,
+    due: gst::ClockTime,
+    duration: Option<gst::ClockTime>,
 }
 
 impl PartFile {
@@ -170,12 +204,7 @@ fn is_alike(one: &gst::CapsRef, other: &gst::CapsRef) -> bool {
 }
 
 /// A branch of a pipeline that gives out the frames of all parts, with these caps.
-pub fn branch(
-    parts: &Arc<Parts>,
-    caps: &gst::Caps,
-    timecode: Option<gst_video::ValidVideoTimeCode>,
-    interruption: &Interruption,
-) -> Result<gst::Bin> {
+pub fn branch(parts: &Arc<Parts>, caps: &gst::Caps, interruption: &Interruption) -> Result<gst::Bin> {
     let bin = parse("appsrc name=frames format=time block=true max-buffers=64 ! queue")?;
     pad(&bin, "src")?.set_offset(-i64::try_from(parts.reordering.nseconds())?);
     let source = named(&bin, "frames")?;
@@ -183,7 +212,7 @@ pub fn branch(
     source.set_caps(Some(caps));
     let (parts, interruption) = (parts.clone(), interruption.clone());
     let mut push = Some(move |source: gst_app::AppSrc| {
-        if let Err(error) = parts.push(&source, timecode.as_ref(), &interruption) {
+        if let Err(error) = parts.push(&source, &interruption) {
             gst::element_error!(source, gst::ResourceError::Read, ("{error:#}"));
         }
     });

@@ -85,6 +85,11 @@ impl Container {
         }
     }
 
+    /// Whether its files are made of boxes: this program writes them itself.
+    pub fn is_isobmff(self) -> bool {
+        matches!(self, Self::Mp4 | Self::Mov)
+    }
+
     /// The element that writes it.
     pub fn muxer(self) -> &'static str {
         match self {
@@ -208,6 +213,17 @@ impl Codec {
     pub fn description(self) -> String {
         let parser = self.parser().map(|parser| format!(" ! {parser}")).unwrap_or_default();
         format!("videoconvert ! {} ! {} name=encoder{parser}", self.raw_formats(), self.encoder())
+    }
+
+    /// The encoded stream in the form of MP4 and MOV files, kept by the sink `encoded`.
+    pub fn kept(self) -> String {
+        let form = match self {
+            Self::H264 => ",stream-format=avc,alignment=au",
+            Self::Hevc => ",stream-format=hvc1,alignment=au",
+            Self::Av1 => ",stream-format=obu-stream,alignment=tu",
+            Self::Prores | Self::Ffv1 => "",
+        };
+        format!("{}{form} ! appsink name=encoded sync=false async=false max-buffers=8", self.media_type())
     }
 
     /// Sets the encoder to a rate.

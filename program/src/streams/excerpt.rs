@@ -3,7 +3,6 @@
 //! An encoder and a muxer cannot be flushed, so that the streams are held until it was gone to the part's first frame, and
 //! only then linked. What is analysed around the part is dropped behind the rectifier; what is left begins at time 0.
 
-use crate::elements::pad;
 use crate::part::{self, Part};
 use anyhow::{Context, Result, anyhow};
 use gst::prelude::*;
@@ -71,10 +70,10 @@ impl Excerpt {
         });
     }
 
-    /// Has a part of the pipeline give its data out as if the clip began with the first frame of this one.
-    pub fn begin_at_zero(&self, branch: &gst::Bin) -> Result<()> {
+    /// Has data pass a pad as if the clip began with the first frame of this one.
+    pub fn begin_at_zero(&self, pad: &gst::Pad) -> Result<()> {
         let skipped = self.part.first_time.saturating_sub(self.part.seek_start);
-        pad(branch, "src")?.set_offset(-i64::try_from(skipped.nseconds())?);
+        pad.set_offset(-i64::try_from(skipped.nseconds())?);
         Ok(())
     }
 }

@@ -1,9 +1,11 @@
 //! A clip's streams → the muxer: the video by a branch of its own, the others as they are where the container can hold them.
 
+use super::beside::Beside;
 use super::excerpt::Excerpt;
 use super::timecode::Timecode;
 use super::{Audio, Kind, Route, is_copied, label, markup, route};
 use crate::elements::{self, NO_VIDEO, make, named, parse};
+use crate::isobmff::EncodedVideo;
 use crate::output::codec::Container;
 use anyhow::{Context, Result, anyhow, bail};
 use gst::prelude::*;
@@ -25,12 +27,14 @@ pub struct Destination<'a> {
     pub excerpt: Option<Arc<Excerpt>>,
 }
 
-/// What gives the muxer its video.
+/// Where the video of the file comes from.
 pub enum Video {
     /// A branch that takes the clip's decoded frames.
     Decoded(gst::Bin),
     /// A branch with frames of its own; the clip's are dropped.
     Replaced(gst::Bin),
+    /// Not from the pipeline; the clip's frames are dropped.
+    Elsewhere,
 }
 
 /// A pipeline that reads a clip and writes a file.
@@ -39,10 +43,18 @@ pub struct Remux {
     linker: Arc<Linker>,
 }
 
+/// What puts the streams together.
+enum Muxer {
+    /// An element that takes all of them.
+    Whole(gst::Element),
+    /// This program takes the video, and what lies beside it.
+    Boxes(Beside),
+}
+
 /// Links what the decoder finds to the muxer.
 struct Linker {
     pipeline: gst::glib::WeakRef<gst::Pipeline>,
-    muxer: gst::Element,
+    muxer: Muxer,
     video: Video,
     container: Container,
     audio: Audio,
@@ -53,46 +65,67 @@ struct Linker {
 }
 
 impl Remux {
-    /// The pipeline that puts a clip's streams into a file; `video` makes the branch of the video, given the timecode of the
-    /// first frame where the file can hold one.
+    /// The pipeline that puts a clip's streams into a file; `video` makes the branch of the video, told whether players of the
+    /// file turn frames as those of the clip do, so that they must not be turned before.
     pub fn new(
         clip: &Path,
         destination: Destination<'_>,
-        video: impl FnOnce(Option<gst_video::ValidVideoTimeCode>) -> Result<Video>,
+        video: impl FnOnce(bool) -> Result<Video>,
     ) -> Result<Self> {
-        let Destination { output, container, audio, excerpt } = destination;
         let pipeline = gst::Pipeline::new();
         let (source, decoder) = (make("filesrc")?, make("decodebin")?);
-        let (muxer, sink) = (make(container.muxer())?, make("filesink")?);
         source.set_property("location", clip);
-        sink.set_property("location", output);
-        pipeline.add_many([&source, &decoder, &muxer, &sink])?;
+        pipeline.add_many([&source, &decoder])?;
         source.link(&decoder)?;
-        muxer.link(&sink)?;
-        if let Some((excerpt, tags)) = excerpt.as_ref().zip(muxer.dynamic_cast_ref::<gst::TagSetter>()) {
-            let label = label::of(&excerpt.frames());
-            tags.add_tag::<gst::tags::Comment>(&label.as_str(), gst::TagMergeMode::ReplaceAll);
-        }
-
-        let first_frame = excerpt.as_ref().map_or(0, |excerpt| excerpt.frames().start);
-        let timecode = Timecode::of(clip).and_then(|timecode| timecode.after(first_frame)?.to_gst());
-        if timecode.is_some() && muxer.has_property("force-create-timecode-trak") {
-            muxer.set_property("force-create-timecode-trak", true);
-        }
-        if let Some(timecode) = timecode.as_ref().filter(|_| container == Container::Mkv) {
-            gst::element_warning!(
-                pipeline,
-                gst::StreamError::Format,
-                ("the timecode, from {timecode} on, is left out: it cannot go into MKV files")
-            );
-        }
-        let video = video(timecode.filter(|_| container != Container::Mkv))?;
+        let first_frame = destination.excerpt.as_ref().map_or(0, |excerpt| excerpt.frames().start);
+        let timecode = Timecode::of(clip).and_then(|timecode| timecode.after(first_frame));
+        let muxer = match Beside::of(clip, &destination, timecode) {
+            Some(beside) => Muxer::Boxes(beside),
+            None => Muxer::Whole(Self::muxer(&pipeline, &destination, timecode)?),
+        };
+        let Destination { container, audio, excerpt, .. } = destination;
+        let is_upright = matches!(&muxer, Muxer::Boxes(beside) if beside.keeps_orientation());
+        let video = video(is_upright)?;
         let (has_video, pcm) = (AtomicBool::new(false), Mutex::default());
         let owner = pipeline.downgrade();
         let linker = Linker { pipeline: owner, muxer, video, container, audio, excerpt, has_video, pcm };
         let linker = Arc::new(linker);
         Linker::watch(&linker, &decoder);
         Ok(Self { pipeline, linker })
+    }
+
+    /// The muxer of all streams, with the file that it writes.
+    fn muxer(
+        pipeline: &gst::Pipeline,
+        destination: &Destination<'_>,
+        timecode: Option<Timecode>,
+    ) -> Result<gst::Element> {
+        let Destination { output, container, excerpt, .. } = destination;
+        let (muxer, sink) = (make(container.muxer())?, make("filesink")?);
+        sink.set_property("location", output);
+        pipeline.add_many([&muxer, &sink])?;
+        muxer.link(&sink)?;
+        if let Some((excerpt, tags)) = excerpt.as_ref().zip(muxer.dynamic_cast_ref::<gst::TagSetter>()) {
+            let label = label::of(&excerpt.frames());
+            tags.add_tag::<gst::tags::Comment>(&label.as_str(), gst::TagMergeMode::ReplaceAll);
+        }
+        if let Some(timecode) = timecode.and_then(Timecode::to_gst) {
+            gst::element_warning!(
+                pipeline,
+                gst::StreamError::Format,
+                ("the timecode, from {timecode} on, is left out: it cannot go into {container} files")
+            );
+        }
+        Ok(muxer)
+    }
+
+    /// Writes the file, where this program does so itself: the encoded video, its frames turned upright or not, and what the
+    /// pipeline has taken of the other streams.
+    pub fn write(&self, video: &EncodedVideo, is_turned: bool, output: &Path) -> Result<()> {
+        match &self.linker.muxer {
+            Muxer::Boxes(beside) => beside.write(video, is_turned, output),
+            Muxer::Whole(_) => bail!("the muxer writes the file"),
+        }
     }
 
     /// Goes to the part of the clip that is wanted, and lets the streams go, which are held until then.
@@ -114,9 +147,9 @@ impl Linker {
             self.pcm.lock().unwrap_or_else(PoisonError::into_inner).insert(stream.into());
         }
         // A whole MP4 file, before it is demuxed, calls itself video too.
-        let is_dropped = self.replaces_video()
-            && Kind::of(caps) == Kind::Video
-            && (comes_from(pad, "Demuxer") || comes_from(pad, "Parser"));
+        let is_demuxed = comes_from(pad, "Demuxer") || comes_from(pad, "Parser");
+        let is_dropped = self.drops_video() && Kind::of(caps) == Kind::Video && is_demuxed;
+        let is_dropped = is_dropped || (is_demuxed && self.copies(pad));
         !is_dropped && !is_copied(self.container, self.audio, caps)
     }
 
@@ -153,6 +186,10 @@ impl Linker {
     fn link(self: &Arc<Self>, pad: &gst::Pad) -> Result<()> {
         let caps = pad.current_caps().unwrap_or_else(|| pad.query_caps(None));
         let kind = Kind::of(&caps);
+        if self.copies(pad) {
+            elements::drop_all(pad);
+            return Ok(());
+        }
         let is_first_video = kind == Kind::Video && !self.has_video.swap(true, Ordering::Relaxed);
         if is_first_video {
             return match &self.video {
@@ -161,6 +198,12 @@ impl Linker {
                     link_to(pad, branch)
                 }
                 Video::Replaced(branch) => self.replace(pad, &caps, branch),
+                // To its end: a pipeline without a sink would have none.
+                Video::Elsewhere => {
+                    let branch = parse("fakesink name=encoded sync=false async=false")?;
+                    self.add(&branch, kind)?;
+                    link_to(pad, &branch)
+                }
             };
         }
         let is_pcm = pad.stream_id().is_some_and(|stream| {
@@ -181,7 +224,7 @@ impl Linker {
                 return Ok(());
             }
         };
-        if self.replaces_video() {
+        if self.drops_video() {
             // The clip is read faster than it is written: its video is not waited for.
             named(&branch, "waiting")?.set_property("max-size-time", LONGEST_WAIT.nseconds());
         }
@@ -192,8 +235,13 @@ impl Linker {
         link_to(pad, &branch)
     }
 
-    fn replaces_video(&self) -> bool {
-        matches!(self.video, Video::Replaced(_))
+    fn drops_video(&self) -> bool {
+        matches!(self.video, Video::Replaced(_) | Video::Elsewhere)
+    }
+
+    /// Whether a stream is copied as it lies in the clip, so that it need not be read here.
+    fn copies(&self, pad: &gst::Pad) -> bool {
+        matches!(&self.muxer, Muxer::Boxes(beside) if beside.is_copied(pad))
     }
 
     /// Has a branch give the muxer its video in place of the clip's, of which only tags and chapters are kept.
@@ -270,10 +318,16 @@ impl Linker {
     fn add(&self, branch: &gst::Bin, kind: Kind) -> Result<()> {
         let pipeline = self.pipeline.upgrade().context("the pipeline is gone")?;
         if let Some(excerpt) = &self.excerpt {
-            excerpt.begin_at_zero(branch)?;
+            // A branch without an output ends in a sink of its own.
+            let end = branch.static_pad("src").map_or_else(|| elements::pad(&named(branch, "encoded")?, "sink"), Ok)?;
+            excerpt.begin_at_zero(&end)?;
         }
         pipeline.add(branch)?;
-        branch.link_pads(Some("src"), &self.muxer, Some(kind.muxer_pad()))?;
+        match &self.muxer {
+            Muxer::Whole(muxer) => branch.link_pads(Some("src"), muxer, Some(kind.muxer_pad()))?,
+            Muxer::Boxes(_) if branch.static_pad("src").is_none() => {}
+            Muxer::Boxes(beside) => beside.link(&pipeline, branch, kind.muxer_pad())?,
+        }
         if !branch.is_locked_state() {
             branch.sync_state_with_parent()?;
         }

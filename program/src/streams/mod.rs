@@ -1,5 +1,6 @@
 //! What becomes of a clip's streams.
 
+mod beside;
 mod excerpt;
 pub mod label;
 mod linker;
@@ -8,6 +9,7 @@ pub mod timecode;
 
 use crate::output::codec::Container;
 use clap::ValueEnum;
+pub use beside::collect;
 pub use excerpt::Excerpt;
 pub use linker::{Destination, Remux, Video};
 

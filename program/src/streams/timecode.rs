@@ -4,7 +4,6 @@
 //! tells how frames are counted, its first sample is the number of the first frame.
 
 use crate::boxes::{child, children, number, read_index};
-use gst::prelude::*;
 use std::fs::File;
 use std::io::{Read, Seek, SeekFrom};
 use std::path::Path;
@@ -50,21 +49,6 @@ impl Timecode {
         code.add_frames(self.frame.into());
         Some(code)
     }
-}
-
-/// Gives a frame a timecode.
-pub fn stamp(frame: &mut gst::BufferRef, timecode: &gst_video::ValidVideoTimeCode) {
-    gst_video::VideoTimeCodeMeta::add(frame, timecode);
-}
-
-/// Gives the first frame that comes to a pad a timecode: from it, muxers count on.
-pub fn stamp_first(pad: &gst::Pad, timecode: gst_video::ValidVideoTimeCode) {
-    pad.add_probe(gst::PadProbeType::BUFFER, move |_, info| {
-        if let Some(gst::PadProbeData::Buffer(frame)) = &mut info.data {
-            stamp(frame.make_mut(), &timecode);
-        }
-        gst::PadProbeReturn::Remove
-    });
 }
 
 fn of_track(file: &mut File, track: &[u8]) -> Option<Timecode> {
