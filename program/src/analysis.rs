@@ -1,9 +1,11 @@
 //! A clip's frames → the motion of each, without rectifying any.
 
-use crate::elements::{NO_VIDEO, launch, named, pad};
+use crate::decoder;
+use crate::elements::{NO_VIDEO, launch, make, named, pad};
+use crate::frame_rate::FrameInterval;
 use crate::interruption::Interruption;
 use crate::part::{self, Part};
-use crate::playback::{Event, Playback};
+use crate::playback::Playback;
 use anyhow::{Context, Result, anyhow, bail};
 use gst::prelude::*;
 use gst_video::prelude::*;
@@ -17,8 +19,10 @@ use std::path::Path;
 /// What is analysed: formats whose first plane is the luma.
 const FORMATS: &str =
     "video/x-raw,format={I420,YV12,NV12,NV21,Y42B,Y444,GRAY8,I420_10LE,I422_10LE,Y444_10LE}";
-/// How long each look for a message or a frame is.
+/// How long each look for a frame is.
 const LOOK: gst::ClockTime = gst::ClockTime::from_mseconds(100);
+/// Frames that are decoded before the first is analysed: their times show the interval between frames.
+const AHEAD: usize = 10;
 
 /// The motion of a frame of the clip.
 #[derive(Debug)]
@@ -38,50 +42,86 @@ pub struct Analysis {
     info: gst_video::VideoInfo,
     settings: Settings,
     rectifier: Rectifier,
+    /// Seconds from frame to frame for the rectifier.
+    period: Option<f64>,
+    interval: FrameInterval,
+    /// Decoded frames that are still to be analysed.
+    ahead: VecDeque<gst::Sample>,
+    /// What came instead of the frame after these.
+    failure: Option<anyhow::Error>,
     /// Times of the frames whose motion has not come, and the frames where they are kept.
     waiting: VecDeque<(Option<gst::ClockTime>, Option<gst::Sample>)>,
     keeps_pictures: bool,
     /// The part of the clip that is analysed, where that is not all of it.
     part: Option<Part>,
+    /// Why it was not analysed to its end, where it was not.
+    ended_early: Option<String>,
 }
 
 impl Analysis {
     /// Opens a clip.
     pub fn open(clip: &Path, settings: Settings, interruption: &Interruption) -> Result<Self> {
         let pipeline = launch(&format!(
-            "filesrc name=source ! decodebin name=decoder ! videoconvert name=decoded ! {FORMATS} ! appsink name=sink sync=false max-buffers=8"
+            "videoconvert name=decoded ! {FORMATS} ! appsink name=sink sync=false max-buffers=4"
         ))?;
-        named(&pipeline, "source")?.set_property("location", clip);
-        let decoded = pad(&named(&pipeline, "decoded")?, "sink")?.downgrade();
-        named(&pipeline, "decoder")?
-            .downcast::<gst::Bin>()
-            .map_err(|_| anyhow!("decodebin is no bin"))?
-            .connect_no_more_pads(move |decoder| {
-                if decoded.upgrade().is_some_and(|pad| !pad.is_linked()) {
-                    gst::element_error!(decoder, gst::StreamError::WrongType, ("{NO_VIDEO}"));
-                }
-            });
+        let (source, decoder) = (make("filesrc")?, decoder::of(clip)?);
+        source.set_property("location", clip);
+        pipeline.add_many([&source, &decoder])?;
+        source.link(&decoder)?;
+        decoder::link_video(&decoder, &pad(&named(&pipeline, "decoded")?, "sink")?, |decoder| {
+            gst::element_error!(decoder, gst::StreamError::WrongType, ("{NO_VIDEO}"));
+        })?;
         let sink = named(&pipeline, "sink")?;
         let sink = sink.downcast::<gst_app::AppSink>().map_err(|_| anyhow!("appsink is another element"))?;
         let mut playback = Playback::new(pipeline)?;
-        playback.set_state(gst::State::Paused);
-        while !matches!(playback.next(LOOK, interruption)?, Event::Ready | Event::End) {}
-        let first = sink.try_pull_preroll(gst::ClockTime::ZERO);
-        let caps = first.as_ref().and_then(|sample| sample.caps());
-        let caps = caps.context("no frame could be decoded")?;
+        // Not paused first: where the video begins later than the clip, a gap is all that a paused sink is given.
+        playback.set_state(gst::State::Playing);
+        let (mut ahead, mut failure) = (VecDeque::new(), None);
+        while ahead.len() < AHEAD {
+            match pull(&sink, &mut playback, interruption) {
+                Ok(Some(sample)) => ahead.push_back(sample),
+                Ok(None) => break,
+                Err(error) if ahead.is_empty() => return Err(error),
+                Err(error) => {
+                    failure = Some(error);
+                    break;
+                }
+            }
+        }
+        interruption.check()?;
+        let caps = ahead.front().and_then(|sample| sample.caps()).context("no frame could be decoded")?;
         let info = gst_video::VideoInfo::from_caps(caps)?;
         if info.interlace_mode() != gst_video::VideoInterlaceMode::Progressive {
             bail!("is interlaced: each frame holds two exposures; deinterlace it first");
         }
-        let rectifier = rectifier(settings, &info)?;
-        let waiting = VecDeque::new();
-        Ok(Self { playback, sink, info, settings, rectifier, waiting, keeps_pictures: false, part: None })
+        let rate = info.fps();
+        let stated = (rate.numer() > 0).then(|| f64::from(rate.denom()) / f64::from(rate.numer()));
+        let mut interval = FrameInterval::new(stated);
+        ahead.iter().for_each(|sample| interval.add(stream_time(sample).map(seconds)));
+        let period = interval.seconds();
+        // They are counted when they are analysed.
+        let interval = FrameInterval::new(stated);
+        Ok(Self {
+            rectifier: rectifier(settings, &info, period)?,
+            playback,
+            sink,
+            info,
+            settings,
+            period,
+            interval,
+            ahead,
+            failure,
+            waiting: VecDeque::new(),
+            keeps_pictures: false,
+            part: None,
+            ended_early: None,
+        })
     }
 
     /// Starts from what is expected of the readout; before any frame is analysed.
     pub fn expect(&mut self, prior: ReadoutPrior) -> Result<()> {
         self.settings.readout_prior = Some(prior);
-        self.rectifier = rectifier(self.settings, &self.info)?;
+        self.rectifier = rectifier(self.settings, &self.info, self.period)?;
         Ok(())
     }
 
@@ -105,9 +145,25 @@ impl Analysis {
         [self.info.width(), self.info.height()]
     }
 
-    /// Frames a second by the file; `None` if it does not say.
+    /// Seconds from frame to frame, as the first frames show it; what is measured in frame durations counts in these.
+    /// `None` where neither timestamps nor file state it.
+    pub fn period(&self) -> Option<f64> {
+        self.period
+    }
+
+    /// Frames a second, by the times of all frames so far.
     pub fn frame_rate(&self) -> Option<f64> {
-        frame_rate(&self.info)
+        self.interval.seconds().or(self.period).map(f64::recip)
+    }
+
+    /// Why the clip was not analysed to its end, where it was not: it is damaged, or its frames change.
+    pub fn ended_early(&self) -> Option<&str> {
+        self.ended_early.as_deref()
+    }
+
+    /// An error where the clip was not analysed to its end.
+    pub fn check_whole(&self) -> Result<()> {
+        self.ended_early().map_or(Ok(()), |reason| Err(anyhow!("{reason}")))
     }
 
     /// How long the clip is, if it says so.
@@ -142,10 +198,12 @@ impl Analysis {
         interruption: &Interruption,
     ) -> Result<bool> {
         let (flags, to) = (gst::SeekFlags::FLUSH | kind, gst::SeekType::Set);
+        interruption.check()?;
         if self.playback.pipeline().seek(1.0, flags, to, start, to, end).is_err() {
             return Ok(false);
         }
-        while !matches!(self.playback.next(LOOK, interruption)?, Event::Ready | Event::End) {}
+        self.ahead.clear();
+        self.interval.interrupt();
         Ok(true)
     }
 
@@ -156,11 +214,9 @@ impl Analysis {
         interruption: &Interruption,
         note: &mut dyn FnMut(Frame) -> Result<()>,
     ) -> Result<()> {
-        self.playback.set_state(gst::State::Playing);
-        while !self.sink.is_eos() {
-            // Errors of the decoder come as messages.
-            self.playback.next(gst::ClockTime::ZERO, interruption)?;
-            let Some(sample) = self.sink.try_pull_sample(LOOK) else { continue };
+        while self.ended_early.is_none()
+            && let Some(sample) = self.next(interruption)?
+        {
             let time = stream_time(&sample);
             if until.zip(time).is_some_and(|(until, time)| time > until) {
                 break;
@@ -169,18 +225,56 @@ impl Analysis {
             if self.part.as_ref().is_some_and(is_outside) {
                 continue;
             }
-            self.push(&sample, time)?;
-            self.pop(note)?;
+            self.ended_early = self.change(&sample, time);
+            if self.ended_early.is_none() {
+                self.push(&sample, time)?;
+                self.pop(note)?;
+            }
         }
         self.rectifier.drain();
         self.pop(note)
     }
 
+    /// The next decoded frame; `None` at the end, and where the clip cannot be read further.
+    fn next(&mut self, interruption: &Interruption) -> Result<Option<gst::Sample>> {
+        if let Some(sample) = self.ahead.pop_front() {
+            return Ok(Some(sample));
+        }
+        let failure = self.failure.take().map(Err);
+        match failure.unwrap_or_else(|| pull(&self.sink, &mut self.playback, interruption)) {
+            Ok(sample) => Ok(sample),
+            Err(error) => {
+                interruption.check()?;
+                self.ended_early = Some(format!("it cannot be read to its end: {error:#}"));
+                Ok(None)
+            }
+        }
+    }
+
+    /// That a frame is of another kind than the first, if it is.
+    ///
+    /// Neither colours nor the aspect of pixels matter, which encoded streams and containers state at different times.
+    fn change(&self, sample: &gst::Sample, time: Option<gst::ClockTime>) -> Option<String> {
+        let info = gst_video::VideoInfo::from_caps(sample.caps()?).ok()?;
+        let kind = |info: &gst_video::VideoInfo| {
+            (info.width(), info.height(), info.format(), info.interlace_mode())
+        };
+        (kind(&info) != kind(&self.info)).then(|| {
+            let text = |info: &gst_video::VideoInfo| {
+                let (width, height, format, interlacing) = kind(info);
+                let interlaced = match interlacing {
+                    gst_video::VideoInterlaceMode::Progressive => "",
+                    _ => " interlaced",
+                };
+                format!("{width}x{height} {format}{interlaced}")
+            };
+            let at = time.map_or(String::new(), |time| format!(" at {:.2} s", seconds(time)));
+            format!("its frames change from {} to {}{at}", text(&self.info), text(&info))
+        })
+    }
+
     fn push(&mut self, sample: &gst::Sample, time: Option<gst::ClockTime>) -> Result<()> {
         let buffer = sample.buffer().context("a frame without data")?;
-        if sample.caps().is_some_and(|caps| !self.info.to_caps().is_ok_and(|own| own.can_intersect(caps))) {
-            bail!("the frames change their size or format midway; cut the clip there");
-        }
         let frame = gst_video::VideoFrameRef::from_buffer_ref_readable(buffer, &self.info)
             .map_err(|_| anyhow!("a frame cannot be read"))?;
         let stride = frame.plane_stride().first().and_then(|stride| usize::try_from(*stride).ok());
@@ -194,6 +288,7 @@ impl Analysis {
         let duplicate =
             if buffer.flags().contains(gst::BufferFlags::GAP) { Duplicate::Known } else { Duplicate::Detect };
         self.rectifier.push(&Luma::from(plane), time.map(seconds), duplicate)?;
+        self.interval.add(time.map(seconds));
         self.waiting.push_back((time, self.keeps_pictures.then(|| sample.clone())));
         Ok(())
     }
@@ -214,14 +309,28 @@ fn seconds(time: gst::ClockTime) -> f64 {
     time.nseconds() as f64 * 1e-9
 }
 
-fn frame_rate(info: &gst_video::VideoInfo) -> Option<f64> {
-    let rate = info.fps();
-    (rate.numer() > 0).then(|| f64::from(rate.numer()) / f64::from(rate.denom()))
+fn rectifier(settings: Settings, info: &gst_video::VideoInfo, period: Option<f64>) -> Result<Rectifier> {
+    Ok(Rectifier::new(settings, info.width() as usize, info.height() as usize, period)?)
 }
 
-fn rectifier(settings: Settings, info: &gst_video::VideoInfo) -> Result<Rectifier> {
-    let period = frame_rate(info).map(f64::recip);
-    Ok(Rectifier::new(settings, info.width() as usize, info.height() as usize, period)?)
+/// The next decoded frame; `None` at the end.
+fn pull(
+    sink: &gst_app::AppSink,
+    playback: &mut Playback,
+    interruption: &Interruption,
+) -> Result<Option<gst::Sample>> {
+    loop {
+        // An error before the end has been reported when the end is.
+        let at_end = sink.is_eos();
+        playback.check(interruption)?;
+        if at_end {
+            return Ok(None);
+        }
+        if let Some(sample) = sink.try_pull_sample(LOOK) {
+            return Ok(Some(sample));
+        }
+        playback.waited()?;
+    }
 }
 
 /// The time of a frame in its clip.

@@ -3,11 +3,22 @@
 use crate::interruption::Interruption;
 use anyhow::{Context, Result, bail};
 use gst::prelude::*;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
+
+/// How often in succession something is waited for, a tenth of a second each time, while no data comes from any source or to any
+/// sink, before the pipeline is given up: no frame takes as long to decode, to rectify or to encode. Some broken files stop
+/// demuxers without an error, and streams that lie far apart fill all queues.
+const PATIENCE: u32 = 1200;
 
 /// What plays, and stops when it is dropped.
 pub struct Playback {
     pipeline: gst::Pipeline,
     bus: gst::Bus,
+    /// Buffers that have left the sources and come to the sinks.
+    moved: Arc<AtomicU64>,
+    /// Their number when it was last looked at, and how often it has been the same since.
+    waited: (u64, u32),
     /// What the decoder lacks, once it has said so.
     missing: Option<String>,
 }
@@ -32,7 +43,16 @@ impl Playback {
     /// Of a pipeline that has not been started.
     pub fn new(pipeline: gst::Pipeline) -> Result<Self> {
         let bus = pipeline.bus().context("the pipeline has no bus")?;
-        Ok(Self { pipeline, bus, missing: None })
+        let moved = Arc::new(AtomicU64::new(0));
+        let ends = pipeline.iterate_sources().into_iter().chain(pipeline.iterate_sinks()).flatten();
+        for pad in ends.flat_map(|end| end.pads()) {
+            let moved = moved.clone();
+            pad.add_probe(gst::PadProbeType::BUFFER | gst::PadProbeType::BUFFER_LIST, move |_, _| {
+                moved.fetch_add(1, Ordering::Relaxed);
+                gst::PadProbeReturn::Ok
+            });
+        }
+        Ok(Self { pipeline, bus, moved, waited: (0, 0), missing: None })
     }
 
     /// The pipeline.
@@ -49,7 +69,12 @@ impl Playback {
     /// Waits up to `time` for something to happen.
     pub fn next(&mut self, time: gst::ClockTime, interruption: &Interruption) -> Result<Event> {
         interruption.check()?;
-        let Some(message) = self.bus.timed_pop(time) else { return Ok(Event::Nothing) };
+        let Some(message) = self.bus.timed_pop(time) else {
+            if time > gst::ClockTime::ZERO {
+                self.waited()?;
+            }
+            return Ok(Event::Nothing);
+        };
         match message.view() {
             gst::MessageView::Eos(_) => return Ok(Event::End),
             gst::MessageView::AsyncDone(_) => return Ok(Event::Ready),
@@ -67,6 +92,17 @@ impl Playback {
             _ => {}
         }
         Ok(Event::Nothing)
+    }
+
+    /// A tenth of a second was waited for something in vain; an error where nothing has moved for too long.
+    pub fn waited(&mut self) -> Result<()> {
+        let moved = self.moved.load(Ordering::Relaxed);
+        let times = if moved == self.waited.0 { self.waited.1 + 1 } else { 0 };
+        self.waited = (moved, times);
+        if times >= PATIENCE {
+            bail!("nothing has come from the file or gone on for two minutes: given up");
+        }
+        Ok(())
     }
 
     /// An error where one has been reported.

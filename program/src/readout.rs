@@ -48,8 +48,10 @@ pub struct Found {
     pub direction: ReadoutDirection,
     /// Standard deviation of the time, in frame durations.
     pub deviation: f64,
-    /// Milliseconds from one frame to the next.
+    /// Milliseconds from one frame to the next, in which deviations are counted.
     pub period: f64,
+    /// Frames a second; `None` where neither the file nor the times of the frames state it.
+    pub frame_rate: Option<f64>,
     /// Frame width and height in pixels.
     pub size: [u32; 2],
     /// The focal length, where anything is known of it.
@@ -69,6 +71,8 @@ pub struct Found {
 /// Why a readout is not to be relied on.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Doubt {
+    /// There are hardly any frames.
+    TooFewFrames,
     /// Hardly a frame has a motion that most of the picture follows.
     NoMotion,
     /// There is motion, but the deviation is too large.
@@ -78,7 +82,9 @@ pub enum Doubt {
 impl Found {
     /// What speaks against relying on it from the first frame to the last.
     pub fn doubt(&self) -> Option<Doubt> {
-        if self.followed < FOLLOWED {
+        if self.frames < FOLLOWED {
+            Some(Doubt::TooFewFrames)
+        } else if self.followed < FOLLOWED {
             Some(Doubt::NoMotion)
         } else if self.deviation > SURE {
             Some(Doubt::Uncertain)
@@ -139,22 +145,12 @@ pub struct Summary {
     focal_length: Option<FocalLength>,
     frames: u32,
     followed: u32,
-    /// Sum and number of the intervals between frames, in seconds.
-    intervals: (f64, u32),
-    time: Option<f64>,
     cuts: Vec<usize>,
 }
 
 impl Summary {
     /// Adds a frame.
     pub fn add(&mut self, frame: &Frame) {
-        let interval = frame.time.zip(self.time).map(|(now, before)| now - before);
-        // Longer ones lie between stretches.
-        if let Some(interval) = interval.filter(|interval| (0.0..1.0).contains(interval)) {
-            self.intervals.0 += interval;
-            self.intervals.1 += 1;
-        }
-        self.time = frame.time;
         if frame.solution.begins_shot {
             self.cuts.push(self.frames as usize);
         }
@@ -165,21 +161,21 @@ impl Summary {
     }
 
     /// What was found; `None` of a clip without frames.
-    pub fn found(&self, size: [u32; 2], frame_rate: Option<f64>) -> Option<Found> {
+    fn found(&self, analysis: &Analysis) -> Option<Found> {
         let last = self.last.as_ref()?;
         let readout = last.motion.readout();
-        let mean = (self.intervals.1 > 0).then(|| self.intervals.0 / f64::from(self.intervals.1));
         Some(Found {
             milliseconds: readout.time() * 1e3,
             direction: readout.direction(),
             deviation: last.readout_deviation,
-            size,
-            period: 1e3 * frame_rate.map(f64::recip).or(mean).unwrap_or(0.0),
+            size: analysis.size(),
+            period: 1e3 * analysis.period().unwrap_or(0.0),
+            frame_rate: analysis.frame_rate(),
             focal_length: self.focal_length,
             frames: self.frames,
             followed: self.followed,
             expected: None,
-            posterior: None,
+            posterior: analysis.posterior(),
             cuts: self.cuts.clone(),
         })
     }
@@ -240,9 +236,12 @@ pub fn find(
         _ => analysis.run(None, interruption, &mut note)?,
     }
     bar.finish_and_clear();
-    let posterior = analysis.posterior();
-    let found = summary.found(analysis.size(), analysis.frame_rate());
-    Ok(found.map(|found| Found { expected, posterior, ..found }))
+    if let Some(reason) = analysis.ended_early() {
+        let frames = summary.frames;
+        eprintln!("warning: {}: {reason}; the readout is that of the {frames} frames before", clip.display());
+    }
+    let found = summary.found(&analysis);
+    Ok(found.map(|found| Found { expected, ..found }))
 }
 
 /// What is expected of the readout of a clip that is not analysed before it is rectified.
@@ -254,9 +253,17 @@ pub fn expected(
     let Some(camera) = options.camera.of(clip)? else { return Ok(None) };
     match Analysis::open(clip, options.settings(), interruption) {
         Ok(mut analysis) => expect(&mut analysis, Some(&camera)),
-        // What cannot be analysed may still be played; if not, playing it says why.
-        Err(_) => Ok(None),
+        Err(error) => {
+            interruption.check()?;
+            warn_of_search(clip, &error);
+            Ok(None)
+        }
     }
+}
+
+/// Reports why nothing was found in a clip before it is rectified. What cannot be analysed may still be played.
+pub fn warn_of_search(clip: &Path, error: &anyhow::Error) {
+    eprintln!("warning: {}: the readout was not sought beforehand: {error:#}", clip.display());
 }
 
 /// Starts from what is expected of the camera that made a clip, and says so.

@@ -13,7 +13,7 @@ use crate::playback::{Event, Playback};
 use crate::progress;
 use crate::readout::{self, Extent};
 use crate::streams::{Excerpt, Remux};
-use anyhow::{Context, Result, bail};
+use anyhow::{Context, Result, anyhow, bail};
 use gst::prelude::*;
 use indicatif::{ProgressBar, ProgressStyle};
 pub use options::FixOptions;
@@ -64,10 +64,13 @@ fn one(job: &Job, options: &FixOptions, interruption: &Interruption) -> Result<(
         let settings = analysis.settings();
         let found = readout::find(&job.input, settings, camera.as_ref(), Extent::Stretches, interruption);
         interruption.check()?;
-        // What cannot be analysed may still be played; if not, playing it says why.
-        if let Ok(Some(found)) = found {
-            println!("readout: {found}");
-            found.apply(analysis);
+        match found {
+            Ok(Some(found)) => {
+                println!("readout: {found}");
+                found.apply(analysis);
+            }
+            Ok(None) => readout::warn_of_search(&job.input, &anyhow!("no frame could be analysed")),
+            Err(error) => readout::warn_of_search(&job.input, &error),
         }
     } else if analysis.leaves_readout_open() {
         analysis.expected = readout::expected(&job.input, analysis, interruption)?;

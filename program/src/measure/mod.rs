@@ -98,7 +98,7 @@ fn one(clip: &Path, options: &MeasureOptions, interruption: &Interruption) -> Re
         None => Extent::Whole,
     };
     let found = readout::find(clip, settings, None, extent, interruption)?;
-    let found = found.context("no frame could be decoded")?;
+    let found = found.context("no frame could be analysed")?;
     if let Some(frames) = &frames {
         part::check_count(found.frames as usize, frames.len())?;
     }

@@ -175,7 +175,7 @@ impl Measurement {
             clip,
             width: found.size[0],
             height: found.size[1],
-            frame_rate: (found.period > 0.0).then(|| 1e3 / found.period),
+            frame_rate: found.frame_rate,
             frames: found.frames,
             frames_with_motion: found.followed,
             certain: found.doubt().is_none(),
@@ -206,6 +206,9 @@ impl Measurement {
 fn doubts(found: &Found, readout: &Estimate) -> Vec<String> {
     let mut doubts = Vec::new();
     match found.doubt() {
+        Some(Doubt::TooFewFrames) => {
+            doubts.push(format!("there are too few frames to see a motion in, {}", found.frames));
+        }
         Some(Doubt::NoMotion) => doubts.push(format!(
             "only {} of {} frames have a motion that most of the picture follows: the camera hardly moved, or there is too \
              little to see",
@@ -351,6 +354,7 @@ mod tests {
             direction,
             deviation,
             period: 40.0,
+            frame_rate: Some(25.0),
             size: [640, 480],
             focal_length: None,
             frames: 90,

@@ -84,7 +84,7 @@ fn plot(options: &PlotOptions, file: &Path, kind: Kind, interruption: &Interrupt
         Ok(())
     })?;
     bar.finish_and_clear();
-    let points = series.points(analysis.frame_rate());
+    let points = series.points(analysis.period());
     if points.is_empty() {
         bail!("there are too few frames to plot");
     }
@@ -99,5 +99,5 @@ fn plot(options: &PlotOptions, file: &Path, kind: Kind, interruption: &Interrupt
     std::fs::write(unfinished.path(), content).with_context(|| format!("cannot write {}", file.display()))?;
     unfinished.finish(file)?;
     println!("{}: {frames} frames", file.display());
-    Ok(())
+    analysis.check_whole()
 }

@@ -60,15 +60,8 @@ impl Series {
         });
     }
 
-    /// The points of a clip that says this of its frame rate; none of one whose frames have no rate.
-    pub fn points(self, frame_rate: Option<f64>) -> Vec<Point> {
-        let known: Vec<f64> = self.times.iter().copied().flatten().collect();
-        let mean = known
-            .first()
-            .zip(known.last())
-            .filter(|_| known.len() > 1)
-            .map(|(first, last)| (last - first) / (known.len() - 1) as f64);
-        let period = frame_rate.map(f64::recip).or(mean).filter(|period| *period > 0.0);
+    /// The points of a clip whose frames are so many seconds apart; none where that is not known.
+    pub fn points(self, period: Option<f64>) -> Vec<Point> {
         let Some(period) = period else { return Vec::new() };
         let points = self.frames.into_iter().zip(self.times).enumerate();
         let point = |(index, (mut point, time)): (usize, (Point, Option<f64>))| {

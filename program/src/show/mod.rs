@@ -70,7 +70,7 @@ fn show(options: &ShowOptions, file: &Path, container: Container, interruption: 
     settings.keep_correspondences = true;
     let mut analysis = Analysis::open(&options.clip, settings, interruption)?;
     analysis.keep_pictures();
-    let period = analysis.frame_rate().map(|rate| 1e3 / rate);
+    let period = analysis.period().map(|period| 1e3 * period);
     let found = found.map(|found| found.estimate());
     let overlay = Overlay::new(analysis.size(), options.magnify, found, period);
     let renderer = Renderer::new();
@@ -90,11 +90,12 @@ fn show(options: &ShowOptions, file: &Path, container: Container, interruption: 
         Ok(())
     })?;
     if frames == 0 {
+        analysis.check_whole()?;
         bail!("no frame could be decoded");
     }
     writer.finish(interruption)?;
     bar.finish_and_clear();
     unfinished.finish(file)?;
     println!("{}: {frames} frames", file.display());
-    Ok(())
+    analysis.check_whole()
 }

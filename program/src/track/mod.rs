@@ -189,6 +189,7 @@ fn write(
     })?;
     bar.finish_and_clear();
     if index == 0 {
+        clip.check_whole()?;
         bail!("no frame could be decoded");
     }
     if without_motion > 0 {
@@ -197,5 +198,6 @@ fn write(
     if let Some(out) = &mut json {
         writeln!(out.file, "\n]")?;
     }
-    [csv, rows_csv, json, gcsv].into_iter().flatten().try_for_each(Output::finish)
+    [csv, rows_csv, json, gcsv].into_iter().flatten().try_for_each(Output::finish)?;
+    clip.check_whole()
 }
