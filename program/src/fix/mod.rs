@@ -7,7 +7,7 @@ mod plan;
 use crate::clips;
 use crate::interruption::Interruption;
 use crate::output::codec::Container;
-use crate::output::{self, Unfinished};
+use crate::output;
 use crate::part;
 use crate::playback::{Event, Playback};
 use crate::progress;
@@ -81,23 +81,23 @@ fn one(job: &Job, options: &FixOptions, interruption: &Interruption) -> Result<(
             std::fs::create_dir_all(folder).with_context(|| format!("cannot make {}", folder.display()))?;
         }
     }
-    let unfinished = Unfinished::beside(&job.output);
     let progress = Arc::new(Progress::default());
     let lookahead = recipe.rectifier.analysis.settings().lookahead;
     let part = options.part.of(&job.input, lookahead, interruption)?;
     let excerpt = part.map(|part| Arc::new(Excerpt::new(part)));
     let expected = excerpt.as_ref().map(|excerpt| excerpt.frames().len());
-    let rectification = Rectification::new(&recipe, excerpt, &job.input, unfinished.path(), &progress)?;
+    let rectification = Rectification::new(&recipe, excerpt, &job.input, &job.output, &progress)?;
     play(&rectification.remux, recipe.container, &progress, interruption)?;
     let frames = progress.frames();
     if frames == 0 {
         bail!("no frame could be decoded");
     }
     if let Some(expected) = expected {
-        part::check_count(usize::try_from(frames)?, expected)?;
+        part::check_count(frames, expected)?;
     }
-    rectification.finish(unfinished.path())?;
-    unfinished.finish(&job.output)?;
+    let file = rectification.finish(interruption)?;
+    output::verify(file.path(), &progress.times(), interruption).context("the file is not as it should be")?;
+    file.finish(&job.output)?;
     println!("{}: {frames} frames", job.output.display());
     Ok(())
 }

@@ -6,13 +6,15 @@
 use crate::elements::{named, pad, parse};
 use crate::output::codec::{Codec, Container, Rate};
 use crate::rectifier_options::RectifierOptions;
+use crate::interruption::Interruption;
 use crate::isobmff::EncodedVideo;
+use crate::output::Unfinished;
 use crate::streams::{Audio, Destination, Excerpt, Remux, Video, collect};
 use anyhow::Result;
 use gst::prelude::*;
 use std::path::Path;
-use std::sync::{Arc, Mutex, PoisonError};
-use std::sync::atomic::{AtomicU32, AtomicU64, Ordering};
+use std::sync::atomic::{AtomicU32, Ordering};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 /// Turns frames as the clip's rotation tag says.
 const UPRIGHT: &str = "videoconvert ! videoflip video-direction=auto";
@@ -37,28 +39,30 @@ pub struct Recipe {
 /// How far the encoder has come.
 #[derive(Default)]
 pub struct Progress {
-    frames: AtomicU64,
-    milliseconds: AtomicU64,
+    /// When each frame is shown that has come to the encoder; `None` of a frame without a time.
+    times: Mutex<Vec<Option<gst::ClockTime>>>,
 }
 
 impl Progress {
     /// Frames that have come to the encoder.
-    pub fn frames(&self) -> u64 {
-        self.frames.load(Ordering::Relaxed)
+    pub fn frames(&self) -> usize {
+        self.times().len()
     }
 
-    /// The time of the last of them in the clip.
+    /// The time of the last of them in the clip, in milliseconds.
     pub fn milliseconds(&self) -> u64 {
-        self.milliseconds.load(Ordering::Relaxed)
+        self.times().last().copied().flatten().map_or(0, |time| time.mseconds())
+    }
+
+    /// When each of them is shown.
+    pub fn times(&self) -> MutexGuard<'_, Vec<Option<gst::ClockTime>>> {
+        self.times.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     fn watch(self: &Arc<Self>, encoder_input: &gst::Pad) {
         let progress = self.clone();
         encoder_input.add_probe(gst::PadProbeType::BUFFER, move |_, info| {
-            progress.frames.fetch_add(1, Ordering::Relaxed);
-            if let Some(time) = info.buffer().and_then(|buffer| buffer.pts()) {
-                progress.milliseconds.store(time.mseconds(), Ordering::Relaxed);
-            }
+            progress.times().push(info.buffer().and_then(|buffer| buffer.pts()));
             gst::PadProbeReturn::Ok
         });
     }
@@ -159,9 +163,11 @@ pub struct Rectification {
     /// What is encoded, where this program writes the file.
     encoded: Option<Arc<Mutex<EncodedVideo>>>,
     is_turned: bool,
+    file: Unfinished,
 }
 
 impl Rectification {
+    /// Of a clip whose rectified twin is called `output` in the end.
     pub fn new(
         recipe: &Recipe,
         excerpt: Option<Arc<Excerpt>>,
@@ -170,26 +176,30 @@ impl Rectification {
         progress: &Arc<Progress>,
     ) -> Result<Self> {
         let (container, audio) = (recipe.container, recipe.audio);
-        let destination = Destination { output, container, audio, excerpt: excerpt.clone() };
         let (mut encoded, mut is_turned) = (None, true);
+        let part = Unfinished::beside(output).path().to_owned();
+        let destination = Destination { output: &part, container, audio, excerpt: excerpt.clone() };
         let remux = Remux::new(clip, destination, |keeps_orientation| {
             // Parts of a clip are alike in all containers, so that they can be joined in any.
             is_turned = recipe.compare || excerpt.is_some() || !keeps_orientation;
             let video = video_branch(recipe, is_turned, excerpt.as_deref())?;
             progress.watch(&pad(&named(&video, "encoder")?, "sink")?);
             if container.is_isobmff() {
-                encoded = Some(collect(&video, output.with_extension("video"))?);
+                encoded = Some(collect(&video, part.clone())?);
             }
             Ok(Video::Decoded(video))
         })?;
-        Ok(Self { remux, encoded, is_turned })
+        let file = Unfinished::with_ending(output, if encoded.is_some() { ".whole" } else { ".part" });
+        Ok(Self { remux, encoded, is_turned, file })
     }
 
     /// Once the pipeline has come to its end: writes the file, where the pipeline has not.
-    pub fn finish(&self, output: &Path) -> Result<()> {
-        let Some(encoded) = &self.encoded else { return Ok(()) };
-        let mut encoded = encoded.lock().unwrap_or_else(PoisonError::into_inner);
-        encoded.finish()?;
-        self.remux.write(&encoded, self.is_turned, output)
+    pub fn finish(&self, interruption: &Interruption) -> Result<&Unfinished> {
+        if let Some(encoded) = &self.encoded {
+            let mut encoded = encoded.lock().unwrap_or_else(PoisonError::into_inner);
+            encoded.finish()?;
+            self.remux.write(&encoded, self.is_turned, self.file.path(), interruption)?;
+        }
+        Ok(&self.file)
     }
 }

@@ -4,11 +4,12 @@
 //! Tracks that are copied keep all their boxes but for the places of their chunks.
 
 use super::encoded::EncodedVideo;
-use super::film::{Dates, Film, Track};
+use super::film::{Film, Track};
 use super::headers;
 use super::tables::{self, Chunk};
 use super::video::{self, Sample, Timing, VideoTrack};
 use crate::boxes::boxed;
+use crate::interruption::Interruption;
 use crate::output::codec::Container;
 use crate::streams::timecode::Timecode;
 use anyhow::{Context, Result};
@@ -37,8 +38,8 @@ pub struct Assembly<'a> {
     pub comment: Option<String>,
     /// The timecode of the first frame, where no track with it is copied.
     pub timecode: Option<Timecode>,
-    /// When the clip was made, where it is no such file.
-    pub dates: Option<Dates>,
+    /// When the clip was made, in seconds since 1970, where it is no such file.
+    pub created: Option<i64>,
     /// The box of chapters, where the clip is no such file; may be empty.
     pub chapters: Vec<u8>,
 }
@@ -56,8 +57,8 @@ impl Assembly<'_> {
     /// Writes the file.
     ///
     /// # Errors
-    /// If a file cannot be read or written, or the video cannot be in such a file.
-    pub fn write(&self, output: &Path) -> Result<()> {
+    /// If a file cannot be read or written, the video cannot be in such a file, or the user interrupts.
+    pub fn write(&self, output: &Path, interruption: &Interruption) -> Result<()> {
         let scratch = Scratch { path: self.video.path().with_extension("timecode") };
         let tracks = self.plan(&scratch)?;
         let (order, offsets) = layout(&tracks);
@@ -73,6 +74,7 @@ impl Assembly<'_> {
         let mut sources: Vec<_> =
             tracks.iter().map(|track| File::open(&track.source).map(BufReader::new)).collect::<Result<_, _>>()?;
         for (track, chunk) in order {
+            interruption.check()?;
             let source = sources.get_mut(track).context("no such track")?;
             source.seek(SeekFrom::Start(chunk.offset))?;
             let copied = std::io::copy(&mut source.take(chunk.length), &mut file)
@@ -188,7 +190,7 @@ impl Assembly<'_> {
         let end = tracks.iter().map(|track| track.end).fold(0.0, f64::max);
         let header = match self.clip {
             Some((film, _)) => headers::film_like(film, end, tracks.len()),
-            None => headers::film(self.dates, end, tracks.len()),
+            None => headers::film(self.created, end, tracks.len()),
         };
         let mut content = header;
         for (track, offsets) in tracks.iter().zip(offsets) {

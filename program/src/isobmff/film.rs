@@ -10,12 +10,17 @@ const HINTS: &[u8; 4] = b"hint";
 /// Of a data reference: the data lie in the file itself.
 const SELF_CONTAINED: u32 = 1;
 
+/// From the beginning of 1904, where dates count from, to that of 1970: 66 years, 17 of them leap years.
+pub const EPOCH: i64 = (66 * 365 + 17) * 24 * 3600;
+
 /// A film and its index.
 #[derive(Clone, Debug)]
 pub struct Film {
     pub path: PathBuf,
     moov: Vec<u8>,
     is_quicktime: bool,
+    /// Whether the tables of its tracks lie in fragments, behind the index.
+    is_fragmented: bool,
 }
 
 /// A track of a film.
@@ -28,22 +33,16 @@ pub struct Track<'a> {
     pub content: &'a [u8],
 }
 
-/// When something was made and last changed, in seconds since 1904.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Dates {
-    pub created: u64,
-    pub changed: u64,
-}
-
 impl Film {
-    /// Reads the index of a file; `None` if it has none, or its tracks lie in fragments, whose tables are elsewhere.
+    /// Reads the index of a file; `None` if it has none.
     pub fn read(path: &Path) -> Option<Self> {
         let mut file = File::open(path).ok()?;
         let moov = read_index(&mut file)?;
         let brand = read_top_level(&mut file, b"ftyp", 4);
         let is_quicktime = brand.is_none_or(|brand| brand == b"qt  ");
-        let film = Self { path: path.to_owned(), moov, is_quicktime };
-        (film.child(b"mvex").is_none() && film.child(b"mvhd").is_some()).then_some(film)
+        let is_fragmented = child(&moov, &[b"mvex"]).is_some();
+        let film = Self { path: path.to_owned(), moov, is_quicktime, is_fragmented };
+        film.child(b"mvhd").is_some().then_some(film)
     }
 
     /// Whether it is a QuickTime file; those of old do not state what they are.
@@ -51,11 +50,16 @@ impl Film {
         self.is_quicktime
     }
 
+    /// Whether its tracks can be copied: their tables are in the index.
+    pub fn has_tables(&self) -> bool {
+        !self.is_fragmented
+    }
+
     /// The track that is played: the first of video that is enabled, else the first of all.
     pub fn main_video(&self) -> Option<u32> {
-        let has_frames =
-            |track: &Track<'_>| track.table().and_then(tables::sample_count).is_some_and(|count| count > 0);
-        let is_video = |track: &Track<'_>| &track.handler == b"vide" && has_frames(track);
+        let count = |track: &Track<'_>| track.table().and_then(tables::sample_count).unwrap_or(0);
+        let is_video =
+            |track: &Track<'_>| &track.handler == b"vide" && (self.is_fragmented || count(track) > 0);
         let enabled = self.tracks().find(|track| is_video(track) && track.is_enabled());
         enabled.or_else(|| self.tracks().find(is_video)).map(|track| track.id)
     }
@@ -76,17 +80,14 @@ impl Film {
         number(header, if header.first() == Some(&1) { 20 } else { 12 }).filter(|scale| *scale > 0).unwrap_or(1000)
     }
 
-    /// When the film was made; `None` where it does not say.
-    pub fn dates(&self) -> Option<Dates> {
+    /// When the film was made, in seconds since 1970; `None` where it does not say.
+    pub fn created(&self) -> Option<i64> {
         let header = self.child(b"mvhd")?;
-        let dates = match header.first()? {
-            1 => Dates {
-                created: crate::boxes::long_number(header, 4)?,
-                changed: crate::boxes::long_number(header, 12)?,
-            },
-            _ => Dates { created: number(header, 4)?.into(), changed: number(header, 8)?.into() },
+        let created = match header.first()? {
+            1 => crate::boxes::long_number(header, 4)?,
+            _ => number(header, 4)?.into(),
         };
-        (dates.created > 0).then_some(dates)
+        i64::try_from(created).ok().filter(|created| *created > 0).map(|created| created - EPOCH)
     }
 
     /// The tracks.

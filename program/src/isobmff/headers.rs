@@ -1,6 +1,6 @@
 //! The boxes around the sample tables: of the film, and of its tracks.
 
-use super::film::{Dates, Film, Track};
+use super::film::{EPOCH, Film, Track};
 use super::tables;
 use super::video::VideoTrack;
 use crate::boxes::{boxed, child, children, number, words};
@@ -71,10 +71,11 @@ pub fn film_like(film: &Film, end: f64, added: usize) -> Vec<u8> {
     boxed(b"mvhd", &header)
 }
 
-/// The header of a film that is like no other.
-pub fn film(dates: Option<Dates>, end: f64, tracks: usize) -> Vec<u8> {
-    let dates = dates.unwrap_or(Dates { created: 0, changed: 0 });
-    let times = [dates.created, dates.changed].map(u64::to_be_bytes).concat();
+/// The header of a film that is like no other, made at a time in seconds since 1970.
+pub fn film(created: Option<i64>, end: f64, tracks: usize) -> Vec<u8> {
+    // 0: that is not known.
+    let created = created.and_then(|created| u64::try_from(created + EPOCH).ok()).unwrap_or(0);
+    let times = [created, created].map(u64::to_be_bytes).concat();
     let header = [
         words(&[1 << 24]),
         times,

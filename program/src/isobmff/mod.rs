@@ -12,4 +12,4 @@ mod video;
 
 pub use assembly::Assembly;
 pub use encoded::EncodedVideo;
-pub use film::{Dates, Film, Track};
+pub use film::{Film, Track};

@@ -141,7 +141,7 @@ fn write(
         parts.collect(&mut video, interruption, &mut || show())?;
         // As `fix` writes parts.
         let is_turned = true;
-        remux.write(&video, is_turned, output)?;
+        remux.write(&video, is_turned, output, interruption)?;
     }
     bar.finish_and_clear();
     if parts.joined() != parts.frames() {

@@ -76,6 +76,17 @@ impl Container {
         }
     }
 
+    /// The container that holds the streams of a clip best: its own kind, of MXF that of the same makers of films, else
+    /// Matroska, which takes most.
+    pub fn for_clip(clip: &Path) -> Self {
+        let extension = clip.extension().and_then(|extension| extension.to_str()).map(str::to_ascii_lowercase);
+        match extension.as_deref() {
+            Some("mp4" | "m4v" | "3gp" | "3g2" | "f4v" | "y4m") => Self::Mp4,
+            Some("mov" | "qt" | "mxf") => Self::Mov,
+            _ => Self::Mkv,
+        }
+    }
+
     /// The extension of its files.
     pub fn extension(self) -> &'static str {
         match self {

@@ -11,7 +11,8 @@ pub struct EncodingOptions {
     /// How the video is encoded.
     #[arg(long, value_enum, default_value = "h264")]
     pub codec: Codec,
-    /// The kind of file; without it the one that the output's name says, else the clip's own, else the codec's usual one.
+    /// The kind of file; without it the one that the output's name says, else the clip's own if it is MP4 or
+    /// MOV (MOV for MXF), else MKV, which holds the streams of all others; or the codec's usual one.
     #[arg(long, value_enum)]
     pub container: Option<Container>,
     /// Constant quality on the encoder's scale, 0 the best: H.264 to 50 and HEVC to 51 (18 unless given), AV1
@@ -35,12 +36,12 @@ impl EncodingOptions {
         if named == Some(None) && self.container.is_none() {
             bail!("--output must end in .mp4, .mov or .mkv, or --container be given");
         }
-        // A clip's own kind of file, where that can hold the codec.
-        let own = || {
-            let own = Container::of(clip);
-            own.filter(|container| self.codec.check(*container, self.rate()).is_ok())
+        // What suits the clip, where that can hold the codec.
+        let suited = || {
+            let suited = Container::for_clip(clip);
+            let is_held = self.codec.check(suited, self.rate()).is_ok();
+            if is_held { suited } else { self.codec.usual_container() }
         };
-        let container = self.container.or(named.flatten()).or_else(own);
-        Ok(container.unwrap_or(self.codec.usual_container()))
+        Ok(self.container.or(named.flatten()).unwrap_or_else(suited))
     }
 }

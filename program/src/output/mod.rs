@@ -3,8 +3,10 @@
 pub mod codec;
 pub mod encoding;
 mod unfinished;
+mod verify;
 
 pub use unfinished::Unfinished;
+pub use verify::verify;
 
 use anyhow::{Context, Result, bail};
 use std::path::{Path, PathBuf};

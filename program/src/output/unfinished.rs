@@ -9,8 +9,13 @@ pub struct Unfinished(PathBuf);
 impl Unfinished {
     /// The file that becomes `output`.
     pub fn beside(output: &Path) -> Self {
+        Self::with_ending(output, ".part")
+    }
+
+    /// The same under another name, where the usual one is that of an earlier step.
+    pub fn with_ending(output: &Path, ending: &str) -> Self {
         let mut name = output.as_os_str().to_owned();
-        name.push(".part");
+        name.push(ending);
         Self(name.into())
     }
 

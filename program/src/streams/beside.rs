@@ -6,6 +6,7 @@ use super::label;
 use super::timecode::Timecode;
 use super::{Audio, Destination};
 use crate::elements::{self, make, named};
+use crate::interruption::Interruption;
 use crate::isobmff::{Assembly, EncodedVideo, Film, Track};
 use crate::output::codec::Container;
 use anyhow::{Context, Result, anyhow};
@@ -31,6 +32,8 @@ struct Side {
     muxer: Option<gst::Element>,
     /// When the first of its streams begins: the muxer begins with it.
     start: Option<gst::ClockTime>,
+    /// When the clip was made, as its demuxer says.
+    created: Option<gst::DateTime>,
 }
 
 impl Beside {
@@ -68,8 +71,9 @@ impl Beside {
 
     /// Whether a track of the clip is copied as it is: MP4 and QuickTime describe sound and text each in its own way.
     fn copies(&self, track: &Track<'_>) -> bool {
-        let is_alike =
-            self.film.as_ref().is_some_and(|(film, _)| film.is_quicktime() == (self.container == Container::Mov));
+        let is_alike = self.film.as_ref().is_some_and(|(film, _)| {
+            film.has_tables() && film.is_quicktime() == (self.container == Container::Mov)
+        });
         let is_wanted = &track.handler != b"soun" || self.audio == Audio::Copy;
         self.excerpt.is_none() && is_alike && is_wanted && track.is_copied()
     }
@@ -104,8 +108,19 @@ impl Beside {
         Ok(())
     }
 
+    /// Notes when the clip was made.
+    pub fn note_date(&self, created: gst::DateTime) {
+        self.side.lock().unwrap_or_else(PoisonError::into_inner).created = Some(created);
+    }
+
     /// Writes the file: the video with all that lies beside it. `is_turned` of frames that were turned upright.
-    pub fn write(&self, video: &EncodedVideo, is_turned: bool, output: &Path) -> Result<()> {
+    pub fn write(
+        &self,
+        video: &EncodedVideo,
+        is_turned: bool,
+        output: &Path,
+        interruption: &Interruption,
+    ) -> Result<()> {
         let side = self.side.lock().unwrap_or_else(PoisonError::into_inner);
         let film = match side.muxer {
             Some(_) => Some(Film::read(&side.path).context("the streams beside the video cannot be read again")?),
@@ -122,10 +137,10 @@ impl Beside {
             is_turned,
             comment: label,
             timecode: self.timecode,
-            dates: None,
+            created: side.created.as_ref().and_then(|date| Some(date.to_g_date_time().ok()?.to_unix())),
             chapters: Vec::new(),
         };
-        assembly.write(output)
+        assembly.write(output, interruption)
     }
 }
 

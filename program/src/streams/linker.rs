@@ -4,10 +4,13 @@ use super::beside::Beside;
 use super::excerpt::Excerpt;
 use super::timecode::Timecode;
 use super::{Audio, Kind, Route, is_copied, label, markup, route};
+use crate::decoder;
 use crate::elements::{self, NO_VIDEO, make, named, parse};
-use crate::isobmff::EncodedVideo;
+use crate::interruption::Interruption;
+use crate::isobmff::{EncodedVideo, Film};
 use crate::output::codec::Container;
 use anyhow::{Context, Result, anyhow, bail};
+use gst::glib;
 use gst::prelude::*;
 use std::collections::HashSet;
 use std::path::Path;
@@ -53,7 +56,7 @@ enum Muxer {
 
 /// Links what the decoder finds to the muxer.
 struct Linker {
-    pipeline: gst::glib::WeakRef<gst::Pipeline>,
+    pipeline: glib::WeakRef<gst::Pipeline>,
     muxer: Muxer,
     video: Video,
     container: Container,
@@ -73,7 +76,7 @@ impl Remux {
         video: impl FnOnce(bool) -> Result<Video>,
     ) -> Result<Self> {
         let pipeline = gst::Pipeline::new();
-        let (source, decoder) = (make("filesrc")?, make("decodebin")?);
+        let (source, decoder) = (make("filesrc")?, decoder::of(clip)?);
         source.set_property("location", clip);
         pipeline.add_many([&source, &decoder])?;
         source.link(&decoder)?;
@@ -81,7 +84,7 @@ impl Remux {
         let timecode = Timecode::of(clip).and_then(|timecode| timecode.after(first_frame));
         let muxer = match Beside::of(clip, &destination, timecode) {
             Some(beside) => Muxer::Boxes(beside),
-            None => Muxer::Whole(Self::muxer(&pipeline, &destination, timecode)?),
+            None => Muxer::Whole(Self::muxer(clip, &pipeline, &destination, timecode)?),
         };
         let Destination { container, audio, excerpt, .. } = destination;
         let is_upright = matches!(&muxer, Muxer::Boxes(beside) if beside.keeps_orientation());
@@ -96,6 +99,7 @@ impl Remux {
 
     /// The muxer of all streams, with the file that it writes.
     fn muxer(
+        clip: &Path,
         pipeline: &gst::Pipeline,
         destination: &Destination<'_>,
         timecode: Option<Timecode>,
@@ -109,6 +113,8 @@ impl Remux {
             let label = label::of(&excerpt.frames());
             tags.add_tag::<gst::tags::Comment>(&label.as_str(), gst::TagMergeMode::ReplaceAll);
         }
+        let created = Film::read(clip).and_then(|film| film.created());
+        set_date(&muxer, created.and_then(|created| glib::DateTime::from_unix_utc(created).ok()));
         if let Some(timecode) = timecode.and_then(Timecode::to_gst) {
             gst::element_warning!(
                 pipeline,
@@ -121,9 +127,15 @@ impl Remux {
 
     /// Writes the file, where this program does so itself: the encoded video, its frames turned upright or not, and what the
     /// pipeline has taken of the other streams.
-    pub fn write(&self, video: &EncodedVideo, is_turned: bool, output: &Path) -> Result<()> {
+    pub fn write(
+        &self,
+        video: &EncodedVideo,
+        is_turned: bool,
+        output: &Path,
+        interruption: &Interruption,
+    ) -> Result<()> {
         match &self.linker.muxer {
-            Muxer::Boxes(beside) => beside.write(video, is_turned, output),
+            Muxer::Boxes(beside) => beside.write(video, is_turned, output, interruption),
             Muxer::Whole(_) => bail!("the muxer writes the file"),
         }
     }
@@ -149,8 +161,10 @@ impl Linker {
         // A whole MP4 file, before it is demuxed, calls itself video too.
         let is_demuxed = comes_from(pad, "Demuxer") || comes_from(pad, "Parser");
         let is_dropped = self.drops_video() && Kind::of(caps) == Kind::Video && is_demuxed;
-        let is_dropped = is_dropped || (is_demuxed && self.copies(pad));
-        !is_dropped && !is_copied(self.container, self.audio, caps)
+        let is_track = is_demuxed && self.copies(pad);
+        // Subtitles that are pictures are no video.
+        let is_picture = caps.structure(0).is_some_and(|format| format.name().starts_with("subpicture/"));
+        !is_dropped && !is_track && !is_picture && !is_copied(self.container, self.audio, caps)
     }
 
     /// Has what the decoder finds linked, or held.
@@ -164,6 +178,7 @@ impl Linker {
         });
         let on_pad = linker.clone();
         decoder.connect_pad_added(move |_, pad| {
+            on_pad.watch_date(pad);
             if let Some(excerpt) = &on_pad.excerpt {
                 excerpt.hold(pad);
             } else if let Err(error) = on_pad.link(pad) {
@@ -181,6 +196,26 @@ impl Linker {
                 linker.report(&error);
             }
         });
+    }
+
+    /// Takes over when the clip was made, once its demuxer has said so.
+    fn watch_date(self: &Arc<Self>, pad: &gst::Pad) {
+        let linker = self.clone();
+        pad.add_probe(gst::PadProbeType::EVENT_DOWNSTREAM, move |_, info| {
+            if let Some(gst::EventView::Tag(tags)) = info.event().map(|event| event.view())
+                && let Some(date) = tags.tag().get::<gst::tags::DateTime>()
+            {
+                linker.note_date(date.get());
+            }
+            gst::PadProbeReturn::Ok
+        });
+    }
+
+    fn note_date(&self, created: gst::DateTime) {
+        match &self.muxer {
+            Muxer::Boxes(beside) => beside.note_date(created),
+            Muxer::Whole(muxer) => set_date(muxer, created.to_g_date_time().ok()),
+        }
     }
 
     fn link(self: &Arc<Self>, pad: &gst::Pad) -> Result<()> {
@@ -338,6 +373,13 @@ impl Linker {
         if let Some(pipeline) = self.pipeline.upgrade() {
             gst::element_error!(pipeline, gst::StreamError::Failed, ("{error:#}"));
         }
+    }
+}
+
+/// Has a muxer state when the file was made, not when it was written.
+fn set_date(muxer: &gst::Element, created: Option<glib::DateTime>) {
+    if let Some(created) = created.filter(|_| muxer.has_property("creation-time")) {
+        muxer.set_property("creation-time", created);
     }
 }
 
