@@ -130,9 +130,11 @@ impl fmt::Display for Found {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let (time, share) = (self.milliseconds, 100.0 * self.deviation);
         if self.doubt().is_some() {
+            let from = self.expected.map(|expected| format!(" from {:.1} ms on", expected.time() * 1e3));
             return write!(
                 f,
-                "not certain from this clip; sought while it is rectified (or give --readout-time)"
+                "not certain from this clip; sought{} while it is rectified (or give --readout-time)",
+                from.unwrap_or_default()
             );
         }
         if self.is_global() {

@@ -12,24 +12,22 @@ const CAPTURE_RATE: u16 = 0x8106;
 /// The items of all sets in a sample.
 fn items(sample: &[u8]) -> Vec<(u16, &[u8])> {
     let mut items = Vec::new();
-    let mut at = 0;
-    while let Some(distance) =
-        sample.get(at..).and_then(|rest| rest.windows(LABEL.len()).position(|window| window == LABEL))
-    {
-        at += distance;
-        let set = sample.get(at + 16..).and_then(set).unwrap_or_default();
-        at += 16;
-        let mut rest = set;
-        while let Some((tag, value)) = item(rest) {
+    let mut rest = sample;
+    while let Some(at) = rest.windows(LABEL.len()).position(|window| window == LABEL) {
+        let behind = rest.get(at + 16..).unwrap_or_default();
+        let (content, further) = set(behind).unwrap_or((&[], behind));
+        let mut left = content;
+        while let Some((tag, value)) = item(left) {
             items.push((tag, value));
-            rest = rest.get(4 + value.len()..).unwrap_or_default();
+            left = left.get(4 + value.len()..).unwrap_or_default();
         }
+        rest = further;
     }
     items
 }
 
-/// The content after its length.
-fn set(bytes: &[u8]) -> Option<&[u8]> {
+/// The content after its length, and what comes after that.
+fn set(bytes: &[u8]) -> Option<(&[u8], &[u8])> {
     let first = usize::from(*bytes.first()?);
     let (start, length) = if first < 0x80 {
         (1, first)
@@ -39,7 +37,7 @@ fn set(bytes: &[u8]) -> Option<&[u8]> {
         let digits = (digits.len() <= 4).then_some(digits)?;
         (1 + digits.len(), digits.iter().fold(0, |length, digit| length << 8 | usize::from(*digit)))
     };
-    bytes.get(start..start.checked_add(length)?)
+    bytes.get(start..)?.split_at_checked(length)
 }
 
 fn item(bytes: &[u8]) -> Option<(u16, &[u8])> {

@@ -16,9 +16,12 @@ pub struct Place {
 #[derive(Clone, Copy, Debug)]
 pub struct Track<'a>(&'a [u8]);
 
+/// More tracks than cameras write: in a damaged file each one may be a large read.
+const MOST_TRACKS: usize = 64;
+
 /// All tracks.
 pub fn tracks(index: &[u8]) -> impl Iterator<Item = Track<'_>> {
-    children(index).filter(|(name, _)| name == b"trak").map(|(_, content)| Track(content))
+    children(index).filter(|(name, _)| name == b"trak").map(|(_, content)| Track(content)).take(MOST_TRACKS)
 }
 
 impl<'a> Track<'a> {
@@ -43,12 +46,17 @@ impl<'a> Track<'a> {
 
     /// Where its first samples lie, at most so many; fewer where the tables are damaged.
     pub fn samples(self, most: usize) -> Vec<Place> {
-        let (Some(sizes), Some(runs)) = (self.table(b"stsz"), self.table(b"stsc")) else { return Vec::new() };
+        let [sizes, runs, near, far] = [b"stsz", b"stsc", b"stco", b"co64"].map(|name| self.table(name));
+        let (Some(sizes), Some(runs)) = (sizes, runs) else { return Vec::new() };
+        let start_of = |chunk: usize| match near {
+            Some(table) => number(table, 8 + 4 * chunk).map(u64::from),
+            None => array(far?, 8 + 8 * chunk).map(u64::from_be_bytes),
+        };
         let mut places = Vec::new();
         let mut run = 0;
         // Each chunk has a sample: there is no need to look at more of them.
         for chunk in 0..most {
-            let Some(start) = self.chunk(chunk) else { break };
+            let Some(start) = start_of(chunk) else { break };
             while number(runs, 8 + 12 * (run + 1)).is_some_and(|first| first as usize <= chunk + 1) {
                 run += 1;
             }
@@ -65,13 +73,6 @@ impl<'a> Track<'a> {
             }
         }
         places
-    }
-
-    fn chunk(self, index: usize) -> Option<u64> {
-        match self.table(b"stco") {
-            Some(table) => number(table, 8 + 4 * index).map(u64::from),
-            None => array(self.table(b"co64")?, 8 + 8 * index).map(u64::from_be_bytes),
-        }
     }
 }
 
