@@ -57,14 +57,13 @@ impl CameraChoice {
         let stated = stated::read(clip);
         let camera = match self {
             Self::None => None,
-            Self::Auto => {
-                let name = stated.maker.as_ref().zip(stated.model.as_ref());
-                let known =
-                    name.map(|name| Ok::<_, anyhow::Error>((name, catalogue::cameras()?))).transpose()?;
-                known.and_then(|((maker, model), cameras)| {
-                    cameras.into_iter().find(|camera| camera.is_stated_as(maker, model))
-                })
-            }
+            Self::Auto => match (&stated.maker, &stated.model) {
+                (Some(maker), Some(model)) => {
+                    let is_named = |camera: &Camera| camera.is_stated_as(maker, model);
+                    catalogue::cameras()?.into_iter().find(is_named)
+                }
+                _ => None,
+            },
             Self::Named(camera) => Some(camera.as_ref().clone()),
         };
         let is_known = camera.is_some() || stated != Stated::default();
