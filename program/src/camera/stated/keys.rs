@@ -8,6 +8,8 @@ const KEYS: [[&str; 2]; 2] = [
     ["com.apple.quicktime.make", "com.apple.quicktime.model"],
     ["com.android.manufacturer", "com.android.model"],
 ];
+/// More keys than any film has.
+const MOST_KEYS: usize = 4096;
 /// iPhones up to the 5: microseconds, of a track.
 const APPLE_READOUT: &str = "com.apple.quicktime.camera.framereadouttimeinmicroseconds";
 
@@ -23,8 +25,8 @@ impl<'a> Keyed<'a> {
         let meta = child(parent, &[b"meta"])?;
         // QuickTime's has no version before its boxes, MP4's has one.
         let meta = if child(meta, &[b"keys"]).is_some() { meta } else { meta.get(4..)? };
-        let names = children(child(meta, &[b"keys"])?.get(8..)?).map(|(_, name)| name).collect();
-        Some(Self { names, values: child(meta, &[b"ilst"])? })
+        let names = children(child(meta, &[b"keys"])?.get(8..)?).map(|(_, name)| name);
+        Some(Self { names: names.take(MOST_KEYS).collect(), values: child(meta, &[b"ilst"])? })
     }
 
     /// Type and content.
