@@ -22,10 +22,38 @@ fn boxed(name: &[u8; 4], content: &[u8]) -> Vec<u8> {
 
 /// Adds the version of a GoPro's firmware to the index of a film, where cameras write it. The index is the last box.
 fn sign(path: &Path, firmware: &str) {
+    add_user_data(path, &boxed(b"FIRM", firmware.as_bytes()));
+}
+
+/// Adds the settings of a GoPro with HyperSmooth.
+fn sign_stabilised(path: &Path) {
+    let entry = |name: &[u8; 4], kind: u8, size: u8, content: &[u8]| {
+        let head = [&name[..], &[kind, size, 0, (content.len() / usize::from(size)) as u8]].concat();
+        [head, content.to_vec(), vec![0; content.len().next_multiple_of(4) - content.len()]].concat()
+    };
+    let entries = [
+        entry(b"MINF", b'c', 1, b"HERO11 Black"),
+        entry(b"SROT", b'f', 4, &12.0_f32.to_be_bytes()),
+        entry(b"EISE", b'c', 1, b"Y"),
+        entry(b"EISA", b'c', 1, b"HS High"),
+    ];
+    add_user_data(path, &boxed(b"GPMF", &entry(b"DEVC", 0, 1, &entries.concat())));
+}
+
+/// Writes a gyroscope's log with a readout beside a clip.
+fn write_log(clip: &Path, milliseconds: f64, direction: u32) {
+    let log = format!(
+        "GYROFLOW IMU LOG\nversion,1.3\nvendor,potatocam\nframe_readout_time,{milliseconds}\n\
+         frame_readout_direction,{direction}\nt,gx,gy,gz\n"
+    );
+    std::fs::write(clip.with_extension("gcsv"), log).unwrap();
+}
+
+fn add_user_data(path: &Path, content: &[u8]) {
     let mut file = std::fs::read(path).unwrap();
     let name = file.windows(4).rposition(|name| name == b"moov").unwrap();
     let index = file.split_off(name - 4);
-    let signature = boxed(b"udta", &boxed(b"FIRM", firmware.as_bytes()));
+    let signature = boxed(b"udta", content);
     file.extend(boxed(b"moov", &[&index[8..], &signature].concat()));
     std::fs::write(path, file).unwrap();
 }
@@ -88,6 +116,70 @@ fn what_is_known_of_a_camera_is_stated_beside_what_is_measured() {
         measure(&[]).contains("expected      25.2 ms ± 2.5, top-to-bottom: GoPro HERO5 Session, 1280x720@25")
     );
     assert!(!measure(&["--camera", "hero8 black"]).contains("expected"));
+}
+
+#[test]
+fn a_readout_that_is_stated_is_expected_by_all_commands() {
+    let folder = Folder::new("camera-stated");
+    let clip = folder.file("clip.mp4");
+    write_shaken(&clip, 1.5);
+    write_log(&clip, 20.0, 1);
+    let expected = "20.0 ± 2.0 ms expected, stated with the clip: GCSV frame_readout_time";
+    let output = fix(&clip, &[]);
+    assert!(said(&output).contains(expected), "{}", said(&output));
+    assert!(!String::from_utf8_lossy(&output.stdout).contains("overrules"));
+    for (command, file) in [("track", "csv"), ("plot", "svg"), ("show", "shown.mp4")] {
+        let option = if command == "track" { "--csv" } else { "--output" };
+        let output =
+            rsrectify(command).arg(&clip).arg(option).arg(clip.with_extension(file)).output().unwrap();
+        assert!(output.status.success() && said(&output).contains(expected), "{command}: {}", said(&output));
+    }
+    // A camera that the user names, or none, counts instead.
+    assert!(!said(&fix(&clip, &["--overwrite", "--camera", "none"])).contains("expected"));
+}
+
+#[test]
+fn the_picture_overrules_a_readout_that_is_stated() {
+    let folder = Folder::new("camera-overruled");
+    let clip = folder.file("clip.mp4");
+    write_shaken(&clip, 3.0);
+    // The film is read in 20 ms, from the bottom up.
+    write_log(&clip, 8.0, 0);
+    let output = fix(&clip, &[]);
+    let found = String::from_utf8_lossy(&output.stdout).into_owned();
+    assert!(found.contains("bottom-to-top"), "{found}");
+    assert!(found.contains("; the picture overrules the 8.0 ± 0.8 ms that were expected"), "{found}");
+    let output = rsrectify("measure").arg(&clip).arg("--json").output().unwrap();
+    let report: Value = serde_json::from_slice(&output.stdout).unwrap();
+    let clip = &report["clips"][0];
+    assert_eq!((&clip["overrules_expected"], &clip["stated"]["readout"]["ms"]), (&true.into(), &8.0.into()));
+    assert_eq!(clip["stated"]["readout"]["direction"], "top-to-bottom");
+}
+
+#[test]
+fn stabilisation_in_the_camera_is_reported() {
+    let folder = Folder::new("camera-stabilised");
+    let clip = folder.clip("clip.mp4", "mp4mux", VIDEO);
+    sign_stabilised(&clip);
+    for options in [&[][..], &["--readout-time", "0"], &["--readout-time", "12"], &["--camera", "none"]] {
+        let output = fix(&clip, &[options, &["--overwrite"]].concat());
+        let line = "stabilisation: on in the camera (HS High, GPMF EISE)";
+        assert_eq!(said(&output).matches(line).count(), 1, "{options:?}: {}", said(&output));
+    }
+    // Anything from 0 to what is stated: half of it, ± 1/√12 of it.
+    let expected = "camera: GoPro HERO11 Black 1280x720; 6.0 ± 3.5 ms expected, stated with the clip: GPMF SROT, 12.0 ms \
+        without the stabilisation";
+    assert!(said(&fix(&clip, &["--overwrite"])).contains(expected));
+    let measure = |options: &[&str]| {
+        let output = rsrectify("measure").arg(&clip).args(options).output().unwrap();
+        String::from_utf8(output.stdout).unwrap()
+    };
+    assert!(measure(&[]).contains("  stabilised    on in the camera (HS High, GPMF EISE)"));
+    let report: Value = serde_json::from_str(&measure(&["--json"])).unwrap();
+    let clip = &report["clips"][0];
+    assert_eq!(clip["stated"]["stabilisation"]["on"], true);
+    assert_eq!(clip["stated"]["stabilisation"]["kind"], "electronic");
+    assert_eq!(clip["expected"]["without_stabilisation_ms"], 12.0);
 }
 
 #[test]

@@ -5,6 +5,8 @@ use std::io::{Read, Seek, SeekFrom};
 
 /// The largest index of a film that is read: hours of video have a few megabytes.
 const LARGEST_INDEX: u64 = 256 << 20;
+/// The most boxes at the top level that are looked at: a day of fragments has fewer.
+const MOST_BOXES: usize = 1 << 20;
 
 /// The content of the box `moov`, the index of a film.
 pub fn read_index(file: &mut File) -> Option<Vec<u8>> {
@@ -22,7 +24,7 @@ pub fn lacks_index(file: &mut File) -> bool {
 /// The content of the first box of a name that lies in no other one, as far as `largest` bytes.
 pub fn read_top_level(file: &mut File, wanted: &[u8; 4], largest: u64) -> Option<Vec<u8>> {
     let mut start = 0;
-    loop {
+    for _ in 0..MOST_BOXES {
         file.seek(SeekFrom::Start(start)).ok()?;
         let mut header = [0; 16];
         file.read_exact(&mut header[..8]).ok()?;
@@ -45,6 +47,7 @@ pub fn read_top_level(file: &mut File, wanted: &[u8; 4], largest: u64) -> Option
         }
         start = end;
     }
+    None
 }
 
 /// Names and contents of the boxes in a box.
@@ -66,8 +69,12 @@ pub fn child<'a>(bytes: &'a [u8], path: &[&[u8; 4]]) -> Option<&'a [u8]> {
 
 /// The big-endian number at an offset.
 pub fn number(bytes: &[u8], at: usize) -> Option<u32> {
-    let bytes = bytes.get(at..at.checked_add(4)?)?;
-    Some(u32::from_be_bytes(bytes.try_into().ok()?))
+    array(bytes, at).map(u32::from_be_bytes)
+}
+
+/// The bytes from an offset on.
+pub fn array<const N: usize>(bytes: &[u8], at: usize) -> Option<[u8; N]> {
+    bytes.get(at..at.checked_add(N)?)?.try_into().ok()
 }
 
 /// The big-endian number of eight bytes at an offset.

@@ -4,7 +4,7 @@
 //! of it, spread over its length, are analysed.
 
 use crate::analysis::{Analysis, Frame};
-use crate::camera::Camera;
+use crate::camera::{CameraChoice, Known};
 use crate::estimate::Estimate;
 use crate::interruption::Interruption;
 use crate::part::Part;
@@ -27,6 +27,8 @@ const SURE: f64 = 0.1;
 const FOLLOWED: u32 = 15;
 /// A readout of fewer milliseconds bends nothing that could be seen.
 const NONE: f64 = 1.0;
+/// Standard deviations by which a readout must differ from the expected one to be another one.
+const ANOTHER: f64 = 3.0;
 
 /// How much of a clip is looked at.
 #[derive(Clone, Debug)]
@@ -114,6 +116,16 @@ impl Found {
         Estimate { value: sign * self.milliseconds, deviation: self.deviation_ms() }
     }
 
+    /// Whether the picture shows clearly another readout than the expected one.
+    pub fn overrules(&self, expected: &ReadoutPrior) -> bool {
+        let edge = expected.direction().unwrap_or(self.direction);
+        let sign = |direction: ReadoutDirection| if direction.is_reversed() { -1.0 } else { 1.0 };
+        let difference = self.estimate().value - sign(edge) * expected.time() * 1e3;
+        let deviation = self.deviation_ms().hypot(expected.deviation() * 1e3);
+        let is_other_axis = edge.is_by_rows() != self.direction.is_by_rows() && !self.is_global();
+        self.doubt().is_none() && (is_other_axis || difference.abs() > ANOTHER * deviation)
+    }
+
     /// Whether the rows are as good as exposed at once.
     pub fn is_global(&self) -> bool {
         self.milliseconds < NONE
@@ -124,16 +136,26 @@ impl fmt::Display for Found {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let (time, share) = (self.milliseconds, 100.0 * self.deviation);
         if self.doubt().is_some() {
+            let from = self.expected.map(|expected| format!(" from {:.1} ms on", expected.time() * 1e3));
             return write!(
                 f,
-                "not certain from this clip; sought while it is rectified (or give --readout-time)"
+                "not certain from this clip; sought{} while it is rectified (or give --readout-time)",
+                from.unwrap_or_default()
             );
         }
         if self.is_global() {
-            return write!(f, "{time:.1} ms: as good as a global shutter");
+            write!(f, "{time:.1} ms: as good as a global shutter")?;
+        } else {
+            let direction = name_of(&Direction::from(self.direction));
+            write!(f, "{time:.1} ms, {direction}, give or take {share:.0} % of the frame duration")?;
         }
-        let direction = name_of(&Direction::from(self.direction));
-        write!(f, "{time:.1} ms, {direction}, give or take {share:.0} % of the frame duration")
+        match self.expected.filter(|expected| self.overrules(expected)) {
+            Some(expected) => {
+                let [time, deviation] = [expected.time(), expected.deviation()].map(|seconds| seconds * 1e3);
+                write!(f, "; the picture overrules the {time:.1} ± {deviation:.1} ms that were expected")
+            }
+            None => Ok(()),
+        }
     }
 }
 
@@ -201,7 +223,7 @@ pub fn settle(found: Option<&Found>, analysis: &mut AnalysisOptions) {
 pub fn find(
     clip: &Path,
     settings: Settings,
-    camera: Option<&Camera>,
+    camera: Option<&Known>,
     extent: Extent,
     interruption: &Interruption,
 ) -> Result<Option<Found>> {
@@ -266,17 +288,41 @@ pub fn warn_of_search(clip: &Path, error: &anyhow::Error) {
     eprintln!("warning: {}: the readout was not sought beforehand: {error:#}", clip.display());
 }
 
-/// Starts from what is expected of the camera that made a clip, and says so.
-pub fn expect(analysis: &mut Analysis, camera: Option<&Camera>) -> Result<Option<ReadoutPrior>> {
-    let Some((camera, rate)) = camera.zip(analysis.frame_rate()) else { return Ok(None) };
-    let Some(mode) = camera.mode(analysis.size(), rate) else {
-        let [width, height] = analysis.size();
-        eprintln!("camera: {}; no readout is known at {width}x{height}, {rate:.2} frames/s", camera.name());
+/// Starts from what is expected of the camera that made a clip, and prints it.
+pub fn expect(analysis: &mut Analysis, camera: Option<&Known>) -> Result<Option<ReadoutPrior>> {
+    let Some(known) = camera else { return Ok(None) };
+    print_stabilisation(known);
+    let (size, rate) = (analysis.size(), analysis.frame_rate());
+    if let Some(impossible) = known.impossible_readout(rate) {
+        eprintln!(
+            "camera: a readout of {:.1} ms is stated ({}), longer than a frame lasts: not used",
+            impossible.milliseconds, impossible.source
+        );
+    }
+    let Some(expectation) = known.expectation(size, rate) else {
+        if let Some((camera, rate)) = known.camera.as_ref().zip(rate) {
+            let [width, height] = size;
+            let name = camera.name();
+            eprintln!("camera: {name}; no readout is known at {width}x{height}, {rate:.2} frames/s");
+        }
         return Ok(None);
     };
-    let (time, deviation) = (mode.milliseconds(), mode.deviation());
-    eprintln!("camera: {} {}; {time:.1} ± {deviation:.1} ms expected", camera.name(), mode.name());
-    let prior = mode.prior()?;
+    eprintln!("camera: {expectation}");
+    let prior = expectation.prior()?;
     analysis.expect(prior)?;
     Ok(Some(prior))
+}
+
+/// Prints that the camera stabilised a clip whose readout is given.
+pub fn report_stabilisation(clip: &Path, camera: &CameraChoice) -> Result<()> {
+    if let Some(known) = camera.of(clip)? {
+        print_stabilisation(&known);
+    }
+    Ok(())
+}
+
+fn print_stabilisation(known: &Known) {
+    if let Some(stabilisation) = known.stabilisation() {
+        eprintln!("stabilisation: {stabilisation}");
+    }
 }

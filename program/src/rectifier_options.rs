@@ -95,8 +95,8 @@ pub struct AnalysisOptions {
     /// Edge of the frame, as it is stored, that is read first.
     #[arg(long, value_name = "DIRECTION", value_enum)]
     pub readout_direction: Option<Direction>,
-    /// Camera whose readout is expected where none is given: a name that `rsrectify cameras` lists; `auto`, the one that the
-    /// file names; `none`. What the picture shows overrules it.
+    /// Camera whose readout is expected where none is given: a name that `rsrectify cameras` lists; `auto`, the readout that
+    /// the file states, else that of the camera which it names; `none`. What the picture shows overrules it.
     #[arg(long, value_name = "NAME", default_value = "auto")]
     pub camera: CameraChoice,
     /// What is expected of the readout, once it is known.

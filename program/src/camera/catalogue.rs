@@ -1,7 +1,7 @@
 //! Cameras whose readout is known: `cameras/readouts.csv` and `cameras/measured.csv`, see `cameras/README.md`.
 
 use anyhow::{Context, Result};
-use rsrectify::readout::{ReadoutDirection, ReadoutError, ReadoutPrior};
+use rsrectify::readout::ReadoutDirection;
 use serde::Deserialize;
 use std::collections::BTreeMap;
 
@@ -63,11 +63,6 @@ pub struct Camera {
 }
 
 impl Mode {
-    /// Readout time in milliseconds, negative where the bottom row is read first.
-    pub fn signed_milliseconds(&self) -> f64 {
-        self.signed_milliseconds
-    }
-
     /// Readout time in milliseconds.
     pub fn milliseconds(&self) -> f64 {
         self.signed_milliseconds.abs()
@@ -86,11 +81,6 @@ impl Mode {
     pub fn deviation(&self) -> f64 {
         let least = if self.calibrators > 1 { LEAST_DEVIATION } else { ONE_PERSON };
         self.deviation_of_profiles.max(least * self.milliseconds())
-    }
-
-    /// What is expected of the readout.
-    pub fn prior(&self) -> Result<ReadoutPrior, ReadoutError> {
-        ReadoutPrior::new(self.milliseconds() * 1e-3, self.deviation() * 1e-3, Some(self.direction()))
     }
 
     /// Size and frame rate.
@@ -193,10 +183,9 @@ mod tests {
         let measured = rows::<Mode>(MEASURED).unwrap().len();
         assert_eq!(cameras.iter().map(|camera| camera.modes.len()).sum::<usize>(), 82 + measured);
         for mode in cameras.iter().flat_map(|camera| &camera.modes) {
-            let prior = mode.prior().unwrap();
-            let period = 1.0 / mode.frames_per_second;
-            assert!(prior.time() > 0.0 && prior.time() < 1.01 * period, "{mode:?}");
-            assert!(prior.deviation() > 0.99 * LEAST_DEVIATION * prior.time(), "{mode:?}");
+            let (time, period) = (mode.milliseconds(), 1e3 / mode.frames_per_second);
+            assert!(time > 0.0 && time < 1.01 * period, "{mode:?}");
+            assert!(mode.deviation() > 0.99 * LEAST_DEVIATION * time, "{mode:?}");
         }
         for name in rows::<Name>(NAMES).unwrap() {
             let is_listed = |mode: &Mode| key(&mode.model) == key(&name.listed);

@@ -1,15 +1,17 @@
-//! Cameras whose readout is known, and which of them made a clip.
+//! Cameras whose readout is known, which of them made a clip, and what it states itself.
 
 mod catalogue;
-mod metadata;
+mod known;
 mod presets;
+mod stated;
 
 use crate::rectifier_options::{Direction, name_of};
 use anyhow::{Context, Result};
-pub use catalogue::Camera;
-use catalogue::{Mode, key};
+use catalogue::{Camera, Mode, key};
 use clap::Args;
+pub use known::{Expectation, Known};
 use presets::Presets;
+pub use stated::Stated;
 use std::io::{ErrorKind, Write};
 use std::path::Path;
 use std::str::FromStr;
@@ -49,17 +51,23 @@ impl FromStr for CameraChoice {
 }
 
 impl CameraChoice {
-    /// The camera of a clip whose modes are known; `None` where none is.
-    pub fn of(&self, clip: &Path) -> Result<Option<Camera>> {
-        match self {
-            Self::None => Ok(None),
-            Self::Auto => {
-                let Some(stated) = metadata::camera_of(clip) else { return Ok(None) };
-                let known = catalogue::cameras()?;
-                Ok(known.into_iter().find(|camera| camera.is_stated_as(&stated.maker, &stated.model)))
-            }
-            Self::Named(camera) => Ok(Some(camera.as_ref().clone())),
-        }
+    /// What is known of the camera of a clip; `None` where nothing is. A camera that the user names, or `none`, counts instead
+    /// of the readout that the file states; stabilisation counts in any case.
+    pub fn of(&self, clip: &Path) -> Result<Option<Known>> {
+        let stated = stated::read(clip);
+        let camera = match self {
+            Self::None => None,
+            Self::Auto => match (&stated.maker, &stated.model) {
+                (Some(maker), Some(model)) => {
+                    let is_named = |camera: &Camera| camera.is_stated_as(maker, model);
+                    catalogue::cameras()?.into_iter().find(is_named)
+                }
+                _ => None,
+            },
+            Self::Named(camera) => Some(camera.as_ref().clone()),
+        };
+        let is_known = camera.is_some() || stated != Stated::default();
+        Ok(is_known.then_some(Known { stated, camera, heeds_statement: *self == Self::Auto }))
     }
 }
 

@@ -74,6 +74,8 @@ fn one(job: &Job, options: &FixOptions, interruption: &Interruption) -> Result<(
         }
     } else if analysis.leaves_readout_open() {
         analysis.expected = readout::expected(&job.input, analysis, interruption)?;
+    } else {
+        readout::report_stabilisation(&job.input, &analysis.camera)?;
     }
     if let Some(folder) = job.output.parent() {
         // `--output` may name a folder that is not there yet.

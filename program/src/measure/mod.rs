@@ -30,7 +30,7 @@ pub struct MeasureOptions {
     #[arg(long, conflicts_with = "frames")]
     pub quick: bool,
     /// Camera whose known readout is stated beside the measured one, which it does not change: a name that `rsrectify cameras`
-    /// lists; `auto`, the one that the file names; `none`.
+    /// lists; `auto`, the readout that the file states, else that of the camera which it names; `none`.
     #[arg(long, value_name = "NAME", default_value = "auto")]
     pub camera: CameraChoice,
     #[command(flatten)]
@@ -103,6 +103,7 @@ fn one(clip: &Path, options: &MeasureOptions, interruption: &Interruption) -> Re
         part::check_count(found.frames as usize, frames.len())?;
     }
     let first_frame = frames.map_or(0, |frames| frames.start);
-    let measurement = Measurement::new(clip.display().to_string(), &found).with_camera(camera.as_ref());
+    let measurement =
+        Measurement::new(clip.display().to_string(), &found).with_camera(camera.as_ref(), &found);
     Ok(if options.quick { measurement } else { measurement.with_cuts(first_frame, &found.cuts) })
 }

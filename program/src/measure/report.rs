@@ -1,6 +1,6 @@
 //! What is said of a camera, as text and for JSON.
 
-use crate::camera;
+use crate::camera::{Expectation, Known, Stated};
 use crate::estimate::{Estimate, combine};
 use crate::readout::{Doubt, Found};
 use crate::rectifier_options::{Direction, name_of};
@@ -27,9 +27,15 @@ pub struct Measurement {
     /// Frames of the clip at which another shot begins; absent where only stretches of it were analysed.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub cuts: Option<Vec<usize>>,
+    /// What the camera states about the clip; absent where nothing is.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub stated: Option<Stated>,
     /// What is known of the camera in this mode, which has changed nothing of the rest; absent where nothing is.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub expected: Option<Expected>,
+    /// Whether the picture shows clearly another readout than the expected one; absent where none is expected.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub overrules_expected: Option<bool>,
     #[serde(flatten)]
     pub posterior: Option<Posterior>,
     #[serde(flatten)]
@@ -47,19 +53,25 @@ pub struct Expected {
     pub deviation_ms: f64,
     /// Where that is from.
     pub source: String,
+    /// The readout of the sensor, where the camera stabilised the clip.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub without_stabilisation_ms: Option<f64>,
+    #[serde(skip)]
+    note: String,
 }
 
-impl Expected {
-    /// Of a camera in the mode of frames of this size, so many a second.
-    fn new(camera: &camera::Camera, size: [u32; 2], rate: f64) -> Option<Self> {
-        camera.mode(size, rate).map(|mode| Self {
-            camera: camera.name(),
-            mode: mode.name(),
-            direction: name_of(&Direction::from(mode.direction())),
-            signed_readout_ms: mode.signed_milliseconds(),
-            deviation_ms: mode.deviation(),
-            source: mode.source(),
-        })
+impl From<&Expectation> for Expected {
+    fn from(expectation: &Expectation) -> Self {
+        Self {
+            camera: expectation.camera.clone(),
+            mode: expectation.mode.clone(),
+            direction: name_of(&Direction::from(expectation.direction)),
+            signed_readout_ms: expectation.signed_milliseconds(),
+            deviation_ms: expectation.deviation,
+            source: expectation.source.clone(),
+            without_stabilisation_ms: expectation.without_stabilisation,
+            note: expectation.note(),
+        }
     }
 }
 
@@ -181,19 +193,26 @@ impl Measurement {
             certain: found.doubt().is_none(),
             doubts: doubts(found, &readout),
             cuts: None,
+            stated: None,
             expected: None,
+            overrules_expected: None,
             posterior: found.posterior.as_ref().map(Posterior::from),
             camera: Camera::new(readout, name_of(&Direction::from(found.direction)), focal),
         }
     }
 
-    /// With what is known of this camera.
+    /// With what is known of this camera, beside what was found.
     #[must_use]
-    pub fn with_camera(self, camera: Option<&camera::Camera>) -> Self {
-        let known = camera.zip(self.frame_rate);
-        let expected =
-            known.and_then(|(camera, rate)| Expected::new(camera, [self.width, self.height], rate));
-        Self { expected, ..self }
+    pub fn with_camera(self, known: Option<&Known>, found: &Found) -> Self {
+        let Some(known) = known else { return self };
+        let expectation = known.expectation([self.width, self.height], self.frame_rate);
+        let prior = expectation.as_ref().and_then(|expectation| expectation.prior().ok());
+        Self {
+            stated: (known.stated != Stated::default()).then(|| known.stated.clone()),
+            expected: expectation.as_ref().map(Expected::from),
+            overrules_expected: prior.map(|prior| found.overrules(&prior)),
+            ..self
+        }
     }
 
     /// With the frames at which shots begin, counted from the first that was analysed, which has this number in the clip.
@@ -311,8 +330,8 @@ impl fmt::Display for Camera {
 
 impl fmt::Display for Expected {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { camera, mode, direction, signed_readout_ms, deviation_ms, .. } = self;
-        write!(f, "{signed_readout_ms:.1} ms ± {deviation_ms:.1}, {direction}: {camera}, {mode}")
+        let Self { camera, mode, direction, signed_readout_ms, deviation_ms, note, .. } = self;
+        write!(f, "{signed_readout_ms:.1} ms ± {deviation_ms:.1}, {direction}: {camera}, {mode}{note}")
     }
 }
 
@@ -322,7 +341,15 @@ impl fmt::Display for Measurement {
         writeln!(f, "{}: {} x {}{rate}, {} frames", self.clip, self.width, self.height, self.frames)?;
         self.camera.fmt(f)?;
         if let Some(expected) = &self.expected {
-            writeln!(f, "  expected      {expected}")?;
+            write!(f, "  expected      {expected}")?;
+            writeln!(
+                f,
+                "{}",
+                if self.overrules_expected == Some(true) { "; the picture shows another one" } else { "" }
+            )?;
+        }
+        if let Some(stabilisation) = self.stated.as_ref().and_then(|stated| stated.stabilisation.as_ref()) {
+            writeln!(f, "  stabilised    {stabilisation}")?;
         }
         if self.certain {
             write!(f, "  certain       yes")?;
