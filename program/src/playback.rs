@@ -9,7 +9,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 /// How often in succession something is waited for, a tenth of a second each time, while no data comes from any source or to any
 /// sink, before the pipeline is given up: no frame takes as long to decode, to rectify or to encode. Some broken files stop
 /// demuxers without an error, and streams that lie far apart fill all queues.
-const PATIENCE: u32 = 1200;
+const PATIENCE: u32 = 450;
 
 /// What plays, and stops when it is dropped.
 pub struct Playback {
@@ -100,7 +100,7 @@ impl Playback {
         let times = if moved == self.waited.0 { self.waited.1 + 1 } else { 0 };
         self.waited = (moved, times);
         if times >= PATIENCE {
-            bail!("nothing has come from the file or gone on for two minutes: given up");
+            bail!("nothing has come from the file or gone on for 45 s: given up");
         }
         Ok(())
     }
