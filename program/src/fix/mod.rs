@@ -58,6 +58,14 @@ fn one(job: &Job, options: &FixOptions, interruption: &Interruption) -> Result<(
         println!("{} -> {}: {codec} in {container}", job.input.display(), job.output.display());
         return Ok(());
     }
+    if let Some(folder) = job.output.parent() {
+        // `--output` may name a folder that is not there yet.
+        if options.output.is_some() && job.is_in_folder {
+            std::fs::create_dir_all(folder).with_context(|| format!("cannot make {}", folder.display()))?;
+        }
+    }
+    let unfinished = Unfinished::beside(&job.output);
+    output::check_writable(unfinished.path())?;
     let analysis = &mut recipe.rectifier.analysis;
     if analysis.wants_readout() {
         let camera = analysis.camera.of(&job.input)?;
@@ -75,13 +83,6 @@ fn one(job: &Job, options: &FixOptions, interruption: &Interruption) -> Result<(
     } else if analysis.leaves_readout_open() {
         analysis.expected = readout::expected(&job.input, analysis, interruption)?;
     }
-    if let Some(folder) = job.output.parent() {
-        // `--output` may name a folder that is not there yet.
-        if options.output.is_some() && job.is_in_folder {
-            std::fs::create_dir_all(folder).with_context(|| format!("cannot make {}", folder.display()))?;
-        }
-    }
-    let unfinished = Unfinished::beside(&job.output);
     let progress = Arc::new(Progress::default());
     let lookahead = recipe.rectifier.analysis.settings().lookahead;
     let part = options.part.of(&job.input, lookahead, interruption)?;
