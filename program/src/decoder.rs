@@ -1,7 +1,8 @@
-//! The decoder of the program's pipelines: GStreamer's decodebin, which chooses parsers and decoders, and the two choices that
-//! are corrected.
+//! The decoder of the program's pipelines: GStreamer's decodebin, which chooses demuxers, parsers and decoders, and the choices
+//! of it that are corrected.
 
-use crate::elements::{drop_all, make};
+use crate::elements::{drop_all, make, pad};
+use crate::short_track;
 use anyhow::{Context, Result};
 use gst::glib;
 use gst::prelude::*;
@@ -20,6 +21,13 @@ const RENAMING: &str = "capssetter";
 /// A decodebin for a clip that a `filesrc` reads.
 pub fn of(clip: &Path) -> Result<gst::Element> {
     let decoder = make("decodebin")?;
+    correct(&decoder, clip)?;
+    Ok(decoder)
+}
+
+/// Corrects what a decodebin or a parsebin chooses for a clip that a `filesrc` reads.
+pub fn correct(decoder: &gst::Element, clip: &Path) -> Result<()> {
+    short_track::keep(clip, &pad(decoder, "sink")?);
     let unnamed = unnamed_video(clip);
     let is_unnamed = unnamed.is_some();
     decoder.connect("autoplug-sort", false, move |values| {
@@ -43,7 +51,7 @@ pub fn of(clip: &Path) -> Result<gst::Element> {
             }
         });
     }
-    Ok(decoder)
+    Ok(())
 }
 
 /// Links the first stream of raw video that a decoder finds, and has the others go nowhere; `on_none` is called where there is
@@ -63,11 +71,7 @@ pub fn link_video(
         if !is_raw_video(pad) || input.is_linked() {
             drop_all(pad);
         } else if let Err(error) = pad.link(&input) {
-            gst::element_error!(
-                decoder,
-                gst::StreamError::Failed,
-                ("the video cannot be read: {error}")
-            );
+            gst::element_error!(decoder, gst::StreamError::Failed, ("the video cannot be read: {error}"));
         }
     });
     let video = input.downgrade();
@@ -129,7 +133,8 @@ fn is_named_by_demuxer_alone(pad: &gst::Pad, caps: &gst::CapsRef) -> bool {
 fn unnamed_video(clip: &Path) -> Option<&'static str> {
     let mut bytes = Vec::new();
     File::open(clip).and_then(|file| file.take(SEARCHED).read_to_end(&mut bytes)).ok()?;
-    let codes = || bytes.windows(5).filter(|code| code.starts_with(&[0, 0, 1])).map(|code| (code[3], code[4]));
+    let codes =
+        || bytes.windows(5).filter(|code| code.starts_with(&[0, 0, 1])).map(|code| (code[3], code[4]));
     // A pack header begins it; a sequence or a group are only in MPEG video: in H.264 and H.265 the highest bit is never set.
     if !bytes.starts_with(&[0, 0, 1, 0xba]) || codes().any(|(code, _)| matches!(code, 0xb3 | 0xb8)) {
         return None;

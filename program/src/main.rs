@@ -24,6 +24,7 @@ mod plot;
 mod progress;
 mod readout;
 mod rectifier_options;
+mod short_track;
 mod show;
 mod streams;
 mod track;
