@@ -131,3 +131,26 @@ fn missing_plugin(message: &gst::message::Element) -> Option<String> {
 fn one_line(text: &str) -> String {
     text.split_whitespace().collect::<Vec<_>>().join(" ")
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_pipeline_in_which_nothing_moves_is_given_up() {
+        gst::init().unwrap();
+        let pipeline = gst::parse::launch("fakesrc num-buffers=1 name=source ! fakesink").unwrap();
+        let mut playback = Playback::new(pipeline.downcast().unwrap()).unwrap();
+        for _ in 1..PATIENCE {
+            playback.waited().unwrap();
+        }
+        // A buffer has come.
+        playback.set_state(gst::State::Playing);
+        let interruption = Interruption::default();
+        while !matches!(playback.next(gst::ClockTime::SECOND, &interruption).unwrap(), Event::End) {}
+        for _ in 0..PATIENCE {
+            playback.waited().unwrap();
+        }
+        assert!(playback.waited().unwrap_err().to_string().contains("given up"));
+    }
+}
