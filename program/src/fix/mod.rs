@@ -64,25 +64,29 @@ fn one(job: &Job, options: &FixOptions, interruption: &Interruption) -> Result<(
             std::fs::create_dir_all(folder).with_context(|| format!("cannot make {}", folder.display()))?;
         }
     }
-    let unfinished = Unfinished::beside(&job.output);
-    output::check_writable(unfinished.path())?;
+    output::check_writable(Unfinished::beside(&job.output).path())?;
     let analysis = &mut recipe.rectifier.analysis;
+    // What cannot be analysed may still be played; if not, playing it says why.
+    let mut unsearched = None;
     if analysis.wants_readout() {
         let camera = analysis.camera.of(&job.input)?;
         let settings = analysis.settings();
-        let found = readout::find(&job.input, settings, camera.as_ref(), Extent::Stretches, interruption);
-        interruption.check()?;
-        match found {
+        match readout::find(&job.input, settings, camera.as_ref(), Extent::Stretches, interruption) {
             Ok(Some(found)) => {
                 println!("readout: {found}");
                 found.apply(analysis);
             }
-            Ok(None) => readout::warn_of_search(&job.input, &anyhow!("no frame could be analysed")),
-            Err(error) => readout::warn_of_search(&job.input, &error),
+            Ok(None) => unsearched = Some(anyhow!("no frame could be analysed")),
+            Err(error) => unsearched = Some(error),
         }
     } else if analysis.leaves_readout_open() {
-        analysis.expected = readout::expected(&job.input, analysis, interruption)?;
+        match readout::expected(&job.input, analysis, interruption) {
+            Ok(expected) => analysis.expected = expected,
+            Err(error) => unsearched = Some(error),
+        }
     }
+    interruption.check()?;
+    let unfinished = Unfinished::beside(&job.output);
     let progress = Arc::new(Progress::default());
     let lookahead = recipe.rectifier.analysis.settings().lookahead;
     let part = options.part.of(&job.input, lookahead, interruption)?;
@@ -96,6 +100,9 @@ fn one(job: &Job, options: &FixOptions, interruption: &Interruption) -> Result<(
     }
     if let Some(expected) = expected {
         part::check_count(usize::try_from(frames)?, expected)?;
+    }
+    if let Some(error) = unsearched {
+        eprintln!("warning: {}: the readout was not sought beforehand: {error:#}", job.input.display());
     }
     unfinished.finish(&job.output)?;
     println!("{}: {frames} frames", job.output.display());
