@@ -85,7 +85,7 @@ pub fn link_video(
 }
 
 /// Whether a stream is of a kind that is never video, and so need not be decoded to find the video.
-fn is_beside_video(caps: &gst::CapsRef) -> bool {
+pub fn is_beside_video(caps: &gst::CapsRef) -> bool {
     let name = caps.structure(0).map_or("", |format| format.name().as_str());
     ["audio/", "text/", "subtitle/", "subpicture/", "closedcaption/", "meta/"]
         .iter()

@@ -1,5 +1,6 @@
 //! Plays a pipeline to its end.
 
+use crate::decoder;
 use crate::interruption::Interruption;
 use anyhow::{Context, Result, bail};
 use gst::prelude::*;
@@ -122,8 +123,12 @@ impl Drop for Playback {
     }
 }
 
+/// What a file needs that GStreamer lacks. Of streams beside the video it is no error that they cannot be decoded.
 fn missing_plugin(message: &gst::message::Element) -> Option<String> {
     let structure = message.structure().filter(|s| s.has_name("missing-plugin"))?;
+    if structure.get::<gst::Caps>("detail").is_ok_and(|caps| decoder::is_beside_video(&caps)) {
+        return None;
+    }
     let name = structure.get::<&str>("name").ok()?;
     Some(format!("GStreamer lacks a plugin: {}", one_line(name)))
 }
