@@ -53,7 +53,7 @@ def _parser() -> argparse.ArgumentParser:
     where.add_argument("--processors", type=_positive, default=1, metavar="N",
                        help="processors of each worker (1): with 4K, 2 to 4 take less memory")
     where.add_argument("--retries", type=int, default=2, metavar="N",
-                       help="how often a step that fails is tried again (2)")
+                       help="how often a step that was broken off is tried again (2)")
 
     split = rectify.add_argument_group("parts of long clips")
     split.add_argument("--part", type=_positive, default=600, metavar="FRAMES",
@@ -166,6 +166,10 @@ def _status(options: argparse.Namespace) -> int:
 
 def _done(known: dict) -> str:
     """How far a clip has come, in parts."""
+    if known["state"] == "done":
+        # A clip of one part is rectified at one go, with no result for the part.
+        count = len(known["parts"])
+        return f"{count:4} of {count} parts rectified"
     if "parts" in known:
         parts, verb, result = known["parts"], "rectified", "result"
     else:

@@ -6,7 +6,8 @@ import subprocess
 import threading
 from pathlib import Path
 
-# What the program exits with where the command line cannot be carried out: trying again is of no use.
+# What the program exits with where a clip fails, with the reason, and where the command line cannot be carried out.
+FAILED = 1
 USAGE = 2
 
 
@@ -17,6 +18,12 @@ class ProgramError(Exception):
         super().__init__(message, code)
         self.message = message
         self.code = code
+
+    @property
+    def is_final(self) -> bool:
+        """Whether the program itself has given up: it would for the same reason on another try, unless it was interrupted or
+        killed."""
+        return self.code in (FAILED, USAGE)
 
     def __str__(self) -> str:
         return self.message

@@ -13,13 +13,16 @@ import numpy as np
 # Readout ratios that were found without a word about the camera end within this of the truth where they are right: the
 # error of the model, which more frames of the same part do not make smaller.
 MODEL_ERROR = 0.02
-# The share of runs that are sure of a wrong readout, 19 of 306 (docs/accuracy.md): no part alone can rule a value out.
+# The share of runs that are sure of a wrong readout, 19 of 306 (docs/accuracy.md): of several parts none alone can rule a
+# value out.
 WRONG = 0.06
-# A readout ratio is relied on where the true one lies this close to it with that probability; and frames whose motion must
-# have been followed. The first and the last are those of `rsrectify measure`.
+# A readout is relied on, as by `rsrectify measure`, up to this standard deviation, as a share of the frame period, and from so
+# many frames on whose motion was followed.
 SURE = 0.1
-PROBABLE = 0.9
 FOLLOWED = 15
+# The share of a normal density within twice its deviation. Of several parts the readout is relied on where so much of the
+# posterior lies within twice the deviation above: what is left of one wrong part does not count by its distance, too.
+PROBABLE = 0.954
 # A part tells something where a readout is so much likelier than before it was seen.
 TELLING = 2.0
 # The probability that a clip is of another camera, or in another mode, than the one whose readout is expected: `OTHER_CAMERA_ODDS`
@@ -27,6 +30,8 @@ TELLING = 2.0
 OTHER_CAMERA = float(np.exp(-3.0))
 # The prior's standard deviation, as a share of the frame period.
 PRIOR_SHARE = 0.5
+# A likelihood whose logarithm is still finite.
+TINY = 1e-300
 
 # What `rsrectify fix` is told where it is to look for the readout by itself, from what is known of the camera on.
 OPEN = ["--readout-time", "0"]
@@ -73,8 +78,14 @@ def combine(measurements: list[dict]) -> Readout | None:
     period = prior_deviation / PRIOR_SHARE
     # No readout is longer than the frame period.
     times = np.linspace(-period, period, 8001)
-    likelihoods = [_likelihood(one, times, period) for one in measurements]
-    logs = sum(np.log(WRONG + (1 - WRONG) * likelihood) for likelihood in likelihoods)
+    # Alone, a part counts as `rsrectify measure` counts it; errors of a part show beside others.
+    likelihoods = [_likelihood(one, times, 0.0) for one in measurements]
+    wrong = 0.0
+    is_several = sum(one.max() > TELLING for one in likelihoods) > 1
+    if is_several:
+        likelihoods = [_likelihood(one, times, MODEL_ERROR * period) for one in measurements]
+        wrong = WRONG
+    logs = sum(np.log(np.maximum(wrong + (1 - wrong) * one, TINY)) for one in likelihoods)
     expected = _expected(measurements)
     logs = logs + np.log(_belief(measurements[0]["prior"], expected, times))
     posterior = np.exp(logs - logs.max())
@@ -84,21 +95,26 @@ def combine(measurements: list[dict]) -> Readout | None:
     near = np.abs(times - times[mode]) <= SURE * period
     weights = posterior[axis][near]
     mean = float((weights * times[near]).sum() / weights.sum())
-    deviation = float(np.sqrt((weights * (times[near] - mean) ** 2).sum() / weights.sum()))
+    # Of a gradient along rows and columns: a readout along the other axis is as wrong as it is long.
+    variance = (posterior[axis] * (times - mean) ** 2).sum()
+    variance += (posterior[1 - axis] * (times**2 + mean**2)).sum()
+    deviation = float(np.sqrt(variance))
     place = int(abs(times - mean).argmin())
     tell = [one[axis, place] for one in likelihoods if one.max() > TELLING]
-    doubt = _doubt(measurements, float(weights.sum()), tell)
+    near = np.abs(times - mean) <= 2 * SURE * period
+    is_sure = posterior[axis][near].sum() >= PROBABLE if is_several else deviation <= SURE * period
+    doubt = _doubt(measurements, None if is_sure else deviation / period, tell)
     return Readout(abs(mean), DIRECTIONS[axis][int(mean < 0)], deviation, doubt, expected)
 
 
-def _likelihood(measurement: dict, times: np.ndarray, period: float) -> np.ndarray:
-    """Posterior ÷ prior of the signed readout time, by axis and time."""
+def _likelihood(measurement: dict, times: np.ndarray, blur: float) -> np.ndarray:
+    """Posterior ÷ prior of the signed readout time, by axis and time; `blur` is the deviation of the model's error."""
     posterior = np.zeros((2, len(times)))
     for one in measurement["hypotheses"]:
-        deviation = np.hypot(one["deviation_ms"], MODEL_ERROR * period)
+        deviation = np.hypot(one["deviation_ms"], blur)
         density = _normal(times, one["signed_readout_ms"], deviation)
         posterior[AXES[one["direction"]]] += one["weight"] * density
-    return posterior / _prior(measurement["prior"], times, MODEL_ERROR * period)
+    return posterior / _prior(measurement["prior"], times, blur)
 
 
 def _prior(prior: dict, times: np.ndarray, blur: float = 0.0) -> np.ndarray:
@@ -126,12 +142,13 @@ def _normal(values: np.ndarray, mean: float, deviation: float) -> np.ndarray:
     return np.exp(-0.5 * ((values - mean) / deviation) ** 2) / (deviation * np.sqrt(2 * np.pi))
 
 
-def _doubt(measurements: list[dict], probability: float, tell: list[float]) -> str | None:
-    """Why the readout is not to be relied on; `tell` are its likelihoods by the measurements that tell something."""
+def _doubt(measurements: list[dict], deviation: float | None, tell: list[float]) -> str | None:
+    """Why the readout is not to be relied on: its deviation as a share of the frame period, where that is too large, and its
+    likelihoods by the measurements that tell something."""
     if sum(one["frames_with_motion"] for one in measurements) < FOLLOWED:
         return "hardly a frame has a motion that most of the picture follows"
-    if probability < PROBABLE:
-        return f"the likeliest one has a probability of {100 * probability:.0f} %"
+    if deviation is not None:
+        return f"the deviation is {100 * deviation:.0f} % of the frame duration"
     agree = sum((1 - WRONG) * likelihood > WRONG for likelihood in tell)
     if tell and 2 * agree <= len(tell):
         return f"of {len(tell)} parts that tell it, {len(tell) - agree} tell another one"

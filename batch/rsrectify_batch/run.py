@@ -16,7 +16,7 @@ from . import readout
 from .executors import WorkerLost
 from .manifest import Manifest
 from .plan import Part, parts
-from .program import USAGE, ProgramError
+from .program import ProgramError
 from .progress import Progress
 
 # Where parts are kept until they are joined, below the output.
@@ -236,13 +236,13 @@ class Run:
             raise ProgramError("a part was changed after it was written", 1)
 
     async def step(self, name: str, *arguments):
-        """Has a step carried out, again where it fails."""
+        """Has a step carried out, again where it did not come to its end."""
         for attempt in range(self.settings.retries + 1):
             async with self._slots:
                 try:
                     return await self.executor.run(name, arguments)
                 except (ProgramError, WorkerLost) as error:
-                    is_final = isinstance(error, ProgramError) and error.code == USAGE
+                    is_final = isinstance(error, ProgramError) and error.is_final
                     if is_final or attempt == self.settings.retries:
                         raise
                     self.progress.say(f"{name} of {arguments[1]} is tried again: {error}")

@@ -36,6 +36,25 @@ def test_evidence_of_normal_posteriors_adds_up_as_information():
     assert (found.direction, found.doubt) == ("top-to-bottom", None)
 
 
+@pytest.mark.parametrize("share", [0.03, 0.06, 0.09, 0.099, 0.101, 0.2])
+def test_alone_a_part_is_relied_on_where_measure_relies_on_it(share):
+    # `rsrectify measure`: up to a tenth of the frame duration.
+    found = combine([told(20.0, share * PERIOD), NOTHING])
+    assert (found.doubt is None) == (share < 0.1), found
+    if share < 0.1:
+        assert found.milliseconds == pytest.approx(20.0, abs=0.2)
+        assert found.deviation_ms == pytest.approx(share * PERIOD, rel=0.02)
+
+
+def test_alone_a_far_possibility_counts_as_measure_counts_it():
+    # Its deviation is that of a gradient: of one part in a hundred 52 ms away, 5.2 ms; along the other axis, sqrt(28² + 10²) ms.
+    for other in [("bottom-to-top", -24.0, 1.0, 0.01), ("left-to-right", 10.0, 1.0, 0.02)]:
+        found = combine([measured(("top-to-bottom", 28.0, 1.0, 1 - other[3]), other)])
+        distance = 52.0 if other[0] == "bottom-to-top" else np.hypot(28.0, 10.0)
+        expected = np.sqrt(1 + other[3] * distance**2)
+        assert found.deviation_ms == pytest.approx(expected, rel=0.05) and "deviation" in found.doubt
+
+
 def test_a_part_that_tells_nothing_changes_nothing():
     alone, beside = combine([told(20.0, 1.0)]), combine([told(20.0, 1.0), NOTHING, NOTHING])
     assert beside.milliseconds == pytest.approx(alone.milliseconds, abs=1e-6)

@@ -256,9 +256,8 @@ impl Analysis {
     /// Neither colours nor the aspect of pixels matter, which encoded streams and containers state at different times.
     fn change(&self, sample: &gst::Sample, time: Option<gst::ClockTime>) -> Option<String> {
         let info = gst_video::VideoInfo::from_caps(sample.caps()?).ok()?;
-        let kind = |info: &gst_video::VideoInfo| {
-            (info.width(), info.height(), info.format(), info.interlace_mode())
-        };
+        let kind =
+            |info: &gst_video::VideoInfo| (info.width(), info.height(), info.format(), info.interlace_mode());
         (kind(&info) != kind(&self.info)).then(|| {
             let text = |info: &gst_video::VideoInfo| {
                 let (width, height, format, interlacing) = kind(info);

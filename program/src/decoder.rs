@@ -1,7 +1,8 @@
-//! The decoder of the program's pipelines: GStreamer's decodebin, which chooses parsers and decoders, and the two choices that
-//! are corrected.
+//! The decoder of the program's pipelines: GStreamer's decodebin, which chooses demuxers, parsers and decoders, and the choices
+//! of it that are corrected.
 
-use crate::elements::{drop_all, make};
+use crate::elements::{drop_all, make, pad};
+use crate::short_track;
 use anyhow::{Context, Result};
 use gst::glib;
 use gst::prelude::*;
@@ -12,22 +13,45 @@ use std::path::Path;
 /// Decoders that also want the transparency of each frame, and fail where a stream only announces it, as those of browsers do.
 /// The plain decoders give out the same picture without it.
 const OF_TRANSPARENCY: [&str; 2] = ["vp8alphadecodebin", "vp9alphadecodebin"];
-/// Bytes from the beginning of a program stream in which the start codes of MPEG-1 and MPEG-2 video are sought: they come with
-/// each picture.
+/// Bytes from the beginning of a program stream in which the start codes of its video are sought.
 const SEARCHED: u64 = 1 << 20;
+/// What gives a stream another name.
+const RENAMING: &str = "capssetter";
 
 /// A decodebin for a clip that a `filesrc` reads.
 pub fn of(clip: &Path) -> Result<gst::Element> {
     let decoder = make("decodebin")?;
-    let clip = clip.to_owned();
+    correct(&decoder, clip)?;
+    Ok(decoder)
+}
+
+/// Corrects what a decodebin or a parsebin chooses for a clip that a `filesrc` reads.
+pub fn correct(decoder: &gst::Element, clip: &Path) -> Result<()> {
+    short_track::keep(clip, &pad(decoder, "sink")?);
+    let unnamed = unnamed_video(clip);
+    let is_unnamed = unnamed.is_some();
     decoder.connect("autoplug-sort", false, move |values| {
         let pad = values.get(1).and_then(|value| value.get::<gst::Pad>().ok());
         let caps = values.get(2).and_then(|value| value.get::<gst::Caps>().ok());
         let factories = values.get(3).and_then(|value| value.get::<glib::ValueArray>().ok());
-        let chosen = pad.zip(caps).zip(factories);
-        Some(chosen.and_then(|((pad, caps), factories)| choose(&clip, &pad, &caps, &factories)).to_value())
+        let chosen = pad.zip(caps).zip(factories).and_then(|((pad, caps), factories)| {
+            let is_renamed = is_unnamed && is_named_by_demuxer_alone(&pad, &caps);
+            if is_renamed { renaming() } else { without_transparency(&factories) }
+        });
+        Some(chosen.to_value())
     });
-    Ok(decoder)
+    if let Some(name) = unnamed {
+        let caps = gst::Caps::builder(name).field("stream-format", "byte-stream").build();
+        let bin = decoder.clone().downcast::<gst::Bin>().ok().context("decodebin is no bin")?;
+        bin.connect_element_added(move |_, element| {
+            if element.factory().is_some_and(|factory| factory.name() == RENAMING) {
+                element.set_property("join", false);
+                element.set_property("replace", true);
+                element.set_property("caps", &caps);
+            }
+        });
+    }
+    Ok(())
 }
 
 /// Links the first stream of raw video that a decoder finds, and has the others go nowhere; `on_none` is called where there is
@@ -47,11 +71,7 @@ pub fn link_video(
         if !is_raw_video(pad) || input.is_linked() {
             drop_all(pad);
         } else if let Err(error) = pad.link(&input) {
-            gst::element_error!(
-                decoder,
-                gst::StreamError::Failed,
-                ("the video cannot be read: {error}")
-            );
+            gst::element_error!(decoder, gst::StreamError::Failed, ("the video cannot be read: {error}"));
         }
     });
     let video = input.downgrade();
@@ -65,7 +85,7 @@ pub fn link_video(
 }
 
 /// Whether a stream is of a kind that is never video, and so need not be decoded to find the video.
-fn is_beside_video(caps: &gst::CapsRef) -> bool {
+pub fn is_beside_video(caps: &gst::CapsRef) -> bool {
     let name = caps.structure(0).map_or("", |format| format.name().as_str());
     ["audio/", "text/", "subtitle/", "subpicture/", "closedcaption/", "meta/"]
         .iter()
@@ -77,24 +97,19 @@ fn is_raw_video(pad: &gst::Pad) -> bool {
     caps.structure(0).is_some_and(|format| format.has_name("video/x-raw"))
 }
 
-/// The elements that may go on with a stream, where these are not the ones that GStreamer would take.
-fn choose(
-    clip: &Path,
-    pad: &gst::Pad,
-    caps: &gst::CapsRef,
-    factories: &glib::ValueArray,
-) -> Option<glib::ValueArray> {
-    if is_named_by_demuxer_alone(pad, caps) && is_without_mpeg_pictures(clip) {
-        let typefind = gst::ElementFactory::find("typefind")?;
-        return Some(glib::ValueArray::new([typefind.to_value()]));
-    }
+/// The decoders without those of transparency, where some are left; `None` where all stay.
+fn without_transparency(factories: &glib::ValueArray) -> Option<glib::ValueArray> {
     let is_plain = |factory: &&glib::Value| {
         let factory = factory.get::<gst::ElementFactory>();
         !factory.is_ok_and(|factory| OF_TRANSPARENCY.contains(&factory.name().as_str()))
     };
     let plain: Vec<_> = factories.iter().filter(is_plain).cloned().collect();
-    // Where nothing else can decode it, transparency is decoded, too.
     (!plain.is_empty() && plain.len() < factories.len()).then(|| glib::ValueArray::new(plain))
+}
+
+/// The element that gives a stream another name, as the only one that may go on with it.
+fn renaming() -> Option<glib::ValueArray> {
+    Some(glib::ValueArray::new([gst::ElementFactory::find(RENAMING)?.to_value()]))
 }
 
 /// Whether it is a program stream's demuxer that calls a stream MPEG video: one without a map of its streams does not state
@@ -103,18 +118,32 @@ fn is_named_by_demuxer_alone(pad: &gst::Pad, caps: &gst::CapsRef) -> bool {
     let is_mpeg = caps.structure(0).is_some_and(|format| {
         format.has_name("video/mpeg") && format.get::<bool>("systemstream") == Ok(false)
     });
+    // The decoder's pads stand for those inside; a queue comes between the demuxer and what follows.
     let inner = pad.downcast_ref::<gst::GhostPad>().and_then(|pad| pad.target());
-    let owner = inner.as_ref().unwrap_or(pad).parent_element().and_then(|element| element.factory());
-    is_mpeg && owner.is_some_and(|factory| factory.name() == "mpegpsdemux")
+    let inner = inner.unwrap_or_else(|| pad.clone());
+    let queued = inner.iterate_internal_links().into_iter().flatten().next().and_then(|input| input.peer());
+    let is_demuxer = |pad: &gst::Pad| {
+        let factory = pad.parent_element().and_then(|element| element.factory());
+        factory.is_some_and(|factory| factory.name() == "mpegpsdemux")
+    };
+    is_mpeg && (is_demuxer(&inner) || queued.is_some_and(|pad| is_demuxer(&pad)))
 }
 
-/// Whether no picture of MPEG-1 or MPEG-2 video begins near the beginning of a program stream.
-fn is_without_mpeg_pictures(clip: &Path) -> bool {
+/// What the video of a program stream is where its demuxer takes it for MPEG-1 or MPEG-2 and it is not; `None` of other files.
+fn unnamed_video(clip: &Path) -> Option<&'static str> {
     let mut bytes = Vec::new();
-    let read = File::open(clip).and_then(|file| file.take(SEARCHED).read_to_end(&mut bytes));
-    // A sequence, a group or a picture: of the codes of a program stream itself none is the same, and in H.264 and H.265 the
-    // bit of the first two is never set.
-    read.is_ok() && !bytes.windows(4).any(|code| matches!(code, [0, 0, 1, 0xb3 | 0xb8]))
+    File::open(clip).and_then(|file| file.take(SEARCHED).read_to_end(&mut bytes)).ok()?;
+    let codes =
+        || bytes.windows(5).filter(|code| code.starts_with(&[0, 0, 1])).map(|code| (code[3], code[4]));
+    // A pack header begins it; a sequence or a group are only in MPEG video: in H.264 and H.265 the highest bit is never set.
+    if !bytes.starts_with(&[0, 0, 1, 0xba]) || codes().any(|(code, _)| matches!(code, 0xb3 | 0xb8)) {
+        return None;
+    }
+    // A set of parameters begins each stream: of H.265 its type is 32, of H.264 it is 7.
+    if codes().any(|code| code == (32 << 1, 1)) {
+        return Some("video/x-h265");
+    }
+    codes().any(|(code, _)| code & 0x9f == 7).then_some("video/x-h264")
 }
 
 #[cfg(test)]
@@ -124,15 +153,11 @@ mod tests {
     #[test]
     fn transparency_is_decoded_only_where_nothing_else_can() {
         gst::init().unwrap();
-        let factory = |name: &str| gst::ElementFactory::find(name).unwrap().to_value();
-        let pad = gst::Pad::new(gst::PadDirection::Src);
-        let caps = gst::Caps::new_empty_simple("video/x-vp9");
+        let factory = |name: &&str| gst::ElementFactory::find(name).unwrap().to_value();
         let chosen = |names: &[&str]| {
-            let factories = glib::ValueArray::new(names.iter().map(|name| factory(name)));
-            choose(Path::new(""), &pad, &caps, &factories).map(|chosen| {
-                let name = |one: &glib::Value| one.get::<gst::ElementFactory>().unwrap().name().to_string();
-                chosen.iter().map(name).collect::<Vec<_>>()
-            })
+            let chosen = without_transparency(&glib::ValueArray::new(names.iter().map(factory)))?;
+            let name = |one: &glib::Value| one.get::<gst::ElementFactory>().unwrap().name().to_string();
+            Some(chosen.iter().map(name).collect::<Vec<_>>())
         };
         assert_eq!(chosen(&["vp9alphadecodebin", "identity", "queue"]).unwrap(), ["identity", "queue"]);
         assert_eq!(chosen(&["identity"]), None);

@@ -85,7 +85,8 @@ mod tests {
     #[test]
     fn dropped_frames_and_pauses_are_no_frame_rate() {
         // Four of five frames, and a pause.
-        let times = (0..40).filter(|k| k % 5 != 4).map(|k| f64::from(k) * 0.02 + if k > 20 { 7.0 } else { 0.0 });
+        let times =
+            (0..40).filter(|k| k % 5 != 4).map(|k| f64::from(k) * 0.02 + if k > 20 { 7.0 } else { 0.0 });
         let found = interval(None, times).unwrap();
         assert!((found - 0.02).abs() < 1e-9, "{found}");
     }

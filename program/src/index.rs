@@ -5,6 +5,7 @@
 
 use crate::clips;
 use crate::interruption::Interruption;
+use crate::output;
 use crate::packets::Packets;
 use crate::progress;
 use anyhow::{Context, Result, anyhow, bail};
@@ -143,16 +144,14 @@ impl Digest {
 
 /// Indexes a clip; `false` where that fails for its sake.
 pub fn run(options: &IndexOptions, interruption: &Interruption) -> Result<bool> {
-    let written = FrameIndex::of(&options.clip, interruption).and_then(|index| {
+    let is_writable = options.output.as_deref().map_or(Ok(()), output::check_writable);
+    let written = is_writable.and_then(|()| FrameIndex::of(&options.clip, interruption)).and_then(|index| {
         let text = serde_json::to_string(&index)?;
         match &options.output {
             Some(file) => {
                 std::fs::write(file, text).with_context(|| format!("cannot write {}", file.display()))
             }
-            None => {
-                println!("{text}");
-                Ok(())
-            }
+            None => progress::print(format!("{text}\n").as_bytes()),
         }
     });
     clips::finish(&options.clip, written, interruption)

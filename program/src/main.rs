@@ -25,6 +25,7 @@ mod plot;
 mod progress;
 mod readout;
 mod rectifier_options;
+mod short_track;
 mod show;
 mod streams;
 mod track;
@@ -106,7 +107,9 @@ fn run(cli: &Cli) -> Result<bool> {
         Command::Show(options) => show::run(options, &start()?),
         Command::Cameras(options) => camera::run(options),
         Command::Completions { shell } => {
-            clap_complete::generate(*shell, &mut Cli::command(), "rsrectify", &mut std::io::stdout());
+            let mut text = Vec::new();
+            clap_complete::generate(*shell, &mut Cli::command(), "rsrectify", &mut text);
+            progress::print(&text)?;
             Ok(true)
         }
         Command::Man { folder } => {

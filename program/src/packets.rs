@@ -1,6 +1,7 @@
 //! The encoded video of a file, packet by packet, in the file's order.
 
 use crate::clips;
+use crate::decoder;
 use crate::elements::{NO_VIDEO, drop_all, launch, named, pad};
 use crate::interruption::Interruption;
 use crate::playback::Playback;
@@ -38,6 +39,7 @@ impl Packets {
         let video = pad(&sink, "sink")?;
         let sink = sink.downcast::<gst_app::AppSink>().map_err(|_| anyhow!("appsink is another element"))?;
         let parser = named(&pipeline, "parser")?;
+        decoder::correct(&parser, file)?;
         parser.connect("autoplug-continue", false, |values| {
             let caps = values.get(2).and_then(|value| value.get::<gst::Caps>().ok());
             Some(caps.is_none_or(|caps| !is_whole(&caps)).to_value())

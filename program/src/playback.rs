@@ -1,5 +1,6 @@
 //! Plays a pipeline to its end.
 
+use crate::decoder;
 use crate::interruption::Interruption;
 use anyhow::{Context, Result, bail};
 use gst::prelude::*;
@@ -9,7 +10,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 /// How often in succession something is waited for, a tenth of a second each time, while no data comes from any source or to any
 /// sink, before the pipeline is given up: no frame takes as long to decode, to rectify or to encode. Some broken files stop
 /// demuxers without an error, and streams that lie far apart fill all queues.
-const PATIENCE: u32 = 1200;
+const PATIENCE: u32 = 450;
 
 /// What plays, and stops when it is dropped.
 pub struct Playback {
@@ -100,7 +101,7 @@ impl Playback {
         let times = if moved == self.waited.0 { self.waited.1 + 1 } else { 0 };
         self.waited = (moved, times);
         if times >= PATIENCE {
-            bail!("nothing has come from the file or gone on for two minutes: given up");
+            bail!("nothing has come from the file or gone on for 45 s: given up");
         }
         Ok(())
     }
@@ -122,12 +123,39 @@ impl Drop for Playback {
     }
 }
 
+/// What a file needs that GStreamer lacks. Of streams beside the video it is no error that they cannot be decoded.
 fn missing_plugin(message: &gst::message::Element) -> Option<String> {
     let structure = message.structure().filter(|s| s.has_name("missing-plugin"))?;
+    if structure.get::<gst::Caps>("detail").is_ok_and(|caps| decoder::is_beside_video(&caps)) {
+        return None;
+    }
     let name = structure.get::<&str>("name").ok()?;
     Some(format!("GStreamer lacks a plugin: {}", one_line(name)))
 }
 
 fn one_line(text: &str) -> String {
     text.split_whitespace().collect::<Vec<_>>().join(" ")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_pipeline_in_which_nothing_moves_is_given_up() {
+        gst::init().unwrap();
+        let pipeline = gst::parse::launch("fakesrc num-buffers=1 name=source ! fakesink").unwrap();
+        let mut playback = Playback::new(pipeline.downcast().unwrap()).unwrap();
+        for _ in 1..PATIENCE {
+            playback.waited().unwrap();
+        }
+        // A buffer has come.
+        playback.set_state(gst::State::Playing);
+        let interruption = Interruption::default();
+        while !matches!(playback.next(gst::ClockTime::SECOND, &interruption).unwrap(), Event::End) {}
+        for _ in 0..PATIENCE {
+            playback.waited().unwrap();
+        }
+        assert!(playback.waited().unwrap_err().to_string().contains("given up"));
+    }
 }

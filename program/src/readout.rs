@@ -273,19 +273,7 @@ pub fn expected(
     interruption: &Interruption,
 ) -> Result<Option<ReadoutPrior>> {
     let Some(camera) = options.camera.of(clip)? else { return Ok(None) };
-    match Analysis::open(clip, options.settings(), interruption) {
-        Ok(mut analysis) => expect(&mut analysis, Some(&camera)),
-        Err(error) => {
-            interruption.check()?;
-            warn_of_search(clip, &error);
-            Ok(None)
-        }
-    }
-}
-
-/// Reports why nothing was found in a clip before it is rectified. What cannot be analysed may still be played.
-pub fn warn_of_search(clip: &Path, error: &anyhow::Error) {
-    eprintln!("warning: {}: the readout was not sought beforehand: {error:#}", clip.display());
+    expect(&mut Analysis::open(clip, options.settings(), interruption)?, Some(&camera))
 }
 
 /// Starts from what is expected of the camera that made a clip, and prints it.

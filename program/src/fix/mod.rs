@@ -7,7 +7,7 @@ mod plan;
 use crate::clips;
 use crate::interruption::Interruption;
 use crate::output::codec::Container;
-use crate::output;
+use crate::output::{self, Unfinished};
 use crate::part;
 use crate::playback::{Event, Playback};
 use crate::progress;
@@ -58,31 +58,36 @@ fn one(job: &Job, options: &FixOptions, interruption: &Interruption) -> Result<(
         println!("{} -> {}: {codec} in {container}", job.input.display(), job.output.display());
         return Ok(());
     }
-    let analysis = &mut recipe.rectifier.analysis;
-    if analysis.wants_readout() {
-        let camera = analysis.camera.of(&job.input)?;
-        let settings = analysis.settings();
-        let found = readout::find(&job.input, settings, camera.as_ref(), Extent::Stretches, interruption);
-        interruption.check()?;
-        match found {
-            Ok(Some(found)) => {
-                println!("readout: {found}");
-                found.apply(analysis);
-            }
-            Ok(None) => readout::warn_of_search(&job.input, &anyhow!("no frame could be analysed")),
-            Err(error) => readout::warn_of_search(&job.input, &error),
-        }
-    } else if analysis.leaves_readout_open() {
-        analysis.expected = readout::expected(&job.input, analysis, interruption)?;
-    } else {
-        readout::report_stabilisation(&job.input, &analysis.camera)?;
-    }
     if let Some(folder) = job.output.parent() {
         // `--output` may name a folder that is not there yet.
         if options.output.is_some() && job.is_in_folder {
             std::fs::create_dir_all(folder).with_context(|| format!("cannot make {}", folder.display()))?;
         }
     }
+    output::check_writable(Unfinished::beside(&job.output).path())?;
+    let analysis = &mut recipe.rectifier.analysis;
+    // What cannot be analysed may still be played; if not, playing it says why.
+    let mut unsearched = None;
+    if analysis.wants_readout() {
+        let camera = analysis.camera.of(&job.input)?;
+        let settings = analysis.settings();
+        match readout::find(&job.input, settings, camera.as_ref(), Extent::Stretches, interruption) {
+            Ok(Some(found)) => {
+                println!("readout: {found}");
+                found.apply(analysis);
+            }
+            Ok(None) => unsearched = Some(anyhow!("no frame could be analysed")),
+            Err(error) => unsearched = Some(error),
+        }
+    } else if analysis.leaves_readout_open() {
+        match readout::expected(&job.input, analysis, interruption) {
+            Ok(expected) => analysis.expected = expected,
+            Err(error) => unsearched = Some(error),
+        }
+    } else {
+        readout::report_stabilisation(&job.input, &analysis.camera)?;
+    }
+    interruption.check()?;
     let progress = Arc::new(Progress::default());
     let lookahead = recipe.rectifier.analysis.settings().lookahead;
     let part = options.part.of(&job.input, lookahead, interruption)?;
@@ -100,6 +105,9 @@ fn one(job: &Job, options: &FixOptions, interruption: &Interruption) -> Result<(
     let file = rectification.finish(interruption)?;
     output::verify(file.path(), &progress.times(), interruption).context("the file is not as it should be")?;
     file.finish(&job.output)?;
+    if let Some(error) = unsearched {
+        eprintln!("warning: {}: the readout was not sought beforehand: {error:#}", job.input.display());
+    }
     println!("{}: {frames} frames", job.output.display());
     Ok(())
 }

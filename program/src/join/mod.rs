@@ -75,6 +75,8 @@ fn join(options: &JoinOptions, container: Container, interruption: &Interruption
     for input in std::iter::once(&options.clip).chain(&options.parts) {
         output::check(input, &options.output, options.overwrite)?;
     }
+    let unfinished = Unfinished::beside(&options.output);
+    output::check_writable(unfinished.path())?;
     let index = FrameIndex::given_or_of(options.index.as_deref(), &options.clip, interruption)?;
     let parts = Parts::read(&options.parts, index, interruption)?;
     let Some(caps) = container.taken("video_%u", parts.caps()) else {
@@ -94,7 +96,6 @@ fn join(options: &JoinOptions, container: Container, interruption: &Interruption
             })
             .collect(),
     };
-    let unfinished = Unfinished::beside(&options.output);
     write(&options.clip, parts, &caps, unfinished.path(), container, options.audio, interruption)?;
     unfinished.finish(&options.output)?;
     if options.json {

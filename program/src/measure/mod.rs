@@ -6,6 +6,7 @@ use crate::camera::CameraChoice;
 use crate::clips;
 use crate::interruption::Interruption;
 use crate::part::{self, PartOptions};
+use crate::progress;
 use crate::readout::{self, Extent};
 use crate::rectifier_options::MeasureSettings;
 use anyhow::{Context, Result};
@@ -62,7 +63,7 @@ pub fn run(options: &MeasureOptions, interruption: &Interruption) -> Result<bool
         match one(&clip, options, interruption) {
             Ok(measurement) => {
                 if !options.json {
-                    println!("{measurement}");
+                    progress::print(format!("{measurement}\n").as_bytes())?;
                 }
                 report.clips.push(measurement);
             }
@@ -78,9 +79,9 @@ pub fn run(options: &MeasureOptions, interruption: &Interruption) -> Result<bool
         report.same_camera = Together::new(&report.clips);
     }
     if options.json {
-        println!("{}", serde_json::to_string_pretty(&report)?);
+        progress::print(format!("{}\n", serde_json::to_string_pretty(&report)?).as_bytes())?;
     } else if let Some(together) = &report.same_camera {
-        println!("{together}");
+        progress::print(format!("{together}\n").as_bytes())?;
     }
     Ok(report.failed.is_empty())
 }

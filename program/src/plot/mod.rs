@@ -69,6 +69,9 @@ pub fn run(options: &PlotOptions, interruption: &Interruption) -> Result<bool> {
 fn plot(options: &PlotOptions, file: &Path, kind: Kind, interruption: &Interruption) -> Result<()> {
     clips::check(&options.clip)?;
     output::check(&options.clip, file, options.overwrite)?;
+    output::make_folder(file, options.output.as_deref())?;
+    let unfinished = Unfinished::beside(file);
+    output::check_writable(unfinished.path())?;
     let mut analysis = Analysis::open(&options.clip, options.analysis.settings(), interruption)?;
     if options.analysis.wants_readout() {
         let camera = options.analysis.camera.of(&options.clip)?;
@@ -94,8 +97,6 @@ fn plot(options: &PlotOptions, file: &Path, kind: Kind, interruption: &Interrupt
         Kind::Svg => svg.into_bytes(),
         Kind::Png => Renderer::new().png(&svg, PNG_SCALE)?,
     };
-    output::make_folder(file, options.output.as_deref())?;
-    let unfinished = Unfinished::beside(file);
     std::fs::write(unfinished.path(), content).with_context(|| format!("cannot write {}", file.display()))?;
     unfinished.finish(file)?;
     println!("{}: {frames} frames", file.display());

@@ -58,6 +58,9 @@ fn show(options: &ShowOptions, file: &Path, container: Container, interruption: 
     clips::check(&options.clip)?;
     output::check(&options.clip, file, options.overwrite)?;
     options.encoding.codec.check(container, options.encoding.rate())?;
+    output::make_folder(file, options.output.as_deref())?;
+    let unfinished = Unfinished::beside(file);
+    output::check_writable(unfinished.path())?;
     let mut told = options.analysis.clone();
     let mut found = None;
     if told.wants_readout() {
@@ -75,8 +78,6 @@ fn show(options: &ShowOptions, file: &Path, container: Container, interruption: 
     let overlay = Overlay::new(analysis.size(), options.magnify, found, period);
     let renderer = Renderer::new();
 
-    output::make_folder(file, options.output.as_deref())?;
-    let unfinished = Unfinished::beside(file);
     let mut writer = Writer::new(analysis.info(), &options.encoding, container, unfinished.path())?;
     let bar = progress::spinner()?;
     let mut frames = 0u64;

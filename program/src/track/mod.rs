@@ -7,6 +7,7 @@ mod velocity;
 use crate::analysis::{Analysis, Frame};
 use crate::clips;
 use crate::interruption::Interruption;
+use crate::output;
 use crate::progress;
 use crate::readout::{self, Extent, Found};
 use crate::rectifier_options::AnalysisOptions;
@@ -99,6 +100,10 @@ pub fn run(options: &TrackOptions, interruption: &Interruption) -> Result<bool> 
 
 fn track(options: &TrackOptions, interruption: &Interruption) -> Result<()> {
     clips::check(&options.clip)?;
+    for file in [&options.csv, &options.rows_csv, &options.json, &options.gcsv].into_iter().flatten() {
+        output::check(&options.clip, file, options.overwrite)?;
+        output::check_writable(file)?;
+    }
     let mut analysis = options.analysis.clone();
     let wants_focal = options.gcsv.is_some() && analysis.focal_length.is_none();
     let mut found = None;

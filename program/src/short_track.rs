@@ -1,0 +1,163 @@
+//! MP4 and MOV files whose only video is short beside their sound or subtitles.
+//!
+//! GStreamer's demuxer passes over a track that is shorter than a fifth of the film, as a preview picture would be. Where all
+//! video would be lost so, it is given these tracks with the film's length; their edit lists and frames stay what they are.
+
+use crate::boxes::{child, children, number, read_index};
+use gst::prelude::*;
+use std::fs::File;
+use std::io::Seek;
+use std::path::Path;
+
+/// Bytes that replace those at an offset in the file.
+#[derive(Debug, PartialEq)]
+struct Patch {
+    offset: u64,
+    bytes: Vec<u8>,
+}
+
+/// Where the box with a length has it: ticks a second, ticks, the ticks' offset in the box and their number of bytes.
+struct Length {
+    rate: u64,
+    ticks: u64,
+    offset: usize,
+    bytes: usize,
+}
+
+impl Length {
+    /// Of the content of a `mvhd` or `mdhd`.
+    fn of(content: &[u8]) -> Option<Self> {
+        let long = |at| Some(u64::from(number(content, at)?) << 32 | u64::from(number(content, at + 4)?));
+        match content.first()? {
+            0 => {
+                let (rate, ticks) = (number(content, 12)?.into(), number(content, 16)?.into());
+                Some(Self { rate, ticks, offset: 16, bytes: 4 })
+            }
+            1 => Some(Self { rate: number(content, 20)?.into(), ticks: long(24)?, offset: 24, bytes: 8 }),
+            _ => None,
+        }
+    }
+}
+
+/// Has what comes to a pad from a file changed so that its video is not passed over.
+pub fn keep(clip: &Path, pad: &gst::Pad) {
+    let Some(patches) = File::open(clip).ok().and_then(|mut file| {
+        let index = read_index(&mut file)?;
+        let start = file.stream_position().ok()?.checked_sub(index.len() as u64)?;
+        Some(patches(&index, start))
+    }) else {
+        return;
+    };
+    if patches.is_empty() {
+        return;
+    }
+    pad.add_probe(gst::PadProbeType::BUFFER, move |_, info| {
+        if let Some(buffer) = info.buffer_mut() {
+            patches.iter().for_each(|patch| apply(patch, buffer));
+        }
+        gst::PadProbeReturn::Ok
+    });
+}
+
+/// Overwrites what a buffer has of the bytes.
+fn apply(patch: &Patch, buffer: &mut gst::Buffer) {
+    let start = buffer.offset();
+    let end = start.saturating_add(buffer.size() as u64);
+    if patch.offset >= end || patch.offset + patch.bytes.len() as u64 <= start {
+        return;
+    }
+    let Ok(mut content) = buffer.make_mut().map_writable() else { return };
+    for (at, byte) in (patch.offset..).zip(&patch.bytes) {
+        let place = at.checked_sub(start).and_then(|at| content.get_mut(usize::try_from(at).ok()?));
+        if let Some(place) = place {
+            *place = *byte;
+        }
+    }
+}
+
+/// What is to be changed in an index that begins at an offset: nothing where any video would be found.
+fn patches(index: &[u8], start: u64) -> Vec<Patch> {
+    let Some(film) = child(index, &[b"mvhd"]).and_then(Length::of) else { return Vec::new() };
+    let is_video = |track: &[u8]| {
+        child(track, &[b"mdia", b"hdlr"]).and_then(|handler| handler.get(8..12)) == Some(b"vide")
+    };
+    let tracks = children(index).filter(|(name, content)| *name == b"trak" && is_video(content));
+    let lengths: Vec<_> = tracks
+        .filter_map(|(_, track)| {
+            let header = child(track, &[b"mdia", b"mdhd"])?;
+            // Both are of one piece of memory.
+            Some((Length::of(header)?, (header.as_ptr() as usize).checked_sub(index.as_ptr() as usize)?))
+        })
+        .collect();
+    // As it is computed there, in integers.
+    let is_passed_over = |track: &Length| {
+        let whole = u128::from(film.ticks) * u128::from(track.rate);
+        whole != 0 && u128::from(track.ticks) * u128::from(film.rate) * 10 / whole < 2
+    };
+    if !lengths.iter().all(|(track, _)| is_passed_over(track)) {
+        return Vec::new();
+    }
+    let patch = |(track, header): (Length, usize)| {
+        let ticks = (u128::from(film.ticks) * u128::from(track.rate)).div_ceil(u128::from(film.rate).max(1));
+        let bytes = u64::try_from(ticks).ok()?.to_be_bytes();
+        let (unused, bytes) = bytes.split_at(8 - track.bytes);
+        let fits = unused.iter().all(|byte| *byte == 0);
+        let offset = start + (header + track.offset) as u64;
+        fits.then(|| Patch { offset, bytes: bytes.to_vec() })
+    };
+    lengths.into_iter().filter_map(patch).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::boxes::boxed;
+
+    /// A header of 1000 ticks a second and so many ticks.
+    fn header(name: &[u8; 4], ticks: u32) -> Vec<u8> {
+        let words = [0, 0, 0, 1000, ticks, 0].map(u32::to_be_bytes);
+        boxed(name, &words.concat())
+    }
+
+    fn track(kind: &[u8; 4], ticks: u32) -> Vec<u8> {
+        let handler = boxed(b"hdlr", &[&[0; 8], &kind[..], &[0; 12]].concat());
+        boxed(b"trak", &boxed(b"mdia", &[header(b"mdhd", ticks), handler].concat()))
+    }
+
+    fn index(tracks: &[Vec<u8>]) -> Vec<u8> {
+        [header(b"mvhd", 10_000), tracks.concat()].concat()
+    }
+
+    #[test]
+    fn a_short_track_is_given_the_length_of_the_film() {
+        let index = index(&[track(b"soun", 500), track(b"vide", 1999)]);
+        let [patch] = &patches(&index, 1000)[..] else { panic!() };
+        assert_eq!(patch.bytes, 10_000u32.to_be_bytes());
+        let at = usize::try_from(patch.offset).unwrap() - 1000;
+        assert_eq!(index[at..at + 4], 1999u32.to_be_bytes());
+
+        gst::init().unwrap();
+        // In the middle of a buffer, and over the border of two.
+        for (begin, end) in [(at - 3, at + 9), (at - 3, at + 2), (at + 2, at + 9)] {
+            let mut buffer = gst::Buffer::from_slice(index[begin..end].to_vec());
+            buffer.get_mut().unwrap().set_offset(begin as u64 + 1000);
+            apply(patch, &mut buffer);
+            let mut expected = index.clone();
+            expected[at..at + 4].copy_from_slice(&10_000u32.to_be_bytes());
+            assert_eq!(buffer.map_readable().unwrap()[..], expected[begin..end]);
+        }
+    }
+
+    #[test]
+    fn previews_stay_previews() {
+        for tracks in [
+            &[track(b"vide", 100), track(b"vide", 9000)][..],
+            &[track(b"vide", 2000)],
+            &[track(b"soun", 100)],
+            &[],
+        ] {
+            assert_eq!(patches(&index(tracks), 0), []);
+        }
+        assert_eq!(patches(b"nonsense", 0), []);
+    }
+}
