@@ -83,3 +83,10 @@ pub fn drop_all(source: &gst::Pad) {
         gst::PadProbeReturn::Drop
     });
 }
+
+/// Puts other caps in place of those that come to a pad.
+pub fn replace_caps(info: &mut gst::PadProbeInfo<'_>, caps: &gst::Caps) {
+    let Some(old) = info.event() else { return };
+    let new = gst::event::Caps::builder(caps).seqnum(old.seqnum()).build();
+    info.data = Some(gst::PadProbeData::Event(new));
+}

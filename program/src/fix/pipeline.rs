@@ -5,13 +5,15 @@
 
 use crate::elements::{named, pad, parse};
 use crate::output::codec::{Codec, Container, Rate};
+use crate::output::encoder::Encoding;
+use crate::picture::Picture;
 use crate::rectifier_options::RectifierOptions;
 use crate::streams::{Audio, Destination, Excerpt, Remux, Video, timecode};
 use anyhow::Result;
 use gst::prelude::*;
 use std::path::Path;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicU32, AtomicU64, Ordering};
+use std::sync::atomic::{AtomicU64, Ordering};
 
 /// Turns frames as the clip's rotation tag says.
 const UPRIGHT: &str = "videoconvert ! videoflip video-direction=auto";
@@ -66,6 +68,7 @@ impl Progress {
 /// Decoded video → the encoded stream.
 fn video_branch(
     recipe: &Recipe,
+    encoding: &Encoding,
     timecode: Option<gst_video::ValidVideoTimeCode>,
     excerpt: Option<&Excerpt>,
 ) -> Result<gst::Bin> {
@@ -78,7 +81,7 @@ fn video_branch(
     } else {
         rectified
     };
-    let encoded = recipe.codec.description();
+    let encoded = encoding.description();
     let bin = parse(&format!("queue name=frames ! videoconvert name=decoded ! {shown} ! {encoded}"))?;
     let rectifier = named(&bin, "rectifier")?;
     recipe.rectifier.apply(&rectifier)?;
@@ -100,8 +103,7 @@ fn video_branch(
     if let Some(timecode) = timecode {
         timecode::stamp_first(&pad(&encoder, "sink")?, timecode);
     }
-    recipe.codec.configure(&encoder, recipe.rate);
-    warn_of_fewer_bits(&encoder, &named(&bin, "decoded")?)?;
+    encoding.configure(&bin)?;
     Ok(bin)
 }
 
@@ -110,32 +112,6 @@ fn place_side_by_side(compositor: &gst::Element) -> Result<()> {
     on_caps(&pad(compositor, "sink_1")?, |pad, caps| {
         if let Some(width) = caps.structure(0).and_then(|s| s.get::<i32>("width").ok()) {
             pad.set_property("xpos", width);
-        }
-    });
-    Ok(())
-}
-
-/// Says so where the encoder takes fewer bits than the clip has.
-fn warn_of_fewer_bits(encoder: &gst::Element, decoded: &gst::Element) -> Result<()> {
-    let bits = |caps: &gst::CapsRef| {
-        let info = gst_video::VideoInfo::from_caps(caps).ok()?;
-        info.format_info().depth().first().copied()
-    };
-    // A pad has its caps only once all that follows has taken them.
-    let bits_before = Arc::new(AtomicU32::new(0));
-    let noted = bits_before.clone();
-    on_caps(&pad(decoded, "sink")?, move |_, caps| noted.store(bits(caps).unwrap_or(0), Ordering::Relaxed));
-    let owner = encoder.downgrade();
-    on_caps(&pad(encoder, "sink")?, move |_, caps| {
-        let before = bits_before.load(Ordering::Relaxed);
-        if let Some(after) = bits(caps).filter(|after| *after < before)
-            && let Some(encoder) = owner.upgrade()
-        {
-            gst::element_warning!(
-                encoder,
-                gst::StreamError::Format,
-                ("the encoder takes {after} bits, the clip has {before}; another --codec keeps them")
-            );
         }
     });
     Ok(())
@@ -161,9 +137,14 @@ pub fn build(
 ) -> Result<Remux> {
     let (container, audio) = (recipe.container, recipe.audio);
     let destination = Destination { output, container, audio, excerpt: excerpt.clone() };
-    Remux::new(clip, destination, |timecode| {
-        let video = video_branch(recipe, timecode, excerpt.as_deref())?;
+    let encoding = Encoding::new(recipe.codec, recipe.rate, Picture::of(clip)?);
+    let remux = Remux::new(clip, destination, |timecode| {
+        let video = video_branch(recipe, &encoding, timecode, excerpt.as_deref())?;
         progress.watch(&pad(&named(&video, "encoder")?, "sink")?);
         Ok(Video::Decoded(video))
-    })
+    })?;
+    for loss in encoding.losses() {
+        gst::element_warning!(remux.pipeline, gst::StreamError::Format, ("{loss}"));
+    }
+    Ok(remux)
 }

@@ -10,13 +10,13 @@ use std::path::Path;
 /// How the video is encoded.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum Codec {
-    /// H.264, 8 or 10 bits, 4:2:0
+    /// H.264, 8 or 10 bits
     H264,
-    /// HEVC (H.265), 8 or 10 bits, 4:2:0
+    /// HEVC (H.265), 8, 10 or 12 bits
     Hevc,
-    /// AV1, 4:2:0
+    /// AV1, 8 bits
     Av1,
-    /// ProRes 422 HQ, 10 bits
+    /// ProRes 422 HQ, or 4444 for clips that have 4:4:4 or transparency; 10 bits
     Prores,
     /// FFV1, lossless, bits and chroma as the clip has them
     Ffv1,
@@ -122,7 +122,8 @@ impl Codec {
         }
     }
 
-    fn encoder(self) -> &'static str {
+    /// The element that encodes.
+    pub(super) fn encoder(self) -> &'static str {
         match self {
             Self::H264 => "x264enc",
             Self::Hevc => "x265enc",
@@ -133,7 +134,7 @@ impl Codec {
     }
 
     /// The parser that gives the stream the form that muxers want.
-    fn parser(self) -> Option<&'static str> {
+    pub(super) fn parser(self) -> Option<&'static str> {
         match self {
             Self::H264 => Some("h264parse"),
             Self::Hevc => Some("h265parse"),
@@ -150,16 +151,6 @@ impl Codec {
             Self::Av1 => "video/x-av1",
             Self::Prores => "video/x-prores",
             Self::Ffv1 => "video/x-ffv",
-        }
-    }
-
-    /// Caps of what is encoded: what players of the codec show.
-    fn raw_formats(self) -> &'static str {
-        match self {
-            Self::H264 => "video/x-raw,format={I420,YV12,NV12,I420_10LE}",
-            Self::Hevc | Self::Av1 => "video/x-raw,format={I420,I420_10LE}",
-            Self::Prores => "video/x-raw,format=I422_10LE",
-            Self::Ffv1 => "video/x-raw",
         }
     }
 
@@ -204,14 +195,8 @@ impl Codec {
         Ok(())
     }
 
-    /// Raw video → the encoded stream; the encoder is called `encoder`.
-    pub fn description(self) -> String {
-        let parser = self.parser().map(|parser| format!(" ! {parser}")).unwrap_or_default();
-        format!("videoconvert ! {} ! {} name=encoder{parser}", self.raw_formats(), self.encoder())
-    }
-
     /// Sets the encoder to a rate.
-    pub fn configure(self, encoder: &gst::Element, rate: Rate) {
+    pub(super) fn configure(self, encoder: &gst::Element, rate: Rate) {
         let quality = match rate {
             Rate::Quality(quality) => Some(quality.unwrap_or(self.usual_quality())),
             Rate::Bits(_) => None,
@@ -243,7 +228,6 @@ impl Codec {
                     _ => {}
                 }
             }
-            (Self::Prores, _, _) => encoder.set_property_from_str("profile", "hq"),
             (Self::H264 | Self::Hevc, None, Rate::Bits(rate)) => encoder.set_property("bitrate", rate),
             _ => {}
         }

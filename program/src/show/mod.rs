@@ -11,6 +11,7 @@ use crate::interruption::Interruption;
 use crate::output::codec::Container;
 use crate::output::encoding::EncodingOptions;
 use crate::output::{self, Unfinished};
+use crate::picture::Picture;
 use crate::progress;
 use crate::readout::{self, Extent};
 use crate::rectifier_options::AnalysisOptions;
@@ -77,7 +78,8 @@ fn show(options: &ShowOptions, file: &Path, container: Container, interruption: 
 
     output::make_folder(file, options.output.as_deref())?;
     let unfinished = Unfinished::beside(file);
-    let mut writer = Writer::new(analysis.info(), &options.encoding, container, unfinished.path())?;
+    let picture = Picture::of(&options.clip)?;
+    let mut writer = Writer::new(analysis.info(), picture, &options.encoding, container, unfinished.path())?;
     let bar = progress::spinner()?;
     let mut frames = 0u64;
     analysis.run(None, interruption, &mut |frame: Frame| {
