@@ -40,6 +40,14 @@ pub fn make(factory: &str) -> Result<gst::Element> {
     gst::ElementFactory::make(factory).build().map_err(|_| missing(factory))
 }
 
+/// Has clips decoded by what keeps most of them: GStreamer's own decoder of JPEG, its first choice, halves the resolution of colour.
+pub fn prefer_whole_decoders() {
+    let [own, other] = ["jpegdec", "avdec_mjpeg"].map(gst::ElementFactory::find);
+    if let Some((own, other)) = own.zip(other) {
+        other.set_rank(own.rank() + 1);
+    }
+}
+
 /// A part of a pipeline from its description; what is not linked in it becomes its pads.
 pub fn parse(description: &str) -> Result<gst::Bin> {
     let mut context = gst::ParseContext::new();

@@ -91,6 +91,7 @@ enum Command {
 fn start() -> Result<Interruption> {
     gst::init()?;
     gstrsrectify::plugin_register_static()?;
+    elements::prefer_whole_decoders();
     Interruption::catch()
 }
 

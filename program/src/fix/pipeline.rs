@@ -10,10 +10,13 @@ use crate::picture::Picture;
 use crate::rectifier_options::RectifierOptions;
 use crate::streams::{Audio, Destination, Excerpt, Remux, Video, timecode};
 use anyhow::Result;
+use gst::buffer::BufferMetaForeachAction;
 use gst::prelude::*;
+use gst_video::VideoTimeCodeMeta;
+use std::ops::ControlFlow;
 use std::path::Path;
-use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, OnceLock};
 
 /// Turns frames as the clip's rotation tag says.
 const UPRIGHT: &str = "videoconvert ! videoflip video-direction=auto";
@@ -100,6 +103,7 @@ fn video_branch(
         excerpt.keep_wanted(&pad(&named(&bin, shown)?, "src")?);
     }
     let encoder = named(&bin, "encoder")?;
+    drop_empty_timecodes(&pad(&named(&bin, "frames")?, "sink")?, timecode.is_some());
     if let Some(timecode) = timecode {
         timecode::stamp_first(&pad(&encoder, "sink")?, timecode);
     }
@@ -115,6 +119,28 @@ fn place_side_by_side(compositor: &gst::Element) -> Result<()> {
         }
     });
     Ok(())
+}
+
+/// Drops the timecodes that decoders find in the stream where the file has one of its own, or where they begin at zero: encoders fill
+/// in zeros where they know no other, and muxers would take them for the clip's.
+fn drop_empty_timecodes(frames: &gst::Pad, has_other: bool) {
+    let is_empty = OnceLock::new();
+    frames.add_probe(gst::PadProbeType::BUFFER, move |_, info| {
+        let Some(buffer) = info.buffer() else { return gst::PadProbeReturn::Ok };
+        let Some(first) = buffer.meta::<VideoTimeCodeMeta>() else { return gst::PadProbeReturn::Ok };
+        let time = first.tc();
+        let is_zero = || [time.hours(), time.minutes(), time.seconds(), time.frames()] == [0; 4];
+        if (has_other || *is_empty.get_or_init(is_zero))
+            && let Some(buffer) = info.buffer_mut()
+        {
+            buffer.make_mut().foreach_meta_mut(|mut meta| {
+                let is_timecode = meta.downcast_ref::<VideoTimeCodeMeta>().is_some();
+                let action = if is_timecode { BufferMetaForeachAction::Remove } else { BufferMetaForeachAction::Keep };
+                ControlFlow::Continue(action)
+            });
+        }
+        gst::PadProbeReturn::Ok
+    });
 }
 
 /// Calls back with the caps that come to a pad.
