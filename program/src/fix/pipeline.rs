@@ -135,7 +135,8 @@ fn drop_empty_timecodes(frames: &gst::Pad, has_other: bool) {
         {
             buffer.make_mut().foreach_meta_mut(|mut meta| {
                 let is_timecode = meta.downcast_ref::<VideoTimeCodeMeta>().is_some();
-                let action = if is_timecode { BufferMetaForeachAction::Remove } else { BufferMetaForeachAction::Keep };
+                let action =
+                    if is_timecode { BufferMetaForeachAction::Remove } else { BufferMetaForeachAction::Keep };
                 ControlFlow::Continue(action)
             });
         }

@@ -245,3 +245,105 @@ fn mastering_display(picture: &Picture) -> Option<Vec<u8>> {
     content.push(0x80);
     Some(content)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use gst::prelude::*;
+
+    fn launch(description: &str) -> (gst::Pipeline, gst_app::AppSink) {
+        let pipeline = gst::parse::launch(description).unwrap().downcast::<gst::Pipeline>().unwrap();
+        pipeline.set_state(gst::State::Playing).unwrap();
+        let sink = pipeline.by_name("out").unwrap().downcast().unwrap();
+        (pipeline, sink)
+    }
+
+    /// Temporal units as the encoder gives them out.
+    fn encoded(format: &str) -> Vec<Vec<u8>> {
+        let (pipeline, sink) = launch(&format!(
+            "videotestsrc num-buffers=3 ! video/x-raw,format={format},width=50,height=34 ! av1enc cpu-used=8 \
+             ! appsink name=out sync=false"
+        ));
+        let bytes = |sample: gst::Sample| sample.buffer().unwrap().map_readable().unwrap().to_vec();
+        let units = std::iter::from_fn(|| sink.pull_sample().ok()).map(bytes).collect();
+        pipeline.set_state(gst::State::Null).unwrap();
+        units
+    }
+
+    /// How GStreamer's parser, which reads all of the headers, understands a stream; and how many frames are decoded of it.
+    fn parsed(units: &[Vec<u8>]) -> (gst::Caps, usize) {
+        let (pipeline, sink) = launch(
+            "appsrc name=in caps=video/x-av1,stream-format=obu-stream,alignment=tu format=time ! av1parse name=parse \
+             ! av1dec ! appsink name=out sync=false",
+        );
+        let source = pipeline.by_name("in").unwrap().downcast::<gst_app::AppSrc>().unwrap();
+        for unit in units {
+            source.push_buffer(gst::Buffer::from_slice(unit.clone())).unwrap();
+        }
+        source.end_of_stream().unwrap();
+        let frames = std::iter::from_fn(|| sink.pull_sample().ok()).count();
+        let caps = pipeline.by_name("parse").unwrap().static_pad("src").unwrap().current_caps();
+        pipeline.set_state(gst::State::Null).unwrap();
+        (caps.unwrap(), frames)
+    }
+
+    #[test]
+    fn streams_state_colours_and_are_else_the_same() {
+        gst::init().unwrap();
+        let colour = Colour { primaries: 9, transfer: 16, matrix: 9, full_range: Some(true) };
+        let picture = Picture {
+            colour,
+            light_level: Some("1000:200".to_owned()),
+            mastering_display: Some("34000:16000:13250:34500:7500:3000:15635:16450:10000000:50".to_owned()),
+            ..Picture::default()
+        };
+        for format in ["I420", "Y42B", "Y444"] {
+            let units = encoded(format);
+            let restated: Vec<_> =
+                units.iter().map(|unit| stated(unit, &picture).unwrap_or(unit.clone())).collect();
+            assert!(restated != units);
+            let ((before, frames), (after, restated_frames)) = (parsed(&units), parsed(&restated));
+            assert_eq!((frames, restated_frames), (3, 3));
+            assert_eq!(Colour::of_caps(&after), colour, "{format}");
+            for field in ["width", "height", "profile", "chroma-format", "bit-depth-luma"] {
+                let value = |caps: &gst::Caps| format!("{:?}", caps.structure(0).unwrap().value(field));
+                assert_eq!(value(&before), value(&after), "{field}");
+            }
+            // What is stated twice is stated once.
+            let first = &restated[0];
+            let plain = Picture { colour, ..Picture::default() };
+            let again = stated(&stated(&units[0], &plain).unwrap(), &picture).unwrap();
+            assert_eq!(&again, first);
+        }
+    }
+
+    #[test]
+    fn broken_units_are_left_alone() {
+        gst::init().unwrap();
+        let picture = Picture { colour: Colour { primaries: 1, ..Colour::default() }, ..Picture::default() };
+        let unit = encoded("I420").swap_remove(0);
+        for end in 0..unit.len().min(40) {
+            let _ = stated(&unit[..end], &picture);
+        }
+        for place in 0..unit.len().min(40) {
+            let mut bytes = unit.clone();
+            bytes[place] ^= 0xff;
+            let _ = stated(&bytes, &picture);
+        }
+    }
+
+    #[test]
+    fn light_is_in_fixed_point() {
+        gst::init().unwrap();
+        let picture = Picture {
+            mastering_display: Some("50000:25000:0:0:0:0:0:0:10000000:10000".to_owned()),
+            light_level: Some("1000:200".to_owned()),
+            ..Picture::default()
+        };
+        assert_eq!(light_level(&picture).unwrap(), [1, 0x03, 0xe8, 0, 200, 0x80]);
+        let display = mastering_display(&picture).unwrap();
+        // 1.0 is more than fits, 0.5 is 0x8000; 1000 cd/m² in 24.8, 1 cd/m² in 18.14.
+        assert_eq!(display[..5], [2, 0xff, 0xff, 0x80, 0x00]);
+        assert_eq!(display[17..], [0, 0x03, 0xe8, 0, 0, 0, 0x40, 0, 0x80]);
+    }
+}

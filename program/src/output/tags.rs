@@ -124,3 +124,34 @@ fn light_level(picture: &Picture) -> Option<String> {
     let level = picture.light_level.as_ref()?.parse::<VideoContentLightLevel>().ok()?;
     Some(format!("{},{}", level.max_content_light_level(), level.max_frame_average_light_level()))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn encoders_are_told_what_gstreamer_cannot_name() {
+        gst::init().unwrap();
+        let mut picture = Picture::default();
+        assert_eq!(x264(&picture), "colorprim=undef:transfer=undef:colormatrix=undef:fullrange=off");
+        assert_eq!(x265(&picture), "colorprim=2:transfer=2:colormatrix=2:range=limited");
+        picture.colour = Colour { primaries: 1, transfer: 11, matrix: 10, full_range: Some(true) };
+        picture.mastering_display = Some("1:2:3:4:5:6:7:8:9:10".to_owned());
+        picture.light_level = Some("1000:200".to_owned());
+        let light = "G(3,4)B(5,6)R(1,2)WP(7,8)L(9,10)";
+        assert_eq!(
+            x264(&picture),
+            format!(
+                "colorprim=bt709:transfer=iec61966-2-4:colormatrix=bt2020c:fullrange=on:\
+                 mastering-display={light}:cll=1000,200"
+            )
+        );
+        assert_eq!(
+            x265(&picture),
+            format!(
+                "colorprim=1:transfer=11:colormatrix=10:range=full:master-display={light}:max-cll=1000,200:\
+                 hdr10=1:repeat-headers=1"
+            )
+        );
+    }
+}
