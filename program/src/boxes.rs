@@ -88,9 +88,7 @@ pub fn boxed(name: &[u8; 4], content: &[u8]) -> Vec<u8> {
     let length = content.len() + 8;
     match u32::try_from(length) {
         Ok(length) => [&length.to_be_bytes()[..], name, content].concat(),
-        Err(_) => {
-            [&1u32.to_be_bytes()[..], name, &(length as u64 + 8).to_be_bytes(), content].concat()
-        }
+        Err(_) => [&1u32.to_be_bytes()[..], name, &(length as u64 + 8).to_be_bytes(), content].concat(),
     }
 }
 

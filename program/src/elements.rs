@@ -40,6 +40,14 @@ pub fn make(factory: &str) -> Result<gst::Element> {
     gst::ElementFactory::make(factory).build().map_err(|_| missing(factory))
 }
 
+/// Has clips decoded by what keeps most of them: GStreamer's own decoder of JPEG, its first choice, halves the resolution of colour.
+pub fn prefer_whole_decoders() {
+    let [own, other] = ["jpegdec", "avdec_mjpeg"].map(gst::ElementFactory::find);
+    if let Some((own, other)) = own.zip(other) {
+        other.set_rank(own.rank() + 1);
+    }
+}
+
 /// A part of a pipeline from its description; what is not linked in it becomes its pads.
 pub fn parse(description: &str) -> Result<gst::Bin> {
     let mut context = gst::ParseContext::new();
@@ -82,4 +90,11 @@ pub fn drop_all(source: &gst::Pad) {
     source.add_probe(gst::PadProbeType::BUFFER | gst::PadProbeType::BUFFER_LIST, |_, _| {
         gst::PadProbeReturn::Drop
     });
+}
+
+/// Puts other caps in place of those that come to a pad.
+pub fn replace_caps(info: &mut gst::PadProbeInfo<'_>, caps: &gst::Caps) {
+    let Some(old) = info.event() else { return };
+    let new = gst::event::Caps::builder(caps).seqnum(old.seqnum()).build();
+    info.data = Some(gst::PadProbeData::Event(new));
 }

@@ -6,6 +6,7 @@ mod analysis;
 mod boxes;
 mod camera;
 mod clips;
+mod colour;
 mod decoder;
 mod drawing;
 mod elements;
@@ -20,6 +21,7 @@ mod measure;
 mod output;
 mod packets;
 mod part;
+mod picture;
 mod playback;
 mod plot;
 mod progress;
@@ -93,6 +95,7 @@ enum Command {
 fn start() -> Result<Interruption> {
     gst::init()?;
     gstrsrectify::plugin_register_static()?;
+    elements::prefer_whole_decoders();
     Interruption::catch()
 }
 

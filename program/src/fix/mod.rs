@@ -103,7 +103,8 @@ fn one(job: &Job, options: &FixOptions, interruption: &Interruption) -> Result<(
         part::check_count(frames, expected)?;
     }
     let file = rectification.finish(interruption)?;
-    output::verify(file.path(), &progress.times(), interruption).context("the file is not as it should be")?;
+    output::verify(file.path(), &progress.times(), interruption)
+        .context("the file is not as it should be")?;
     file.finish(&job.output)?;
     if let Some(error) = unsearched {
         eprintln!("warning: {}: the readout was not sought beforehand: {error:#}", job.input.display());

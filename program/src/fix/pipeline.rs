@@ -4,18 +4,25 @@
 //! a phone's portrait clip are read top to bottom before it is rotated.
 
 use crate::elements::{named, pad, parse};
-use crate::output::codec::{Codec, Container, Rate};
-use crate::rectifier_options::RectifierOptions;
 use crate::interruption::Interruption;
 use crate::isobmff::EncodedVideo;
 use crate::output::Unfinished;
+use crate::output::codec::{Codec, Container, Rate};
+use crate::output::encoder::Encoding;
+use crate::picture::Picture;
+use crate::rectifier_options::RectifierOptions;
+use crate::streams::timecode::Timecode;
 use crate::streams::{Audio, Destination, Excerpt, Remux, Video, collect};
 use anyhow::Result;
+use gst::buffer::BufferMetaForeachAction;
 use gst::prelude::*;
+use gst_video::VideoTimeCodeMeta;
+use std::ops::ControlFlow;
 use std::path::Path;
-use std::sync::atomic::{AtomicU32, Ordering};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 
+/// Keeps the encoded stream.
+const KEPT: &str = "appsink name=encoded sync=false async=false max-buffers=8";
 /// Turns frames as the clip's rotation tag says.
 const UPRIGHT: &str = "videoconvert ! videoflip video-direction=auto";
 
@@ -71,7 +78,9 @@ impl Progress {
 /// Decoded video → the encoded stream.
 fn video_branch(
     recipe: &Recipe,
+    encoding: &Encoding,
     is_turned: bool,
+    has_timecode: bool,
     excerpt: Option<&Excerpt>,
 ) -> Result<gst::Bin> {
     let turned = if is_turned { UPRIGHT } else { "identity" };
@@ -85,8 +94,8 @@ fn video_branch(
         rectified
     };
     let encoded = match recipe.container.is_isobmff() {
-        true => format!("{} ! {}", recipe.codec.description(), recipe.codec.kept()),
-        false => recipe.codec.description(),
+        true => format!("{} ! {} ! {KEPT}", encoding.description(), recipe.codec.form_in_boxes()),
+        false => encoding.description(),
     };
     let bin = parse(&format!("queue name=frames ! videoconvert name=decoded ! {shown} ! {encoded}"))?;
     let rectifier = named(&bin, "rectifier")?;
@@ -105,9 +114,8 @@ fn video_branch(
         let shown = if recipe.compare { "side" } else { "rectifier" };
         excerpt.keep_wanted(&pad(&named(&bin, shown)?, "src")?);
     }
-    let encoder = named(&bin, "encoder")?;
-    recipe.codec.configure(&encoder, recipe.rate);
-    warn_of_fewer_bits(&encoder, &named(&bin, "decoded")?)?;
+    drop_empty_timecodes(&pad(&named(&bin, "frames")?, "sink")?, has_timecode);
+    encoding.configure(&bin)?;
     Ok(bin)
 }
 
@@ -121,30 +129,27 @@ fn place_side_by_side(compositor: &gst::Element) -> Result<()> {
     Ok(())
 }
 
-/// Says so where the encoder takes fewer bits than the clip has.
-fn warn_of_fewer_bits(encoder: &gst::Element, decoded: &gst::Element) -> Result<()> {
-    let bits = |caps: &gst::CapsRef| {
-        let info = gst_video::VideoInfo::from_caps(caps).ok()?;
-        info.format_info().depth().first().copied()
-    };
-    // A pad has its caps only once all that follows has taken them.
-    let bits_before = Arc::new(AtomicU32::new(0));
-    let noted = bits_before.clone();
-    on_caps(&pad(decoded, "sink")?, move |_, caps| noted.store(bits(caps).unwrap_or(0), Ordering::Relaxed));
-    let owner = encoder.downgrade();
-    on_caps(&pad(encoder, "sink")?, move |_, caps| {
-        let before = bits_before.load(Ordering::Relaxed);
-        if let Some(after) = bits(caps).filter(|after| *after < before)
-            && let Some(encoder) = owner.upgrade()
+/// Drops the timecodes that decoders find in the stream where the file has one of its own, or where they begin at zero: encoders fill
+/// in zeros where they know no other, and muxers would take them for the clip's.
+fn drop_empty_timecodes(frames: &gst::Pad, has_other: bool) {
+    let is_empty = OnceLock::new();
+    frames.add_probe(gst::PadProbeType::BUFFER, move |_, info| {
+        let Some(buffer) = info.buffer() else { return gst::PadProbeReturn::Ok };
+        let Some(first) = buffer.meta::<VideoTimeCodeMeta>() else { return gst::PadProbeReturn::Ok };
+        let time = first.tc();
+        let is_zero = || [time.hours(), time.minutes(), time.seconds(), time.frames()] == [0; 4];
+        if (has_other || *is_empty.get_or_init(is_zero))
+            && let Some(buffer) = info.buffer_mut()
         {
-            gst::element_warning!(
-                encoder,
-                gst::StreamError::Format,
-                ("the encoder takes {after} bits, the clip has {before}; another --codec keeps them")
-            );
+            buffer.make_mut().foreach_meta_mut(|mut meta| {
+                let is_timecode = meta.downcast_ref::<VideoTimeCodeMeta>().is_some();
+                let action =
+                    if is_timecode { BufferMetaForeachAction::Remove } else { BufferMetaForeachAction::Keep };
+                ControlFlow::Continue(action)
+            });
         }
+        gst::PadProbeReturn::Ok
     });
-    Ok(())
 }
 
 /// Calls back with the caps that come to a pad.
@@ -179,16 +184,22 @@ impl Rectification {
         let (mut encoded, mut is_turned) = (None, true);
         let part = Unfinished::beside(output).path().to_owned();
         let destination = Destination { output: &part, container, audio, excerpt: excerpt.clone() };
+        let encoding = Encoding::new(recipe.codec, recipe.rate, Picture::of(clip)?);
+        let colour = encoding.colour();
+        let has_timecode = Timecode::of(clip).is_some();
         let remux = Remux::new(clip, destination, |keeps_orientation| {
             // Parts of a clip are alike in all containers, so that they can be joined in any.
             is_turned = recipe.compare || excerpt.is_some() || !keeps_orientation;
-            let video = video_branch(recipe, is_turned, excerpt.as_deref())?;
+            let video = video_branch(recipe, &encoding, is_turned, has_timecode, excerpt.as_deref())?;
             progress.watch(&pad(&named(&video, "encoder")?, "sink")?);
             if container.is_isobmff() {
-                encoded = Some(collect(&video, part.clone())?);
+                encoded = Some(collect(&video, part.clone(), colour)?);
             }
             Ok(Video::Decoded(video))
         })?;
+        for loss in encoding.losses() {
+            gst::element_warning!(remux.pipeline, gst::StreamError::Format, ("{loss}"));
+        }
         let file = Unfinished::with_ending(output, if encoded.is_some() { ".whole" } else { ".part" });
         Ok(Self { remux, encoded, is_turned, file })
     }

@@ -71,8 +71,10 @@ impl Assembly<'_> {
         let file = File::create(output).with_context(|| format!("cannot write {}", output.display()))?;
         let mut file = BufWriter::with_capacity(1 << 20, file);
         file.write_all(&[brand, index(start)?, headers::data(bytes)].concat())?;
-        let mut sources: Vec<_> =
-            tracks.iter().map(|track| File::open(&track.source).map(BufReader::new)).collect::<Result<_, _>>()?;
+        let mut sources: Vec<_> = tracks
+            .iter()
+            .map(|track| File::open(&track.source).map(BufReader::new))
+            .collect::<Result<_, _>>()?;
         for (track, chunk) in order {
             interruption.check()?;
             let source = sources.get_mut(track).context("no such track")?;
@@ -98,7 +100,9 @@ impl Assembly<'_> {
         let film_scale = self.clip.map_or(headers::NEW_SCALE, |(film, _)| film.timescale());
         let (chunks, lengths) = chunks_of_video(self.video.samples(), &timing);
         let is_kept = |track: &Track<'_>| {
-            original.is_none_or(|original| original.id != track.id) && track.is_copied() && (self.copied)(track)
+            original.is_none_or(|original| original.id != track.id)
+                && track.is_copied()
+                && (self.copied)(track)
         };
         let film_tracks = || self.clip.iter().flat_map(|(film, _)| film.tracks());
         let kept: Vec<u32> = film_tracks().filter(&is_kept).map(|track| track.id).collect();
@@ -124,6 +128,7 @@ impl Assembly<'_> {
             boxes: Box::new(move |offsets, is_long| {
                 let track = VideoTrack {
                     caps,
+                    colour: self.video.colour(),
                     timing: &timing,
                     samples: self.video.samples(),
                     chunks: &lengths,
@@ -186,7 +191,13 @@ impl Assembly<'_> {
     }
 
     /// The box `moov` of a file whose data begin at a place.
-    fn index(&self, tracks: &[Planned<'_>], offsets: &[Vec<u64>], start: u64, is_long: bool) -> Result<Vec<u8>> {
+    fn index(
+        &self,
+        tracks: &[Planned<'_>],
+        offsets: &[Vec<u64>],
+        start: u64,
+        is_long: bool,
+    ) -> Result<Vec<u8>> {
         let end = tracks.iter().map(|track| track.end).fold(0.0, f64::max);
         let header = match self.clip {
             Some((film, _)) => headers::film_like(film, end, tracks.len()),
@@ -200,7 +211,9 @@ impl Assembly<'_> {
         if let Some(comment) = &self.comment {
             content.extend(headers::comment(comment));
         } else if let Some((film, _)) = self.clip {
-            let is_of_whole = |name: &[u8]| ![b"mvhd", b"trak", b"mvex", b"free", b"iods"].iter().any(|other| name == *other);
+            let is_of_whole = |name: &[u8]| {
+                ![b"mvhd", b"trak", b"mvex", b"free", b"iods"].iter().any(|other| name == *other)
+            };
             for (name, body) in film.boxes().filter(|(name, _)| is_of_whole(name)) {
                 if let Some(name) = name.first_chunk::<4>() {
                     content.extend(boxed(name, body));

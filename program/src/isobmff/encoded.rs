@@ -1,6 +1,8 @@
 //! Encoded frames, kept in a file of their own until all that lies beside them is known.
 
 use super::video::Sample;
+use crate::colour::Colour;
+use crate::streams::timecode::Timecode;
 use anyhow::{Context, Result};
 use std::fs::File;
 use std::io::{BufWriter, Write};
@@ -12,16 +14,18 @@ pub struct EncodedVideo {
     file: BufWriter<File>,
     samples: Vec<Sample>,
     caps: Option<gst::Caps>,
+    colour: Colour,
+    timecode: Option<Timecode>,
 }
 
 impl EncodedVideo {
-    /// Without frames.
+    /// Without frames; what their pictures will stand for.
     ///
     /// # Errors
     /// If the file cannot be written.
-    pub fn create(path: PathBuf) -> Result<Self> {
+    pub fn create(path: PathBuf, colour: Colour) -> Result<Self> {
         let file = File::create(&path).with_context(|| format!("cannot write {}", path.display()))?;
-        Ok(Self { path, file: BufWriter::new(file), samples: Vec::new(), caps: None })
+        Ok(Self { path, file: BufWriter::new(file), samples: Vec::new(), caps: None, colour, timecode: None })
     }
 
     /// Takes the next frame: its bytes as a muxer wants them, and when it is shown, in nanoseconds of the film.
@@ -57,6 +61,19 @@ impl EncodedVideo {
 
     pub fn path(&self) -> &Path {
         &self.path
+    }
+
+    pub fn colour(&self) -> Colour {
+        self.colour
+    }
+
+    /// Notes the timecode of the first frame, as the stream has it.
+    pub fn set_timecode(&mut self, timecode: Option<Timecode>) {
+        self.timecode = timecode;
+    }
+
+    pub fn timecode(&self) -> Option<Timecode> {
+        self.timecode
     }
 
     pub fn samples(&self) -> &[Sample] {

@@ -77,7 +77,9 @@ impl Film {
     /// Ticks a second of the film's clock, in which edit lists state durations.
     pub fn timescale(&self) -> u32 {
         let header = self.child(b"mvhd").unwrap_or_default();
-        number(header, if header.first() == Some(&1) { 20 } else { 12 }).filter(|scale| *scale > 0).unwrap_or(1000)
+        number(header, if header.first() == Some(&1) { 20 } else { 12 })
+            .filter(|scale| *scale > 0)
+            .unwrap_or(1000)
     }
 
     /// When the film was made, in seconds since 1970; `None` where it does not say.
@@ -117,7 +119,8 @@ impl<'a> Track<'a> {
     pub fn is_copied(&self) -> bool {
         let references = child(self.content, &[b"mdia", b"minf", b"dinf", b"dref"]);
         let is_inside = references.and_then(|table| table.get(8..)).is_none_or(|table| {
-            children(table).all(|(_, entry)| number(entry, 0).is_some_and(|flags| flags & SELF_CONTAINED != 0))
+            children(table)
+                .all(|(_, entry)| number(entry, 0).is_some_and(|flags| flags & SELF_CONTAINED != 0))
         });
         &self.handler != HINTS && is_inside
     }
@@ -130,18 +133,13 @@ impl<'a> Track<'a> {
     /// Ticks a second of its clock.
     pub fn timescale(&self) -> u32 {
         let header = child(self.content, &[b"mdia", b"mdhd"]).unwrap_or_default();
-        number(header, if header.first() == Some(&1) { 20 } else { 12 }).filter(|scale| *scale > 0).unwrap_or(1000)
+        number(header, if header.first() == Some(&1) { 20 } else { 12 })
+            .filter(|scale| *scale > 0)
+            .unwrap_or(1000)
     }
 
     /// Where its samples lie in the file; `None` where the tables are damaged.
     pub fn chunks(&self) -> Option<Vec<Chunk>> {
         tables::chunks(self.table()?, self.timescale())
-    }
-
-    /// The matrix that turns its frames upright, as it is stored.
-    pub fn matrix(&self) -> Option<&'a [u8]> {
-        let header = child(self.content, &[b"tkhd"])?;
-        let start = if header.first() == Some(&1) { 52 } else { 40 };
-        header.get(start..start + 36)
     }
 }

@@ -104,7 +104,8 @@ fn track_header(id: u32, duration: u64, [width, height]: [f64; 2]) -> Vec<u8> {
 }
 
 fn media_header(timescale: u32, duration: u64, language: u32) -> Vec<u8> {
-    let header = [words(&[1 << 24, 0, 0, 0, 0, timescale]), duration.to_be_bytes().to_vec(), words(&[language << 16])];
+    let header =
+        [words(&[1 << 24, 0, 0, 0, 0, timescale]), duration.to_be_bytes().to_vec(), words(&[language << 16])];
     boxed(b"mdhd", &header.concat())
 }
 
@@ -168,12 +169,17 @@ pub fn video_track(
     ];
     let media = [
         media_header(timing.timescale, timing.duration(), language.unwrap_or(NO_LANGUAGE)),
-        child(original, &[b"mdia", b"hdlr"]).map_or_else(|| handler(b"vide", "video"), |like| boxed(b"hdlr", like)),
+        child(original, &[b"mdia", b"hdlr"])
+            .map_or_else(|| handler(b"vide", "video"), |like| boxed(b"hdlr", like)),
         boxed(b"minf", &information.concat()),
     ];
-    let mut content =
-        [boxed(b"tkhd", &header), tables::edit_list(&edits), references.to_vec(), boxed(b"mdia", &media.concat())]
-            .concat();
+    let mut content = [
+        boxed(b"tkhd", &header),
+        tables::edit_list(&edits),
+        references.to_vec(),
+        boxed(b"mdia", &media.concat()),
+    ]
+    .concat();
     // What the clip says of the track: names, and how it is cut and shown.
     for (name, body) in children(original) {
         let is_kept = name == b"udta" || name == b"meta" || (name == b"tapt" && !is_turned);
@@ -219,7 +225,8 @@ pub fn side_track(track: &Track<'_>, id: u32, [own, film]: [u32; 2], later: f64,
     let edits: Vec<_> = (later > 0).then_some((later, -1)).into_iter().chain(edits).collect();
     let mut content = [boxed(b"tkhd", &header), tables::edit_list(&edits)].concat();
     for (name, body) in children(track.content) {
-        if let Some(name) = name.first_chunk::<4>().filter(|name| ![b"tkhd", b"edts", b"tref"].contains(name)) {
+        if let Some(name) = name.first_chunk::<4>().filter(|name| ![b"tkhd", b"edts", b"tref"].contains(name))
+        {
             content.extend(moved(&boxed(name, body), places, &[]));
         }
     }

@@ -201,9 +201,8 @@ impl<'a> Sizes<'a> {
 /// QuickTime's sound of old: a "sample" is one instant of all channels, whatever the table of sizes says. Bytes of so many
 /// samples; `None` of any other track. (Apple, *QuickTime File Format*, "Sound sample descriptions".)
 fn packed_audio(stbl: &[u8]) -> Option<[u64; 2]> {
-    const PCM: [&[u8; 4]; 11] = [
-        b"raw ", b"twos", b"sowt", b"NONE", b"in24", b"in32", b"fl32", b"fl64", b"ulaw", b"alaw", b"lpcm",
-    ];
+    const PCM: [&[u8; 4]; 11] =
+        [b"raw ", b"twos", b"sowt", b"NONE", b"in24", b"in32", b"fl32", b"fl64", b"ulaw", b"alaw", b"lpcm"];
     let entry = child(stbl, &[b"stsd"])?.get(8..)?;
     let format = entry.get(4..8)?;
     // Size, format, reserved, index of the data reference; version, revision and vendor; channels and bits.
@@ -286,7 +285,12 @@ mod tests {
     #[test]
     fn samples_of_sound_are_instants() {
         // Format, version 0, two channels, 16 bits: four bytes a sample, though the table says one.
-        let entry = [words(&[36]), b"sowt".to_vec(), vec![0, 0, 0, 0, 0, 0, 0, 1], words(&[0, 0, 2 << 16 | 16, 0, 0])];
+        let entry = [
+            words(&[36]),
+            b"sowt".to_vec(),
+            vec![0, 0, 0, 0, 0, 0, 0, 1],
+            words(&[0, 0, 2 << 16 | 16, 0, 0]),
+        ];
         let stbl = [
             boxed(b"stsd", &[words(&[0, 1]), entry.concat()].concat()),
             boxed(b"stsz", &words(&[0, 1, 300])),

@@ -3,6 +3,7 @@
 use super::film::Track;
 use super::tables;
 use crate::boxes::{boxed, child, children, words};
+use crate::colour::Colour;
 use anyhow::{Context, Result, bail};
 
 /// Times are stated to at least this, in nanoseconds, where a usual clock can.
@@ -47,8 +48,10 @@ impl Timing {
                 ((time / tick).round() * tick - time).abs() <= EXACT
             })
         };
-        let timescale = clocks.iter().filter(|clock| **clock > 0).find(is_exact).copied().unwrap_or(1_000_000);
-        let ticks = |time: i64| (i128::from(time) * i128::from(timescale) + 500_000_000).div_euclid(1_000_000_000);
+        let timescale =
+            clocks.iter().filter(|clock| **clock > 0).find(is_exact).copied().unwrap_or(1_000_000);
+        let ticks =
+            |time: i64| (i128::from(time) * i128::from(timescale) + 500_000_000).div_euclid(1_000_000_000);
         let shown: Vec<i128> = samples.iter().map(|sample| ticks(sample.time)).collect();
         let mut sorted = shown.clone();
         sorted.sort_unstable();
@@ -85,6 +88,7 @@ impl Timing {
 pub struct VideoTrack<'a> {
     /// What the encoder states of its stream.
     pub caps: &'a gst::CapsRef,
+    pub colour: Colour,
     pub timing: &'a Timing,
     pub samples: &'a [Sample],
     /// How many samples each chunk has.
@@ -118,7 +122,8 @@ impl VideoTrack<'_> {
 
     /// Width over height of a pixel.
     pub fn pixel_aspect(&self) -> [u32; 2] {
-        let ratio = self.format().ok().and_then(|format| format.get::<gst::Fraction>("pixel-aspect-ratio").ok());
+        let ratio =
+            self.format().ok().and_then(|format| format.get::<gst::Fraction>("pixel-aspect-ratio").ok());
         let positive = |number: i32| u32::try_from(number).unwrap_or(1).max(1);
         ratio.map_or([1, 1], |ratio| [positive(ratio.numer()), positive(ratio.denom())])
     }
@@ -146,8 +151,12 @@ impl VideoTrack<'_> {
         };
         let mut boxes = Vec::new();
         if let Some(configuration) = configuration {
-            let data = format.get::<gst::Buffer>("codec_data").context("the encoder states no configuration")?;
-            boxes.extend(boxed(configuration, data.map_readable()?.as_slice()));
+            let content = match format.get::<gst::Buffer>("codec_data") {
+                Ok(data) => data.map_readable()?.to_vec(),
+                Err(_) if configuration == b"av1C" => av1_configuration(format).to_vec(),
+                Err(_) => bail!("the encoder states no configuration"),
+            };
+            boxes.extend(boxed(configuration, &content));
         }
         boxes.extend(self.colour().unwrap_or_default());
         if self.pixel_aspect() != [1, 1] {
@@ -179,21 +188,39 @@ impl VideoTrack<'_> {
 
     /// `colr`: code points of ITU-T H.273; none where nothing is known.
     fn colour(&self) -> Option<Vec<u8>> {
-        let colorimetry = self.format().ok()?.get::<&str>("colorimetry").ok()?;
-        let colorimetry = colorimetry.parse::<gst_video::VideoColorimetry>().ok()?;
-        let points = [
-            colorimetry.primaries().to_iso(),
-            colorimetry.transfer().to_iso(),
-            colorimetry.matrix().to_iso(),
-        ];
-        let points: Vec<u8> = points.iter().flat_map(|point| (*point as u16).to_be_bytes()).collect();
-        let is_full = colorimetry.range() == gst_video::VideoColorRange::Range0_255;
+        let Colour { primaries, transfer, matrix, full_range } = self.colour;
+        let is_full = full_range == Some(true);
+        if self.colour.is_untagged() && !is_full {
+            return None;
+        }
+        let points = [0, primaries, 0, transfer, 0, matrix];
         // QuickTime's own has no range.
         Some(match self.is_quicktime && !is_full {
             true => boxed(b"colr", &[b"nclc", &points[..]].concat()),
             false => boxed(b"colr", &[b"nclx", &points[..], &[u8::from(is_full) << 7]].concat()),
         })
     }
+}
+
+/// The content of `av1C` (AV1 Codec ISO Media File Format Binding, 2.3.3), which the parser of GStreamer 1.22 does not state: without
+/// units, as each key frame has its own, and of the level without limits.
+fn av1_configuration(format: &gst::StructureRef) -> [u8; 4] {
+    const NO_LIMITS: u8 = 31;
+    let profile = match format.get::<&str>("profile") {
+        Ok("high") => 1,
+        Ok("professional") => 2,
+        _ => 0,
+    };
+    let bits = format.get::<u32>("bit-depth-luma").unwrap_or(8);
+    let depth = u8::from(bits > 8) << 6 | u8::from(bits > 10) << 5;
+    // Monochrome, colour halved across, halved down.
+    let chroma = match format.get::<&str>("chroma-format") {
+        Ok("4:0:0") => 0b111,
+        Ok("4:2:2") => 0b010,
+        Ok("4:4:4") => 0b000,
+        _ => 0b011,
+    };
+    [0x81, profile << 5 | NO_LIMITS, depth | chroma << 2, 0]
 }
 
 /// `fiel`: how fields lie in a frame; none of progressive video.

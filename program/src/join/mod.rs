@@ -138,7 +138,7 @@ fn write(
         }
     }
     if container.is_isobmff() {
-        let mut video = EncodedVideo::create(output.with_extension("video"))?;
+        let mut video = EncodedVideo::create(output.with_extension("video"), parts.colour())?;
         parts.collect(&mut video, interruption, &mut || show())?;
         // As `fix` writes parts.
         let is_turned = true;

@@ -1,10 +1,11 @@
 //! The encoded frames of several files, one after another, with the times of the clip's frames.
 
+use crate::colour::Colour;
 use crate::elements::{named, pad, parse};
 use crate::index::{Digest, FrameIndex};
 use crate::interruption::Interruption;
-use crate::packets::Packets;
 use crate::isobmff::EncodedVideo;
+use crate::packets::Packets;
 use crate::streams::label;
 use anyhow::{Context, Result, anyhow, bail};
 use gst::prelude::*;
@@ -64,6 +65,13 @@ impl Parts {
     /// What the encoded frames are.
     pub fn caps(&self) -> &gst::Caps {
         &self.caps
+    }
+
+    /// What their pictures stand for.
+    pub fn colour(&self) -> Colour {
+        let stated = Colour::of_caps(&self.caps);
+        let film = self.files.first().and_then(|file| Colour::of_film(&file.path));
+        stated.or(film.unwrap_or_default())
     }
 
     /// How many there are.

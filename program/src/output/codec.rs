@@ -10,13 +10,13 @@ use std::path::Path;
 /// How the video is encoded.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum Codec {
-    /// H.264, 8 or 10 bits, 4:2:0
+    /// H.264, 8 or 10 bits
     H264,
-    /// HEVC (H.265), 8 or 10 bits, 4:2:0
+    /// HEVC (H.265), 8, 10 or 12 bits
     Hevc,
-    /// AV1, 4:2:0
+    /// AV1, 8 bits
     Av1,
-    /// ProRes 422 HQ, 10 bits
+    /// ProRes 422 HQ, or 4444 for clips that have 4:4:4 or transparency; 10 bits
     Prores,
     /// FFV1, lossless, bits and chroma as the clip has them
     Ffv1,
@@ -79,7 +79,8 @@ impl Container {
     /// The container that holds the streams of a clip best: its own kind, of MXF that of the same makers of films, else
     /// Matroska, which takes most.
     pub fn for_clip(clip: &Path) -> Self {
-        let extension = clip.extension().and_then(|extension| extension.to_str()).map(str::to_ascii_lowercase);
+        let extension =
+            clip.extension().and_then(|extension| extension.to_str()).map(str::to_ascii_lowercase);
         match extension.as_deref() {
             Some("mp4" | "m4v" | "3gp" | "3g2" | "f4v" | "y4m") => Self::Mp4,
             Some("mov" | "qt" | "mxf") => Self::Mov,
@@ -138,7 +139,8 @@ impl Codec {
         }
     }
 
-    fn encoder(self) -> &'static str {
+    /// The element that encodes.
+    pub(super) fn encoder(self) -> &'static str {
         match self {
             Self::H264 => "x264enc",
             Self::Hevc => "x265enc",
@@ -149,7 +151,7 @@ impl Codec {
     }
 
     /// The parser that gives the stream the form that muxers want.
-    fn parser(self) -> Option<&'static str> {
+    pub(super) fn parser(self) -> Option<&'static str> {
         match self {
             Self::H264 => Some("h264parse"),
             Self::Hevc => Some("h265parse"),
@@ -166,16 +168,6 @@ impl Codec {
             Self::Av1 => "video/x-av1",
             Self::Prores => "video/x-prores",
             Self::Ffv1 => "video/x-ffv",
-        }
-    }
-
-    /// Caps of what is encoded: what players of the codec show.
-    fn raw_formats(self) -> &'static str {
-        match self {
-            Self::H264 => "video/x-raw,format={I420,YV12,NV12,I420_10LE}",
-            Self::Hevc | Self::Av1 => "video/x-raw,format={I420,I420_10LE}",
-            Self::Prores => "video/x-raw,format=I422_10LE",
-            Self::Ffv1 => "video/x-raw",
         }
     }
 
@@ -220,25 +212,19 @@ impl Codec {
         Ok(())
     }
 
-    /// Raw video → the encoded stream; the encoder is called `encoder`.
-    pub fn description(self) -> String {
-        let parser = self.parser().map(|parser| format!(" ! {parser}")).unwrap_or_default();
-        format!("videoconvert ! {} ! {} name=encoder{parser}", self.raw_formats(), self.encoder())
-    }
-
-    /// The encoded stream in the form of MP4 and MOV files, kept by the sink `encoded`.
-    pub fn kept(self) -> String {
+    /// The form of the encoded stream in MP4 and MOV files, as caps.
+    pub fn form_in_boxes(self) -> String {
         let form = match self {
             Self::H264 => ",stream-format=avc,alignment=au",
             Self::Hevc => ",stream-format=hvc1,alignment=au",
             Self::Av1 => ",stream-format=obu-stream,alignment=tu",
             Self::Prores | Self::Ffv1 => "",
         };
-        format!("{}{form} ! appsink name=encoded sync=false async=false max-buffers=8", self.media_type())
+        format!("{}{form}", self.media_type())
     }
 
     /// Sets the encoder to a rate.
-    pub fn configure(self, encoder: &gst::Element, rate: Rate) {
+    pub(super) fn configure(self, encoder: &gst::Element, rate: Rate) {
         let quality = match rate {
             Rate::Quality(quality) => Some(quality.unwrap_or(self.usual_quality())),
             Rate::Bits(_) => None,
@@ -270,7 +256,6 @@ impl Codec {
                     _ => {}
                 }
             }
-            (Self::Prores, _, _) => encoder.set_property_from_str("profile", "hq"),
             (Self::H264 | Self::Hevc, None, Rate::Bits(rate)) => encoder.set_property("bitrate", rate),
             _ => {}
         }

@@ -1,7 +1,11 @@
 //! The files that the program writes: their names, how video in them is encoded, and that none is left half.
 
+mod av1;
 pub mod codec;
+pub mod encoder;
 pub mod encoding;
+mod prores;
+mod tags;
 mod unfinished;
 mod verify;
 

@@ -25,9 +25,9 @@ pub fn verify(file: &Path, encoded: &[Option<gst::ClockTime>], interruption: &In
         let times = || times.iter().flatten();
         Some(*times().max()? - *times().min()?)
     };
-    if let Some((written, due)) = spread(&times).zip(spread(encoded)).filter(|(one, other)| {
-        one.absdiff(*other) > ROUNDING * 2
-    }) {
+    if let Some((written, due)) =
+        spread(&times).zip(spread(encoded)).filter(|(one, other)| one.absdiff(*other) > ROUNDING * 2)
+    {
         bail!("the last frame is {written} after the first where it should be {due}");
     }
     Ok(())

@@ -11,6 +11,7 @@ use crate::interruption::Interruption;
 use crate::output::codec::Container;
 use crate::output::encoding::EncodingOptions;
 use crate::output::{self, Unfinished};
+use crate::picture::Picture;
 use crate::progress;
 use crate::readout::{self, Extent};
 use crate::rectifier_options::AnalysisOptions;
@@ -78,7 +79,8 @@ fn show(options: &ShowOptions, file: &Path, container: Container, interruption: 
     let overlay = Overlay::new(analysis.size(), options.magnify, found, period);
     let renderer = Renderer::new();
 
-    let mut writer = Writer::new(analysis.info(), &options.encoding, container, unfinished.path())?;
+    let picture = Picture::of(&options.clip)?;
+    let mut writer = Writer::new(analysis.info(), picture, &options.encoding, container, unfinished.path())?;
     let bar = progress::spinner()?;
     let mut frames = 0u64;
     analysis.run(None, interruption, &mut |frame: Frame| {

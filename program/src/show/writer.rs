@@ -3,7 +3,9 @@
 use crate::elements::{launch, named};
 use crate::interruption::Interruption;
 use crate::output::codec::Container;
+use crate::output::encoder::Encoding;
 use crate::output::encoding::EncodingOptions;
+use crate::picture::Picture;
 use crate::playback::{Event, Playback};
 use anyhow::{Context, Result, anyhow};
 use gst::prelude::*;
@@ -26,18 +28,27 @@ pub struct Writer {
 }
 
 impl Writer {
-    /// Starts to write frames of this kind.
+    /// Starts to write frames of this kind, of a clip with such pictures.
     pub fn new(
         info: &gst_video::VideoInfo,
+        mut picture: Picture,
         encoding: &EncodingOptions,
         container: Container,
         file: &Path,
     ) -> Result<Self> {
-        let (encoder, muxer) = (encoding.codec.description(), container.muxer());
+        picture.info = Some(info.clone());
+        let mut info = gst_video::VideoInfo::builder_from_info(info);
+        let colorimetry = picture.colorimetry();
+        if let Some(colorimetry) = &colorimetry {
+            info = info.colorimetry(colorimetry);
+        }
+        let info = info.build()?;
+        let encoding = Encoding::new(encoding.codec, encoding.rate(), picture).of_rgb();
+        let (encoder, muxer) = (encoding.description(), container.muxer());
         let pipeline =
             launch(&format!("appsrc name=source format=time ! {encoder} ! {muxer} ! filesink name=file"))?;
         named(&pipeline, "file")?.set_property("location", file);
-        encoding.codec.configure(&named(&pipeline, "encoder")?, encoding.rate());
+        encoding.configure(&pipeline)?;
         let source = named(&pipeline, "source")?;
         let source =
             source.downcast::<gst_app::AppSrc>().map_err(|_| anyhow!("appsrc is another element"))?;
@@ -48,10 +59,10 @@ impl Writer {
             .par(info.par())
             .build()?;
         source.set_caps(Some(&drawn.to_caps()?));
-        let converter = gst_video::VideoConverter::new(info, &drawn, None)?;
+        let converter = gst_video::VideoConverter::new(&info, &drawn, None)?;
         let playback = Playback::new(pipeline)?;
         playback.set_state(gst::State::Playing);
-        Ok(Self { playback, source, converter, info: info.clone(), drawn })
+        Ok(Self { playback, source, converter, info, drawn })
     }
 
     /// Writes a frame of the clip, after `draw` has drawn over it.

@@ -5,6 +5,7 @@ use super::excerpt::Excerpt;
 use super::label;
 use super::timecode::Timecode;
 use super::{Audio, Destination};
+use crate::colour::Colour;
 use crate::elements::{self, make, named};
 use crate::interruption::Interruption;
 use crate::isobmff::{Assembly, EncodedVideo, Film, Track};
@@ -123,7 +124,9 @@ impl Beside {
     ) -> Result<()> {
         let side = self.side.lock().unwrap_or_else(PoisonError::into_inner);
         let film = match side.muxer {
-            Some(_) => Some(Film::read(&side.path).context("the streams beside the video cannot be read again")?),
+            Some(_) => {
+                Some(Film::read(&side.path).context("the streams beside the video cannot be read again")?)
+            }
             None => None,
         };
         let later = side.start.map_or(0.0, |start| start.nseconds() as f64 * 1e-9);
@@ -136,7 +139,7 @@ impl Beside {
             side: film.as_ref().map(|film| (film, later)),
             is_turned,
             comment: label,
-            timecode: self.timecode,
+            timecode: self.timecode.or(video.timecode()),
             created: side.created.as_ref().and_then(|date| Some(date.to_g_date_time().ok()?.to_unix())),
             chapters: Vec::new(),
         };
@@ -164,8 +167,8 @@ fn running_time(pad: &gst::Pad, time: gst::ClockTime) -> Option<gst::ClockTime> 
 }
 
 /// Has the frames that come to the appsink `encoded` of a branch kept.
-pub fn collect(branch: &gst::Bin, path: PathBuf) -> Result<Arc<Mutex<EncodedVideo>>> {
-    let video = Arc::new(Mutex::new(EncodedVideo::create(path)?));
+pub fn collect(branch: &gst::Bin, path: PathBuf, colour: Colour) -> Result<Arc<Mutex<EncodedVideo>>> {
+    let video = Arc::new(Mutex::new(EncodedVideo::create(path, colour)?));
     let sink = named(branch, "encoded")?;
     let sink = sink.downcast::<gst_app::AppSink>().map_err(|_| anyhow!("appsink is another element"))?;
     let collected = video.clone();
@@ -189,6 +192,11 @@ fn take(video: &mut EncodedVideo, sample: &gst::Sample) -> Result<()> {
     let time = time.flatten().context("an encoded frame has no time")?;
     if let Some(caps) = sample.caps() {
         video.set_caps(caps);
+    }
+    if video.samples().is_empty()
+        && let Some(code) = buffer.meta::<gst_video::VideoTimeCodeMeta>()
+    {
+        video.set_timecode(Timecode::of_frame(&code.tc()));
     }
     let time = match time {
         gst::Signed::Positive(time) => i64::try_from(time.nseconds())?,

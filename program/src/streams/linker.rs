@@ -354,7 +354,9 @@ impl Linker {
         let pipeline = self.pipeline.upgrade().context("the pipeline is gone")?;
         if let Some(excerpt) = &self.excerpt {
             // A branch without an output ends in a sink of its own.
-            let end = branch.static_pad("src").map_or_else(|| elements::pad(&named(branch, "encoded")?, "sink"), Ok)?;
+            let end = branch
+                .static_pad("src")
+                .map_or_else(|| elements::pad(&named(branch, "encoded")?, "sink"), Ok)?;
             excerpt.begin_at_zero(&end)?;
         }
         pipeline.add(branch)?;

@@ -8,8 +8,8 @@ mod markup;
 pub mod timecode;
 
 use crate::output::codec::Container;
-use clap::ValueEnum;
 pub use beside::collect;
+use clap::ValueEnum;
 pub use excerpt::Excerpt;
 pub use linker::{Destination, Remux, Video};
 

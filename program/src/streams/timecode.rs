@@ -32,6 +32,17 @@ impl Timecode {
         children(&index).filter(|(name, _)| name == b"trak").find_map(|(_, track)| of_track(&mut file, track))
     }
 
+    /// That of a frame, as its decoder states it.
+    pub fn of_frame(code: &gst_video::VideoTimeCode) -> Option<Self> {
+        let valid = gst_video::ValidVideoTimeCode::try_from(code.clone()).ok()?;
+        let rate = valid.fps();
+        Some(Self {
+            frame: u32::try_from(valid.frames_since_daily_jam()).ok()?,
+            rate: [u32::try_from(rate.numer()).ok()?, u32::try_from(rate.denom()).ok()?],
+            drops: valid.flags().contains(gst_video::VideoTimeCodeFlags::DROP_FRAME),
+        })
+    }
+
     /// That of a later frame.
     pub fn after(self, frames: usize) -> Option<Self> {
         Some(Self { frame: self.frame.checked_add(u32::try_from(frames).ok()?)?, ..self })

@@ -1,0 +1,241 @@
+//! Frames → the encoded stream: what the encoder is given, and what the stream states of it.
+
+use super::codec::{Codec, Rate};
+use super::{av1, prores, tags};
+use crate::colour::Colour;
+use crate::elements::{named, pad, replace_caps};
+use crate::picture::Picture;
+use anyhow::Result;
+use gst::prelude::*;
+use gst_video::{VideoFormat, VideoFormatInfo, VideoInfo};
+
+/// The matrix of BT.709, by which RGB is encoded.
+const BT709: u8 = 1;
+
+/// What encodes the pictures of a clip.
+#[derive(Clone, Debug)]
+pub struct Encoding {
+    codec: Codec,
+    rate: Rate,
+    /// As they are encoded: RGB becomes YUV for most.
+    picture: Picture,
+    /// The format that the encoder is given; `None` where that of the clip is not known.
+    format: Option<VideoFormat>,
+    is_rgb: bool,
+}
+
+impl Encoding {
+    pub fn new(codec: Codec, rate: Rate, mut picture: Picture) -> Self {
+        let format = picture.info.as_ref().and_then(|info| nearest_format(codec, info));
+        let is_rgb = picture.info.as_ref().is_some_and(|info| info.format_info().is_rgb());
+        if is_rgb && format.is_some_and(|format| VideoFormatInfo::from_format(format).is_yuv()) {
+            picture.colour.matrix = BT709;
+            picture.colour.full_range = Some(false);
+        }
+        Self { codec, rate, picture, format, is_rgb }
+    }
+
+    /// Of frames that have been drawn over as RGB, of a clip that is YUV.
+    pub fn of_rgb(self) -> Self {
+        Self { is_rgb: true, ..self }
+    }
+
+    /// Raw video → the encoded stream; the encoder is called `encoder`.
+    pub fn description(&self) -> String {
+        let mut raw = String::from("video/x-raw");
+        if let Some(format) = self.format {
+            raw += &format!(",format={}", format.to_str());
+            // YUV keeps whatever it stands for as long as nothing else is asked for.
+            let colorimetry = self.picture.colorimetry().filter(|_| self.is_rgb);
+            if let Some(colorimetry) = colorimetry.filter(|_| VideoFormatInfo::from_format(format).is_yuv()) {
+                raw += &format!(",colorimetry=(string){colorimetry}");
+            }
+        }
+        let parser = self.codec.parser().map(|parser| format!(" ! {parser} name=parser"));
+        format!("videoconvert ! {raw} ! {} name=encoder{}", self.codec.encoder(), parser.unwrap_or_default())
+    }
+
+    /// Sets the encoder up that was made by the description.
+    pub fn configure(&self, bin: &impl IsA<gst::Bin>) -> Result<()> {
+        let encoder = named(bin, "encoder")?;
+        self.codec.configure(&encoder, self.rate);
+        let options = match self.codec {
+            Codec::H264 => tags::x264(&self.picture),
+            Codec::Hevc => tags::x265(&self.picture),
+            _ => String::new(),
+        };
+        if !options.is_empty() {
+            let own = encoder.property::<Option<String>>("option-string").filter(|own| !own.is_empty());
+            let all = own.map_or(options.clone(), |own| format!("{own}:{options}"));
+            encoder.set_property("option-string", all);
+        }
+        if self.codec == Codec::H264 {
+            // Else what GStreamer makes of the caps wins over the options, and that is a guess where they state nothing.
+            encoder.set_property("insert-vui", false);
+        }
+        if self.codec == Codec::Prores {
+            let keeps_all = self.format.is_some_and(|format| format != VideoFormat::I42210le);
+            encoder.set_property_from_str("profile", if keeps_all { "4444" } else { "hq" });
+            if self.is_interlaced() {
+                encoder.set_property_from_str("flags", "ildct");
+            }
+        }
+        let coded = pad(&encoder, "src")?;
+        let picture = self.picture.clone();
+        match self.codec {
+            Codec::Av1 => rewrite(&coded, move |unit| av1::stated(unit, &picture)),
+            Codec::Prores => rewrite(&coded, move |frame| prores::stated(frame, picture.colour)),
+            _ => {}
+        }
+        let last = if self.codec.parser().is_some() { named(bin, "parser")? } else { encoder };
+        let this = self.clone();
+        pad(&last, "src")?.add_probe(gst::PadProbeType::EVENT_DOWNSTREAM, move |_, info| {
+            if let Some(gst::EventView::Caps(event)) = info.event().map(|event| event.view()) {
+                let mut caps = event.caps_owned();
+                this.state_in(caps.make_mut());
+                replace_caps(info, &caps);
+            }
+            gst::PadProbeReturn::Ok
+        });
+        Ok(())
+    }
+
+    /// Has the stream's caps state what its muxer is to write.
+    fn state_in(&self, caps: &mut gst::CapsRef) {
+        self.picture.state_in(caps);
+        if let Some(info) = self.picture.info.as_ref().filter(|_| self.is_interlaced()) {
+            let order = info.field_order().to_str();
+            caps.set("interlace-mode", info.interlace_mode().to_str().to_string());
+            if info.field_order() != gst_video::VideoFieldOrder::Unknown {
+                caps.set("field-order", order.to_string());
+            }
+        }
+    }
+
+    fn is_interlaced(&self) -> bool {
+        let mode = self.picture.info.as_ref().map(|info| info.interlace_mode());
+        mode.is_some_and(|mode| mode != gst_video::VideoInterlaceMode::Progressive)
+    }
+
+    /// What the encoded pictures stand for.
+    pub fn colour(&self) -> Colour {
+        self.picture.colour
+    }
+
+    /// What of the pictures the stream does not keep, each in a sentence.
+    pub fn losses(&self) -> Vec<String> {
+        let (Some(info), Some(format)) = (&self.picture.info, self.format) else { return Vec::new() };
+        let (clip, coded) = (info.format_info(), VideoFormatInfo::from_format(format));
+        let codec = self.codec;
+        let mut losses = Vec::new();
+        if bits(&coded) < bits(&clip) {
+            let (clip, coded) = (bits(&clip), bits(&coded));
+            losses.push(format!(
+                "the {codec} encoder takes {coded} bits, the clip has {clip}; another --codec keeps them"
+            ));
+        }
+        if lost_chroma(&clip, &coded) > 0 {
+            losses.push(format!("the {codec} encoder has less resolution of colour than the clip"));
+        } else if coded.is_yuv()
+            && chroma(&coded) != chroma(&clip)
+            && !is_whole(&clip, info)
+            && is_strict(codec)
+        {
+            losses.push(format!(
+                "{codec} cannot hold {} x {} pixels with halved colour: its resolution is raised to {}",
+                info.width(),
+                info.height(),
+                if chroma(&coded) == [0, 0] { "4:4:4" } else { "4:2:2" }
+            ));
+        }
+        if clip.has_alpha() && !coded.has_alpha() {
+            losses.push(format!("{codec} has no transparency: that of the clip is left out"));
+        }
+        if self.is_interlaced() && matches!(codec, Codec::Hevc | Codec::Av1) {
+            losses
+                .push(format!("the {codec} encoder cannot mark the clip's fields; --codec h264 keeps them"));
+        }
+        losses
+    }
+}
+
+/// Whether the codec has no odd sizes where colour is halved.
+fn is_strict(codec: Codec) -> bool {
+    matches!(codec, Codec::H264 | Codec::Hevc)
+}
+
+/// Whether all samples of colour of pictures of this size are whole.
+fn is_whole(format: &VideoFormatInfo, info: &VideoInfo) -> bool {
+    let [x, y] = chroma(format);
+    info.width() % (1 << x) == 0 && info.height() % (1 << y) == 0
+}
+
+fn bits(format: &VideoFormatInfo) -> u32 {
+    format.depth().first().copied().unwrap_or(0)
+}
+
+/// By which powers of two the resolution of colour is lower than that of brightness, across and down.
+fn chroma(format: &VideoFormatInfo) -> [u32; 2] {
+    [format.w_sub(), format.h_sub()].map(|sub| sub.get(1).copied().unwrap_or(0))
+}
+
+/// How much of the resolution of colour is lost, in powers of two.
+fn lost_chroma(from: &VideoFormatInfo, to: &VideoFormatInfo) -> u32 {
+    if from.is_gray() {
+        return 0;
+    }
+    if to.is_gray() {
+        return u32::MAX;
+    }
+    let lost = chroma(to).into_iter().zip(chroma(from)).map(|(to, from)| to.saturating_sub(from));
+    lost.sum()
+}
+
+/// Bits of a pixel.
+fn storage(format: &VideoFormatInfo) -> u32 {
+    let subs = format.w_sub().iter().zip(format.h_sub());
+    // In sixteenths, for colour of a quarter of the resolution each way.
+    format.depth().iter().zip(subs).map(|(bits, (x, y))| (bits << 4) >> (x + y)).sum()
+}
+
+/// Of the formats that an encoder takes, the one that loses least of the clip's and then adds least to it.
+fn nearest_format(codec: Codec, info: &VideoInfo) -> Option<VideoFormat> {
+    let factory = gst::ElementFactory::find(codec.encoder())?;
+    let mut templates = factory.static_pad_templates().into_iter();
+    let template = templates.find(|template| template.direction() == gst::PadDirection::Sink)?.caps();
+    let taken = template.structure(0)?.value("format").ok()?;
+    let names = match taken.get::<gst::List>() {
+        Ok(list) => list.iter().filter_map(|name| name.get::<String>().ok()).collect(),
+        Err(_) => vec![taken.get::<String>().ok()?],
+    };
+    let clip = info.format_info();
+    let formats = names.iter().map(|name| VideoFormat::from_string(name));
+    let formats = formats.filter(|format| *format != VideoFormat::Unknown).map(VideoFormatInfo::from_format);
+    let formats = formats.filter(|format| !is_strict(codec) || is_whole(format, info));
+    let nearest = formats.min_by_key(|format| {
+        (
+            bits(&clip).saturating_sub(bits(format)),
+            lost_chroma(&clip, format),
+            clip.has_alpha() && !format.has_alpha(),
+            clip.is_rgb() != format.is_rgb(),
+            storage(format),
+        )
+    });
+    nearest.map(|format| format.format())
+}
+
+/// Puts what is made of each buffer in its place; `None` leaves it as it is.
+fn rewrite(pad: &gst::Pad, made: impl Fn(&[u8]) -> Option<Vec<u8>> + Send + Sync + 'static) {
+    pad.add_probe(gst::PadProbeType::BUFFER, move |_, info| {
+        let new = info.buffer().and_then(|buffer| {
+            let bytes = made(&buffer.map_readable().ok()?)?;
+            let mut new = gst::Buffer::from_mut_slice(bytes);
+            buffer.copy_into(new.get_mut()?, gst::BUFFER_COPY_METADATA, ..).ok()?;
+            Some(new)
+        });
+        if let Some(new) = new {
+            info.data = Some(gst::PadProbeData::Buffer(new));
+        }
+        gst::PadProbeReturn::Ok
+    });
+}

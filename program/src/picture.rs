@@ -1,0 +1,189 @@
+//! What the pictures of a clip are: format, size, scanning, colours and light.
+//!
+//! The stream itself states it better than the file around it: files call full range limited, and HDR standard. But demuxers' caps go
+//! before what parsers and decoders find, so that they are read here without them, and fill only what is left open.
+
+use crate::colour::Colour;
+use crate::elements::{self, NO_VIDEO, make};
+use anyhow::{Context, Result, bail};
+use gst::prelude::*;
+use gst_video::{VideoColorMatrix, VideoColorRange, VideoColorimetry, VideoInfo};
+use std::path::Path;
+use std::sync::atomic::{AtomicU32, Ordering};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::{Duration, Instant};
+
+/// How long the first frame is waited for.
+const PATIENCE: Duration = Duration::from_secs(20);
+
+/// Fields of caps in which a file may contradict its stream.
+const STATED: [&str; 3] = ["colorimetry", MASTERING, LIGHT];
+const MASTERING: &str = "mastering-display-info";
+const LIGHT: &str = "content-light-level";
+
+/// The pictures of a clip.
+#[derive(Clone, Debug, Default)]
+pub struct Picture {
+    /// Format, size and scanning of the decoded frames; `None` where none could be decoded.
+    pub info: Option<VideoInfo>,
+    pub colour: Colour,
+    /// The display that the clip was mastered on, as caps state it.
+    pub mastering_display: Option<String>,
+    /// How bright the pictures are, as caps state it.
+    pub light_level: Option<String>,
+}
+
+impl Picture {
+    /// Those of a clip's first video stream, from its first frame.
+    pub fn of(clip: &Path) -> Result<Self> {
+        let pipeline = gst::Pipeline::new();
+        let (source, decoder) = (make("filesrc")?, make("decodebin")?);
+        source.set_property("location", clip);
+        pipeline.add_many([&source, &decoder])?;
+        source.link(&decoder)?;
+        let demuxed = hide_what_files_state(&pipeline);
+        let (found, first_frame) = channel();
+        // Only video is decoded.
+        decoder.connect("autoplug-continue", false, |values| {
+            let caps = values.get(2).and_then(|value| value.get::<gst::Caps>().ok());
+            let kind = caps.and_then(|caps| Some(caps.structure(0)?.name().to_string()));
+            let is_other = kind
+                .is_some_and(|kind| ["audio/", "text/", "subpicture/"].iter().any(|k| kind.starts_with(k)));
+            Some((!is_other).to_value())
+        });
+        let (on_frame, videos) = (found.clone(), Arc::new(AtomicU32::new(0)));
+        let counted = videos.clone();
+        decoder.connect_pad_added(move |_, pad| {
+            let caps = pad.current_caps().unwrap_or_else(|| pad.query_caps(None));
+            if is_of(&caps, "video/x-raw") {
+                counted.fetch_add(1, Ordering::Relaxed);
+                let found = on_frame.clone();
+                pad.add_probe(
+                    gst::PadProbeType::BUFFER | gst::PadProbeType::EVENT_DOWNSTREAM,
+                    move |pad, info| report(pad, info, &found),
+                );
+            } else {
+                elements::drop_all(pad);
+            }
+        });
+        decoder.connect_no_more_pads(move |_| {
+            if videos.load(Ordering::Relaxed) == 0 {
+                let _ = found.send(None);
+            }
+        });
+        let result = wait_for_frame(&pipeline, &first_frame);
+        let _ = pipeline.set_state(gst::State::Null);
+        let (caps, stream) = result?;
+        let demuxed = demuxed.lock().unwrap_or_else(PoisonError::into_inner);
+        let of_file = demuxed.iter().find(|(id, _)| *id == stream).map(|(_, caps)| caps);
+        // GStreamer's demuxer of films passes over ranges, and over what it cannot name.
+        let film = Colour::of_film(clip).or_else(|| of_file.map(|caps| Colour::of_caps(caps)));
+        let stated = |field: &str| {
+            let text = |caps: &gst::Caps| caps.structure(0)?.get::<String>(field).ok();
+            text(&caps).or_else(|| of_file.and_then(text))
+        };
+        Ok(Self {
+            info: VideoInfo::from_caps(&caps).ok(),
+            colour: Colour::of_caps(&caps).or(film.unwrap_or_default()),
+            mastering_display: stated(MASTERING),
+            light_level: stated(LIGHT),
+        })
+    }
+
+    /// As RGB is made of the pictures and they of RGB: with a matrix in any case, which GStreamer chooses by the size where none is stated.
+    pub fn colorimetry(&self) -> Option<VideoColorimetry> {
+        let guess = self.info.as_ref()?.colorimetry();
+        let stated = self.colour.colorimetry().unwrap_or(guess);
+        let matrix = Some(stated.matrix()).filter(|matrix| *matrix != VideoColorMatrix::Unknown);
+        Some(VideoColorimetry::new(
+            if stated.range() == VideoColorRange::Unknown { guess.range() } else { stated.range() },
+            matrix.unwrap_or(guess.matrix()),
+            stated.transfer(),
+            stated.primaries(),
+        ))
+    }
+
+    /// States all this in caps of an encoded stream, and nothing else of the kind.
+    pub fn state_in(&self, caps: &mut gst::CapsRef) {
+        let Some(format) = caps.structure_mut(0) else { return };
+        format.remove_fields(STATED);
+        if let Some(colorimetry) = self.colour.colorimetry() {
+            format.set("colorimetry", colorimetry.to_string());
+        }
+        for (field, text) in [(MASTERING, &self.mastering_display), (LIGHT, &self.light_level)] {
+            if let Some(text) = text {
+                format.set(field, text);
+            }
+        }
+    }
+}
+
+/// Caps of the first frame of a stream, and which stream that is.
+type FirstFrame = (gst::Caps, Option<gst::glib::GString>);
+
+/// Reports a frame that comes to a pad, or that none does.
+fn report(
+    pad: &gst::Pad,
+    info: &gst::PadProbeInfo<'_>,
+    found: &Sender<Option<FirstFrame>>,
+) -> gst::PadProbeReturn {
+    if info.event().is_some_and(|event| event.type_() != gst::EventType::Eos) {
+        return gst::PadProbeReturn::Ok;
+    }
+    let caps = pad.current_caps().filter(|_| info.event().is_none());
+    // Of the first that is reported; nobody listens afterwards.
+    let _ = found.send(caps.map(|caps| (caps, pad.stream_id())));
+    gst::PadProbeReturn::Drop
+}
+
+fn wait_for_frame(pipeline: &gst::Pipeline, first: &Receiver<Option<FirstFrame>>) -> Result<FirstFrame> {
+    let bus = pipeline.bus().context("the pipeline has no bus")?;
+    let _ = pipeline.set_state(gst::State::Paused);
+    let started = Instant::now();
+    while started.elapsed() < PATIENCE {
+        match first.recv_timeout(Duration::from_millis(20)) {
+            Ok(Some(frame)) => return Ok(frame),
+            Err(RecvTimeoutError::Timeout) if bus.pop_filtered(&[gst::MessageType::Error]).is_none() => {}
+            _ => break,
+        }
+    }
+    bail!("{NO_VIDEO}")
+}
+
+fn is_of(caps: &gst::CapsRef, kind: &str) -> bool {
+    caps.structure(0).is_some_and(|format| format.name().starts_with(kind))
+}
+
+/// The streams of a file by their identifiers, with the caps that its demuxer gives them.
+type Demuxed = Arc<Mutex<Vec<(Option<gst::glib::GString>, gst::Caps)>>>;
+
+/// Has the demuxer's word on colours not go on to parsers and decoders, but noted.
+fn hide_what_files_state(pipeline: &gst::Pipeline) -> Demuxed {
+    let demuxed = Demuxed::default();
+    let noted = demuxed.clone();
+    pipeline.connect_deep_element_added(move |_, _, element| {
+        let klass = element.factory().and_then(|factory| factory.metadata("klass").map(str::to_owned));
+        if klass.is_some_and(|klass| klass.contains("Demux")) {
+            let noted = noted.clone();
+            element.connect_pad_added(move |_, pad| hide(pad, noted.clone()));
+        }
+    });
+    demuxed
+}
+
+fn hide(pad: &gst::Pad, noted: Demuxed) {
+    pad.add_probe(gst::PadProbeType::EVENT_DOWNSTREAM, move |pad, info| {
+        let caps = match info.event().map(|event| event.view()) {
+            Some(gst::EventView::Caps(event)) if is_of(event.caps(), "video/") => event.caps_owned(),
+            _ => return gst::PadProbeReturn::Ok,
+        };
+        let mut rest = caps.clone();
+        if let Some(format) = rest.make_mut().structure_mut(0) {
+            format.remove_fields(STATED);
+        }
+        noted.lock().unwrap_or_else(PoisonError::into_inner).push((pad.stream_id(), caps));
+        elements::replace_caps(info, &rest);
+        gst::PadProbeReturn::Ok
+    });
+}
