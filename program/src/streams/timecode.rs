@@ -33,13 +33,12 @@ impl Timecode {
     }
 
     /// That of a frame, as its decoder states it.
-    pub fn of_frame(code: &gst_video::VideoTimeCode) -> Option<Self> {
-        let valid = gst_video::ValidVideoTimeCode::try_from(code.clone()).ok()?;
-        let rate = valid.fps();
+    pub fn of_frame(code: &gst_video::ValidVideoTimeCode) -> Option<Self> {
+        let rate = code.fps();
         Some(Self {
-            frame: u32::try_from(valid.frames_since_daily_jam()).ok()?,
+            frame: u32::try_from(code.frames_since_daily_jam()).ok()?,
             rate: [u32::try_from(rate.numer()).ok()?, u32::try_from(rate.denom()).ok()?],
-            drops: valid.flags().contains(gst_video::VideoTimeCodeFlags::DROP_FRAME),
+            drops: code.flags().contains(gst_video::VideoTimeCodeFlags::DROP_FRAME),
         })
     }
 
