@@ -94,6 +94,15 @@ fn a_rate_that_is_not_kept_changes_neither_readout_nor_certainty() {
 }
 
 #[test]
+fn frames_before_which_no_key_frame_is_near_are_measured_once() {
+    let folder = Folder::new("key-frames");
+    let streams = clip_of(700, 64, 48).replace("ultrafast", "ultrafast key-int-max=1000");
+    let (found, _) = measure(&folder.clip("one-key-frame.mp4", "mp4mux", &streams));
+    let frames = found["frames"].as_u64().unwrap();
+    assert!((600..=700).contains(&frames), "{found}");
+}
+
+#[test]
 fn what_comes_before_a_change_of_size_is_measured_and_that_is_told() {
     let folder = Folder::new("change");
     let [large, small] = [(320, 240), (160, 120)].map(|(width, height)| {

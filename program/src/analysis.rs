@@ -54,6 +54,10 @@ pub struct Analysis {
     keeps_pictures: bool,
     /// The part of the clip that is analysed, where that is not all of it.
     part: Option<Part>,
+    /// The time of the last frame that was analysed, and of the last one before it was gone to another place: what comes from
+    /// the key frame before that place on may be known already.
+    latest: Option<gst::ClockTime>,
+    known: Option<gst::ClockTime>,
     /// Why it was not analysed to its end, where it was not.
     ended_early: Option<String>,
 }
@@ -114,6 +118,8 @@ impl Analysis {
             waiting: VecDeque::new(),
             keeps_pictures: false,
             part: None,
+            latest: None,
+            known: None,
             ended_early: None,
         })
     }
@@ -203,6 +209,7 @@ impl Analysis {
             return Ok(false);
         }
         self.ahead.clear();
+        self.known = self.latest;
         self.interval.interrupt();
         Ok(true)
     }
@@ -222,9 +229,11 @@ impl Analysis {
                 break;
             }
             let is_outside = |part: &Part| !time.is_some_and(|time| part.analysed.contains(time));
-            if self.part.as_ref().is_some_and(is_outside) {
+            let is_known = time.zip(self.known).is_some_and(|(time, known)| time <= known);
+            if is_known || self.part.as_ref().is_some_and(is_outside) {
                 continue;
             }
+            self.latest = time.or(self.latest);
             self.ended_early = self.change(&sample, time);
             if self.ended_early.is_none() {
                 self.push(&sample, time)?;

@@ -27,8 +27,12 @@ pub fn of(clip: &Path) -> Result<gst::Element> {
 
 /// Corrects what a decodebin or a parsebin chooses for a clip that a `filesrc` reads.
 pub fn correct(decoder: &gst::Element, clip: &Path) -> Result<()> {
-    short_track::keep(clip, &pad(decoder, "sink")?);
-    let unnamed = unnamed_video(clip);
+    // What is read of a pipe is gone.
+    let file = Some(clip).filter(|clip| clip.is_file());
+    if let Some(file) = file {
+        short_track::keep(file, &pad(decoder, "sink")?);
+    }
+    let unnamed = file.and_then(unnamed_video);
     let is_unnamed = unnamed.is_some();
     decoder.connect("autoplug-sort", false, move |values| {
         let pad = values.get(1).and_then(|value| value.get::<gst::Pad>().ok());

@@ -1,7 +1,9 @@
 //! Times of frames → the time from one frame to the next, which a file need not state truly.
 
-/// Shares of the median interval between which an interval counts as one: what is longer holds frames that were dropped.
-const USUAL: std::ops::Range<f64> = 0.5..1.5;
+/// Intervals count that differ from the median by no more than this share of it, which is jitter of timestamps, or by the
+/// coarsest clock's tick, a millisecond: longer ones hold frames that were dropped, or were exposed for longer in the dark.
+const JITTER: f64 = 1.0 / 16.0;
+const TICK: f64 = 1.01e-3;
 /// The stated interval is exact where it differs from the timestamps' by less than this share of it: containers round these.
 const SAME: f64 = 0.02;
 /// Stated intervals that are believed where timestamps are missing, in seconds: containers state the ticks of their clock,
@@ -48,7 +50,8 @@ impl FrameInterval {
         let mut sorted = self.seen.clone();
         sorted.sort_by(f64::total_cmp);
         let median = *sorted.get(sorted.len() / 2)?;
-        let usual = sorted.iter().filter(|interval| USUAL.contains(&(*interval / median)));
+        let reach = TICK.max(JITTER * median);
+        let usual = sorted.iter().filter(|interval| (*interval - median).abs() <= reach);
         let (sum, count) = usual.fold((0.0, 0u32), |(sum, count), interval| (sum + interval, count + 1));
         (count > 0).then(|| sum / f64::from(count))
     }
@@ -80,6 +83,19 @@ mod tests {
         assert_eq!(interval(Some(1001.0 / 30_000.0), rounded.clone()), Some(1001.0 / 30_000.0));
         // Without it, the mean is nearer than any one of them.
         assert!((interval(None, rounded).unwrap() - 1001.0 / 30_000.0).abs() < 2e-4);
+    }
+
+    #[test]
+    fn a_coarse_clock_does_not_shift_a_fast_rate() {
+        let rounded = (0..100).map(|k| (1e3 * f64::from(k) / 240.0).round() * 1e-3);
+        assert!((interval(None, rounded).unwrap() * 240.0 - 1.0).abs() < 0.01);
+    }
+
+    #[test]
+    fn longer_exposures_now_and_then_do_not_count() {
+        // A phone in the dark: every fourth frame takes 41.7 ms.
+        let times = (0..60).map(|k: u32| f64::from(k) / 30.0 + f64::from(k / 4) * 0.008_4);
+        assert!((interval(None, times).unwrap() * 30.0 - 1.0).abs() < 1e-9);
     }
 
     #[test]
