@@ -7,6 +7,7 @@ mod boxes;
 mod camera;
 mod clips;
 mod colour;
+mod damage;
 mod decoder;
 mod drawing;
 mod elements;

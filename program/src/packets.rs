@@ -72,6 +72,16 @@ impl Packets {
         Ok(packets)
     }
 
+    /// How many frames of a file are shown.
+    pub fn count_shown(file: &Path, interruption: &Interruption) -> Result<usize> {
+        let mut packets = Self::open(file, interruption)?;
+        let mut count = 0;
+        while let Some(packet) = packets.next(interruption)? {
+            count += usize::from(packet.time.is_some());
+        }
+        Ok(count)
+    }
+
     /// What the packets are, before the first is taken; an error where the file has none.
     pub fn caps(&self) -> Result<gst::Caps> {
         let first = self.first.as_ref().and_then(|sample| sample.caps_owned());

@@ -5,9 +5,11 @@ mod pipeline;
 mod plan;
 
 use crate::clips;
+use crate::damage::{self, Complaints};
 use crate::interruption::Interruption;
 use crate::output::codec::Container;
 use crate::output::{self, Unfinished};
+use crate::packets::Packets;
 use crate::part;
 use crate::playback::{Event, Playback};
 use crate::progress;
@@ -19,6 +21,7 @@ use indicatif::{ProgressBar, ProgressStyle};
 pub use options::FixOptions;
 use pipeline::{Progress, Rectification};
 use plan::Job;
+use std::path::Path;
 use std::sync::Arc;
 use std::time::Instant;
 
@@ -92,8 +95,10 @@ fn one(job: &Job, options: &FixOptions, interruption: &Interruption) -> Result<(
     let lookahead = recipe.rectifier.analysis.settings().lookahead;
     let part = options.part.of(&job.input, lookahead, interruption)?;
     let excerpt = part.map(|part| Arc::new(Excerpt::new(part)));
+    let is_part = excerpt.is_some();
     let expected = excerpt.as_ref().map(|excerpt| excerpt.frames().len());
     let rectification = Rectification::new(&recipe, excerpt, &job.input, &job.output, &progress)?;
+    let complaints = Complaints::listen();
     play(&rectification.remux, recipe.container, &progress, interruption)?;
     let frames = progress.frames();
     if frames == 0 {
@@ -110,6 +115,29 @@ fn one(job: &Job, options: &FixOptions, interruption: &Interruption) -> Result<(
         eprintln!("warning: {}: the readout was not sought beforehand: {error:#}", job.input.display());
     }
     println!("{}: {frames} frames", job.output.display());
+    report_damage(&job.input, frames, is_part, complaints.first(), interruption)
+}
+
+/// An error where a clip lacks something of what it should have, and so its rectified twin; a warning where frames are there, but
+/// their decoder complained.
+fn report_damage(
+    clip: &Path,
+    frames: usize,
+    is_part: bool,
+    complaint: Option<String>,
+    interruption: &Interruption,
+) -> Result<()> {
+    if let Some(missing) = damage::missing_bytes(clip) {
+        bail!("the file was cut short, {missing} bytes are missing: what there is of it was rectified");
+    }
+    let Some(complaint) = complaint else { return Ok(()) };
+    let stored = if is_part { frames } else { Packets::count_shown(clip, interruption).unwrap_or(frames) };
+    if let Some(lost) = stored.checked_sub(frames).filter(|lost| *lost > 0) {
+        bail!(
+            "is damaged: {lost} of {stored} frames cannot be decoded ({complaint}); the others were rectified"
+        );
+    }
+    eprintln!("warning: {}: is damaged, some pictures may be wrong ({complaint})", clip.display());
     Ok(())
 }
 

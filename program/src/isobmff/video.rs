@@ -190,11 +190,12 @@ impl VideoTrack<'_> {
     fn colour(&self) -> Option<Vec<u8>> {
         let Colour { primaries, transfer, matrix, full_range } = self.colour;
         let is_full = full_range == Some(true);
-        if self.colour.is_untagged() && !is_full {
+        // QuickTime's own has no range.
+        let states_range = full_range.is_some() && (is_full || !self.is_quicktime);
+        if self.colour.is_untagged() && !states_range {
             return None;
         }
         let points = [0, primaries, 0, transfer, 0, matrix];
-        // QuickTime's own has no range.
         Some(match self.is_quicktime && !is_full {
             true => boxed(b"colr", &[b"nclc", &points[..]].concat()),
             false => boxed(b"colr", &[b"nclx", &points[..], &[u8::from(is_full) << 7]].concat()),
