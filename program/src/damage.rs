@@ -1,7 +1,6 @@
 //! Damage of a clip: whether its file ends too early, and what its decoder complains of.
 
 use crate::boxes::{long_number, number};
-use gst::prelude::*;
 use std::fs::File;
 use std::io::{Read, Seek, SeekFrom};
 use std::path::Path;

@@ -2,7 +2,7 @@
 //! of it that are corrected.
 
 use crate::elements::{drop_all, make, pad};
-use crate::short_track;
+use crate::{segments, short_track};
 use anyhow::{Context, Result};
 use gst::glib;
 use gst::prelude::*;
@@ -32,6 +32,8 @@ pub fn correct(decoder: &gst::Element, clip: &Path) -> Result<()> {
     if let Some(file) = file {
         short_track::keep(file, &pad(decoder, "sink")?);
     }
+    let bin = decoder.clone().downcast::<gst::Bin>().ok().context("the decoder is no bin")?;
+    segments::correct(&bin);
     let unnamed = file.and_then(unnamed_video);
     let is_unnamed = unnamed.is_some();
     decoder.connect("autoplug-sort", false, move |values| {
@@ -46,7 +48,6 @@ pub fn correct(decoder: &gst::Element, clip: &Path) -> Result<()> {
     });
     if let Some(name) = unnamed {
         let caps = gst::Caps::builder(name).field("stream-format", "byte-stream").build();
-        let bin = decoder.clone().downcast::<gst::Bin>().ok().context("decodebin is no bin")?;
         bin.connect_element_added(move |_, element| {
             if element.factory().is_some_and(|factory| factory.name() == RENAMING) {
                 element.set_property("join", false);

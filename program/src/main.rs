@@ -28,6 +28,7 @@ mod plot;
 mod progress;
 mod readout;
 mod rectifier_options;
+mod segments;
 mod short_track;
 mod show;
 mod streams;
