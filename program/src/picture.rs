@@ -7,7 +7,8 @@ use crate::colour::Colour;
 use crate::elements::{self, NO_VIDEO, make};
 use anyhow::{Context, Result, bail};
 use gst::prelude::*;
-use gst_video::{VideoColorMatrix, VideoColorRange, VideoColorimetry, VideoInfo};
+use gst_video::prelude::*;
+use gst_video::{VideoBufferFlags, VideoColorMatrix, VideoColorRange, VideoColorimetry, VideoInfo};
 use std::path::Path;
 use std::sync::atomic::{AtomicU32, Ordering};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
@@ -131,10 +132,23 @@ fn report(
     if info.event().is_some_and(|event| event.type_() != gst::EventType::Eos) {
         return gst::PadProbeReturn::Ok;
     }
-    let caps = pad.current_caps().filter(|_| info.event().is_none());
+    let caps = pad.current_caps().zip(info.buffer()).map(|(mut caps, frame)| {
+        state_order(caps.make_mut(), frame);
+        caps
+    });
     // Of the first that is reported; nobody listens afterwards.
     let _ = found.send(caps.map(|caps| (caps, pad.stream_id())));
-    gst::PadProbeReturn::Drop
+    if info.event().is_some() { gst::PadProbeReturn::Ok } else { gst::PadProbeReturn::Drop }
+}
+
+/// Has caps of fields in one frame state their order, which some decoders state of each frame only.
+fn state_order(caps: &mut gst::CapsRef, frame: &gst::BufferRef) {
+    let Some(format) = caps.structure_mut(0) else { return };
+    let is_interlaced = format.get::<&str>("interlace-mode").is_ok_and(|mode| mode != "progressive");
+    if is_interlaced && !format.has_field("field-order") {
+        let is_top_first = frame.video_flags().contains(VideoBufferFlags::TFF);
+        format.set("field-order", if is_top_first { "top-field-first" } else { "bottom-field-first" });
+    }
 }
 
 fn wait_for_frame(pipeline: &gst::Pipeline, first: &Receiver<Option<FirstFrame>>) -> Result<FirstFrame> {
