@@ -192,3 +192,19 @@ fn cameras_colours_are_kept() {
         assert_eq!(text(&frame, "colorimetry").as_deref(), expected, "{name}");
     }
 }
+
+#[test]
+fn frames_of_films_without_their_times_are_shown_evenly() {
+    let folder = Folder::new("times");
+    let Some(input) = real("h264.avi") else { return };
+    let output = folder.file("out.mkv");
+    fix(&input, &output, &["--audio", "none"]);
+    let frames = buffers(&output, "matroskademux ! h264parse ! avdec_h264");
+    let milliseconds = |frame: &gst::Sample| frame.buffer().unwrap().pts().unwrap().mseconds();
+    let times: Vec<_> = frames.iter().map(milliseconds).collect();
+    assert_eq!(times.len(), 58);
+    // 30 frames/s, from the fourth slot on: the decoder waits two packets, and the second slot is empty.
+    for (number, time) in times.iter().enumerate() {
+        assert!(time.abs_diff(100 + number as u64 * 100 / 3) <= 1, "{number}: {time}");
+    }
+}

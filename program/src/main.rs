@@ -26,6 +26,7 @@ mod readout;
 mod rectifier_options;
 mod show;
 mod streams;
+mod times;
 mod track;
 
 use anyhow::{Context, Result};

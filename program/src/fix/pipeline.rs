@@ -9,6 +9,7 @@ use crate::output::encoder::Encoding;
 use crate::picture::Picture;
 use crate::rectifier_options::RectifierOptions;
 use crate::streams::{Audio, Destination, Excerpt, Remux, Video, timecode};
+use crate::times;
 use anyhow::Result;
 use gst::buffer::BufferMetaForeachAction;
 use gst::prelude::*;
@@ -164,12 +165,15 @@ pub fn build(
 ) -> Result<Remux> {
     let (container, audio) = (recipe.container, recipe.audio);
     let destination = Destination { output, container, audio, excerpt: excerpt.clone() };
-    let encoding = Encoding::new(recipe.codec, recipe.rate, Picture::of(clip)?);
+    let picture = Picture::of(clip)?;
+    let delay = picture.delay;
+    let encoding = Encoding::new(recipe.codec, recipe.rate, picture);
     let remux = Remux::new(clip, destination, |timecode| {
         let video = video_branch(recipe, &encoding, timecode, excerpt.as_deref())?;
         progress.watch(&pad(&named(&video, "encoder")?, "sink")?);
         Ok(Video::Decoded(video))
     })?;
+    times::mend(&remux.pipeline, delay);
     for loss in encoding.losses() {
         gst::element_warning!(remux.pipeline, gst::StreamError::Format, ("{loss}"));
     }
