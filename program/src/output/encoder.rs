@@ -168,7 +168,7 @@ fn is_strict(codec: Codec) -> bool {
 /// Whether all samples of colour of pictures of this size are whole.
 fn is_whole(format: &VideoFormatInfo, info: &VideoInfo) -> bool {
     let [x, y] = chroma(format);
-    info.width() % (1 << x) == 0 && info.height() % (1 << y) == 0
+    info.width().is_multiple_of(1 << x) && info.height().is_multiple_of(1 << y)
 }
 
 fn bits(format: &VideoFormatInfo) -> u32 {
