@@ -120,7 +120,7 @@ fn what_a_codec_cannot_hold_is_named() {
 fn odd_sizes_stay_odd() {
     let folder = Folder::new("odd");
     let frames = frames_of("I420", "").replace("width=128,height=96", "width=121,height=81");
-    let input = folder.clip("in.mkv", "matroskamux", &format!("{frames} ! avenc_mpeg2video ! mux."));
+    let input = folder.clip("in.mkv", "matroskamux", &format!("{frames} ! avenc_ffv1 ! mux."));
     for codec in ["h264", "hevc", "av1", "ffv1"] {
         let output = folder.file("out.mkv");
         let said = fix(&input, &output, &["--codec", codec]);
@@ -190,5 +190,21 @@ fn cameras_colours_are_kept() {
         fix(&input, &output, &["--audio", "none"]);
         let frame = bare_frame(&folder, &output, "h264");
         assert_eq!(text(&frame, "colorimetry").as_deref(), expected, "{name}");
+    }
+}
+
+#[test]
+fn frames_of_films_without_their_times_are_shown_evenly() {
+    let folder = Folder::new("times");
+    let Some(input) = real("h264.avi") else { return };
+    let output = folder.file("out.mkv");
+    fix(&input, &output, &["--audio", "none"]);
+    let frames = buffers(&output, "matroskademux ! h264parse ! avdec_h264");
+    let milliseconds = |frame: &gst::Sample| frame.buffer().unwrap().pts().unwrap().mseconds();
+    let times: Vec<_> = frames.iter().map(milliseconds).collect();
+    assert_eq!(times.len(), 58);
+    // 30 frames/s, from the fourth slot on: the decoder waits two packets, and the second slot is empty.
+    for (number, time) in times.iter().enumerate() {
+        assert!(time.abs_diff(100 + number as u64 * 100 / 3) <= 1, "{number}: {time}");
     }
 }

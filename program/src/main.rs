@@ -32,6 +32,7 @@ mod segments;
 mod short_track;
 mod show;
 mod streams;
+mod times;
 mod track;
 
 use anyhow::{Context, Result};

@@ -4,10 +4,13 @@
 //! before what parsers and decoders find, so that they are read here without them, and fill only what is left open.
 
 use crate::colour::Colour;
+use crate::decoder;
 use crate::elements::{self, NO_VIDEO, make};
+use crate::times::{Delay, Watch};
 use anyhow::{Context, Result, bail};
 use gst::prelude::*;
-use gst_video::{VideoColorMatrix, VideoColorRange, VideoColorimetry, VideoInfo};
+use gst_video::prelude::*;
+use gst_video::{VideoBufferFlags, VideoColorMatrix, VideoColorRange, VideoColorimetry, VideoInfo};
 use std::path::Path;
 use std::sync::atomic::{AtomicU32, Ordering};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
@@ -32,17 +35,20 @@ pub struct Picture {
     pub mastering_display: Option<String>,
     /// How bright the pictures are, as caps state it.
     pub light_level: Option<String>,
+    /// By how many packets the decoder waits, where the file states only when they are decoded.
+    pub delay: usize,
 }
 
 impl Picture {
     /// Those of a clip's first video stream, from its first frame.
     pub fn of(clip: &Path) -> Result<Self> {
         let pipeline = gst::Pipeline::new();
-        let (source, decoder) = (make("filesrc")?, make("decodebin")?);
+        let (source, decoder) = (make("filesrc")?, decoder::of(clip)?);
         source.set_property("location", clip);
         pipeline.add_many([&source, &decoder])?;
         source.link(&decoder)?;
         let demuxed = hide_what_files_state(&pipeline);
+        let watch = Watch::of(&pipeline);
         let (found, first_frame) = channel();
         // Only video is decoded.
         decoder.connect("autoplug-continue", false, |values| {
@@ -58,10 +64,13 @@ impl Picture {
             let caps = pad.current_caps().unwrap_or_else(|| pad.query_caps(None));
             if is_of(&caps, "video/x-raw") {
                 counted.fetch_add(1, Ordering::Relaxed);
-                let found = on_frame.clone();
+                let (found, watch, first) = (on_frame.clone(), watch.clone(), Mutex::default());
                 pad.add_probe(
                     gst::PadProbeType::BUFFER | gst::PadProbeType::EVENT_DOWNSTREAM,
-                    move |pad, info| report(pad, info, &found),
+                    move |pad, info| {
+                        let mut first = first.lock().unwrap_or_else(PoisonError::into_inner);
+                        report(pad, info, &watch, &mut first, &found)
+                    },
                 );
             } else {
                 elements::drop_all(pad);
@@ -74,7 +83,8 @@ impl Picture {
         });
         let result = wait_for_frame(&pipeline, &first_frame);
         let _ = pipeline.set_state(gst::State::Null);
-        let (caps, stream) = result?;
+        let First { stream, caps, delay } = result?;
+        let caps = caps.context(NO_VIDEO)?;
         let demuxed = demuxed.lock().unwrap_or_else(PoisonError::into_inner);
         let of_file = demuxed.iter().find(|(id, _)| *id == stream).map(|(_, caps)| caps);
         // GStreamer's demuxer of films passes over ranges, and over what it cannot name.
@@ -88,6 +98,7 @@ impl Picture {
             colour: Colour::of_caps(&caps).or(film.unwrap_or_default()),
             mastering_display: stated(MASTERING),
             light_level: stated(LIGHT),
+            delay: delay.longest(),
         })
     }
 
@@ -119,25 +130,53 @@ impl Picture {
     }
 }
 
-/// Caps of the first frame of a stream, and which stream that is.
-type FirstFrame = (gst::Caps, Option<gst::glib::GString>);
+/// The first frames of a stream.
+#[derive(Default)]
+struct First {
+    stream: Option<gst::glib::GString>,
+    caps: Option<gst::Caps>,
+    delay: Delay,
+}
 
-/// Reports a frame that comes to a pad, or that none does.
+/// Takes what comes to a pad; reports the first frames once enough is known of them, or that none come.
 fn report(
     pad: &gst::Pad,
     info: &gst::PadProbeInfo<'_>,
-    found: &Sender<Option<FirstFrame>>,
+    watch: &Watch,
+    first: &mut First,
+    found: &Sender<Option<First>>,
 ) -> gst::PadProbeReturn {
-    if info.event().is_some_and(|event| event.type_() != gst::EventType::Eos) {
+    // Nobody listens after the first report.
+    let Some(frame) = info.buffer() else {
+        if info.event().is_some_and(|event| event.type_() == gst::EventType::Eos) {
+            let _ = found.send(first.caps.is_some().then(|| std::mem::take(first)));
+        }
         return gst::PadProbeReturn::Ok;
+    };
+    if first.caps.is_none()
+        && let Some(mut caps) = pad.current_caps()
+    {
+        state_order(caps.make_mut(), frame);
+        first.caps = Some(caps);
+        first.stream = pad.stream_id();
     }
-    let caps = pad.current_caps().filter(|_| info.event().is_none());
-    // Of the first that is reported; nobody listens afterwards.
-    let _ = found.send(caps.map(|caps| (caps, pad.stream_id())));
+    if first.delay.take(watch, pad, frame).is_some() {
+        let _ = found.send(Some(std::mem::take(first)));
+    }
     gst::PadProbeReturn::Drop
 }
 
-fn wait_for_frame(pipeline: &gst::Pipeline, first: &Receiver<Option<FirstFrame>>) -> Result<FirstFrame> {
+/// Has caps of fields in one frame state their order, which some decoders state of each frame only.
+fn state_order(caps: &mut gst::CapsRef, frame: &gst::BufferRef) {
+    let Some(format) = caps.structure_mut(0) else { return };
+    let is_interlaced = format.get::<&str>("interlace-mode").is_ok_and(|mode| mode != "progressive");
+    if is_interlaced && !format.has_field("field-order") {
+        let is_top_first = frame.video_flags().contains(VideoBufferFlags::TFF);
+        format.set("field-order", if is_top_first { "top-field-first" } else { "bottom-field-first" });
+    }
+}
+
+fn wait_for_frame(pipeline: &gst::Pipeline, first: &Receiver<Option<First>>) -> Result<First> {
     let bus = pipeline.bus().context("the pipeline has no bus")?;
     let _ = pipeline.set_state(gst::State::Paused);
     let started = Instant::now();

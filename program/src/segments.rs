@@ -21,7 +21,8 @@ fn correct_segment(_: &gst::Pad, info: &mut gst::PadProbeInfo<'_>) -> gst::PadPr
         let gst::EventView::Segment(segment) = event.view() else { return None };
         let mut time = segment.segment().downcast_ref::<gst::ClockTime>()?.clone();
         // After a seek to a time both are that time.
-        let is_shifted = time.start() > Some(gst::ClockTime::ZERO) && time.time() == Some(gst::ClockTime::ZERO);
+        let is_shifted =
+            time.start() > Some(gst::ClockTime::ZERO) && time.time() == Some(gst::ClockTime::ZERO);
         if !is_shifted || time.base() != Some(gst::ClockTime::ZERO) {
             return None;
         }

@@ -13,6 +13,7 @@ use crate::picture::Picture;
 use crate::rectifier_options::RectifierOptions;
 use crate::streams::timecode::Timecode;
 use crate::streams::{Audio, Destination, Excerpt, Remux, Video, collect};
+use crate::times;
 use anyhow::Result;
 use gst::buffer::BufferMetaForeachAction;
 use gst::prelude::*;
@@ -184,7 +185,9 @@ impl Rectification {
         let (mut encoded, mut is_turned) = (None, true);
         let part = Unfinished::beside(output).path().to_owned();
         let destination = Destination { output: &part, container, audio, excerpt: excerpt.clone() };
-        let encoding = Encoding::new(recipe.codec, recipe.rate, Picture::of(clip)?);
+        let picture = Picture::of(clip)?;
+        let delay = picture.delay;
+        let encoding = Encoding::new(recipe.codec, recipe.rate, picture);
         let colour = encoding.colour();
         let has_timecode = Timecode::of(clip).is_some();
         let remux = Remux::new(clip, destination, |keeps_orientation| {
@@ -197,6 +200,7 @@ impl Rectification {
             }
             Ok(Video::Decoded(video))
         })?;
+        times::mend(&remux.pipeline, delay);
         for loss in encoding.losses() {
             gst::element_warning!(remux.pipeline, gst::StreamError::Format, ("{loss}"));
         }

@@ -87,27 +87,34 @@ impl Encoding {
             Codec::Prores => rewrite(&coded, move |frame| prores::stated(frame, picture.colour)),
             _ => {}
         }
+        // Encoders go by the caps, which some decoders leave open.
+        self.on_caps(&pad(&encoder, "sink")?, Self::state_scanning);
         let last = if self.codec.parser().is_some() { named(bin, "parser")? } else { encoder };
-        let this = self.clone();
-        pad(&last, "src")?.add_probe(gst::PadProbeType::EVENT_DOWNSTREAM, move |_, info| {
-            if let Some(gst::EventView::Caps(event)) = info.event().map(|event| event.view()) {
-                let mut caps = event.caps_owned();
-                this.state_in(caps.make_mut());
-                replace_caps(info, &caps);
-            }
-            gst::PadProbeReturn::Ok
+        self.on_caps(&pad(&last, "src")?, |this, caps| {
+            this.picture.state_in(caps);
+            this.state_scanning(caps);
         });
         Ok(())
     }
 
-    /// Has the stream's caps state what its muxer is to write.
-    fn state_in(&self, caps: &mut gst::CapsRef) {
-        self.picture.state_in(caps);
+    /// Has caps that come to a pad state more.
+    fn on_caps(&self, pad: &gst::Pad, state: impl Fn(&Self, &mut gst::CapsRef) + Send + Sync + 'static) {
+        let this = self.clone();
+        pad.add_probe(gst::PadProbeType::EVENT_DOWNSTREAM, move |_, info| {
+            if let Some(gst::EventView::Caps(event)) = info.event().map(|event| event.view()) {
+                let mut caps = event.caps_owned();
+                state(&this, caps.make_mut());
+                replace_caps(info, &caps);
+            }
+            gst::PadProbeReturn::Ok
+        });
+    }
+
+    fn state_scanning(&self, caps: &mut gst::CapsRef) {
         if let Some(info) = self.picture.info.as_ref().filter(|_| self.is_interlaced()) {
-            let order = info.field_order().to_str();
             caps.set("interlace-mode", info.interlace_mode().to_str().to_string());
             if info.field_order() != gst_video::VideoFieldOrder::Unknown {
-                caps.set("field-order", order.to_string());
+                caps.set("field-order", info.field_order().to_str().to_string());
             }
         }
     }
@@ -167,7 +174,7 @@ fn is_strict(codec: Codec) -> bool {
 /// Whether all samples of colour of pictures of this size are whole.
 fn is_whole(format: &VideoFormatInfo, info: &VideoInfo) -> bool {
     let [x, y] = chroma(format);
-    info.width() % (1 << x) == 0 && info.height() % (1 << y) == 0
+    info.width().is_multiple_of(1 << x) && info.height().is_multiple_of(1 << y)
 }
 
 fn bits(format: &VideoFormatInfo) -> u32 {
