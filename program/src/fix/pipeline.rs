@@ -108,6 +108,7 @@ fn video_branch(
     if let Some(timecode) = timecode {
         timecode::stamp_first(&pad(&encoder, "sink")?, timecode);
     }
+    encoding.label(&pad(&named(&bin, "frames")?, "sink")?);
     encoding.configure(&bin)?;
     Ok(bin)
 }
