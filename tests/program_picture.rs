@@ -94,8 +94,8 @@ fn prores_gets_the_range_that_it_has() {
     let before = luma(&buffers(&input, "qtdemux ! h264parse ! avdec_h264"), 1);
     let after = luma(&buffers(&output, "qtdemux ! avdec_prores"), 2);
     assert!(before > 230, "{before}");
-    // In 10 bits 64 is black and 940 is white.
-    assert!((after - (64 + before * 876 / 255)).abs() <= 2, "{before} {after}");
+    // In 10 bits 64 is black and 940 is white; within one step of the clip's 8 bits. Not converted it would be 940.
+    assert!((after - (64 + before * 876 / 255)).abs() <= 4, "{before} {after}");
 }
 
 #[test]
