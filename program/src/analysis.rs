@@ -72,7 +72,7 @@ impl Analysis {
         source.set_property("location", clip);
         pipeline.add_many([&source, &decoder])?;
         source.link(&decoder)?;
-        decoder::link_video(&decoder, &pad(&named(&pipeline, "decoded")?, "sink")?, |decoder| {
+        decoder::link_video(clip, &decoder, &pad(&named(&pipeline, "decoded")?, "sink")?, |decoder| {
             gst::element_error!(decoder, gst::StreamError::WrongType, ("{NO_VIDEO}"));
         })?;
         let sink = named(&pipeline, "sink")?;

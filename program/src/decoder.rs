@@ -2,7 +2,7 @@
 //! of it that are corrected.
 
 use crate::elements::{drop_all, make, pad};
-use crate::{segments, short_track};
+use crate::{matroska, short_track};
 use anyhow::{Context, Result};
 use gst::glib;
 use gst::prelude::*;
@@ -32,8 +32,6 @@ pub fn correct(decoder: &gst::Element, clip: &Path) -> Result<()> {
     if let Some(file) = file {
         short_track::keep(file, &pad(decoder, "sink")?);
     }
-    let bin = decoder.clone().downcast::<gst::Bin>().ok().context("the decoder is no bin")?;
-    segments::correct(&bin);
     let unnamed = file.and_then(unnamed_video);
     let is_unnamed = unnamed.is_some();
     decoder.connect("autoplug-sort", false, move |values| {
@@ -48,6 +46,7 @@ pub fn correct(decoder: &gst::Element, clip: &Path) -> Result<()> {
     });
     if let Some(name) = unnamed {
         let caps = gst::Caps::builder(name).field("stream-format", "byte-stream").build();
+        let bin = decoder.clone().downcast::<gst::Bin>().ok().context("the decoder is no bin")?;
         bin.connect_element_added(move |_, element| {
             if element.factory().is_some_and(|factory| factory.name() == RENAMING) {
                 element.set_property("join", false);
@@ -62,10 +61,14 @@ pub fn correct(decoder: &gst::Element, clip: &Path) -> Result<()> {
 /// Links the first stream of raw video that a decoder finds, and has the others go nowhere; `on_none` is called where there is
 /// none.
 pub fn link_video(
+    clip: &Path,
     decoder: &gst::Element,
     input: &gst::Pad,
     on_none: impl Fn(&gst::Element) + Send + Sync + 'static,
 ) -> Result<()> {
+    if matroska::is_matroska(clip) {
+        matroska::keep_first_time(input);
+    }
     let video = input.downgrade();
     decoder.connect("autoplug-continue", false, |values| {
         let caps = values.get(2).and_then(|value| value.get::<gst::Caps>().ok());

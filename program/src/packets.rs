@@ -4,6 +4,7 @@ use crate::clips;
 use crate::decoder;
 use crate::elements::{NO_VIDEO, drop_all, launch, named, pad};
 use crate::interruption::Interruption;
+use crate::matroska;
 use crate::playback::Playback;
 use anyhow::{Context, Result, anyhow};
 use gst::prelude::*;
@@ -40,6 +41,9 @@ impl Packets {
         let sink = sink.downcast::<gst_app::AppSink>().map_err(|_| anyhow!("appsink is another element"))?;
         let parser = named(&pipeline, "parser")?;
         decoder::correct(&parser, file)?;
+        if matroska::is_matroska(file) {
+            matroska::keep_first_time(&video);
+        }
         parser.connect("autoplug-continue", false, |values| {
             let caps = values.get(2).and_then(|value| value.get::<gst::Caps>().ok());
             Some(caps.is_none_or(|caps| !is_whole(&caps)).to_value())

@@ -116,6 +116,7 @@ fn video_branch(
         excerpt.keep_wanted(&pad(&named(&bin, shown)?, "src")?);
     }
     drop_empty_timecodes(&pad(&named(&bin, "frames")?, "sink")?, has_timecode);
+    encoding.label(&pad(&named(&bin, "frames")?, "sink")?);
     encoding.configure(&bin)?;
     Ok(bin)
 }

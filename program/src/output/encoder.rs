@@ -7,7 +7,7 @@ use crate::elements::{named, pad, replace_caps};
 use crate::picture::Picture;
 use anyhow::Result;
 use gst::prelude::*;
-use gst_video::{VideoFormat, VideoFormatInfo, VideoInfo};
+use gst_video::{VideoColorimetry, VideoFormat, VideoFormatInfo, VideoInfo};
 
 /// The matrix of BT.709, by which RGB is encoded.
 const BT709: u8 = 1;
@@ -22,6 +22,8 @@ pub struct Encoding {
     /// The format that the encoder is given; `None` where that of the clip is not known.
     format: Option<VideoFormat>,
     is_rgb: bool,
+    /// The colours of the frames, where the stream cannot hold their full range.
+    narrowed: Option<VideoColorimetry>,
 }
 
 impl Encoding {
@@ -32,7 +34,13 @@ impl Encoding {
             picture.colour.matrix = BT709;
             picture.colour.full_range = Some(false);
         }
-        Self { codec, rate, picture, format, is_rgb }
+        // Whatever a file says of ProRes, players take it for limited range.
+        let is_narrowed = codec == Codec::Prores && picture.colour.full_range == Some(true) && !is_rgb;
+        let narrowed = picture.colorimetry().filter(|_| is_narrowed);
+        if narrowed.is_some() {
+            picture.colour.full_range = Some(false);
+        }
+        Self { codec, rate, picture, format, is_rgb, narrowed }
     }
 
     /// Of frames that have been drawn over as RGB, of a clip that is YUV.
@@ -42,17 +50,30 @@ impl Encoding {
 
     /// Raw video → the encoded stream; the encoder is called `encoder`.
     pub fn description(&self) -> String {
+        // GStreamer 1.22 passes over a change of range alone, but not over one to and from RGB.
+        let range = if self.narrowed.is_some() { "videoconvert ! video/x-raw,format=ARGB64 ! " } else { "" };
         let mut raw = String::from("video/x-raw");
         if let Some(format) = self.format {
             raw += &format!(",format={}", format.to_str());
             // YUV keeps whatever it stands for as long as nothing else is asked for.
-            let colorimetry = self.picture.colorimetry().filter(|_| self.is_rgb);
+            let colorimetry = self.picture.colorimetry().filter(|_| self.is_rgb || self.narrowed.is_some());
             if let Some(colorimetry) = colorimetry.filter(|_| VideoFormatInfo::from_format(format).is_yuv()) {
                 raw += &format!(",colorimetry=(string){colorimetry}");
             }
         }
         let parser = self.codec.parser().map(|parser| format!(" ! {parser} name=parser"));
-        format!("videoconvert ! {raw} ! {} name=encoder{}", self.codec.encoder(), parser.unwrap_or_default())
+        format!(
+            "{range}videoconvert ! {raw} ! {} name=encoder{}",
+            self.codec.encoder(),
+            parser.unwrap_or_default()
+        )
+    }
+
+    /// Has decoded frames that come to a pad state their true colours where they are to be converted: their caps may have them from the
+    /// file.
+    pub fn label(&self, frames: &gst::Pad) {
+        let Some(colours) = self.narrowed.as_ref().map(|colours| colours.to_string()) else { return };
+        self.on_caps(frames, move |_, caps| caps.set("colorimetry", &colours));
     }
 
     /// Sets the encoder up that was made by the description.
@@ -157,6 +178,9 @@ impl Encoding {
         }
         if clip.has_alpha() && !coded.has_alpha() {
             losses.push(format!("{codec} has no transparency: that of the clip is left out"));
+        }
+        if self.narrowed.is_some() {
+            losses.push(format!("{codec} has limited range only: the clip's full range is converted to it"));
         }
         if self.is_interlaced() && matches!(codec, Codec::Hevc | Codec::Av1) {
             losses

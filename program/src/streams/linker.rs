@@ -8,6 +8,7 @@ use crate::decoder;
 use crate::elements::{self, NO_VIDEO, make, named, parse};
 use crate::interruption::Interruption;
 use crate::isobmff::{EncodedVideo, Film};
+use crate::matroska::{self, Delays};
 use crate::output::codec::Container;
 use anyhow::{Context, Result, anyhow, bail};
 use gst::glib;
@@ -62,6 +63,8 @@ struct Linker {
     container: Container,
     audio: Audio,
     excerpt: Option<Arc<Excerpt>>,
+    is_matroska: bool,
+    delays: Delays,
     has_video: AtomicBool,
     /// The streams of raw audio that the file holds as it is.
     pcm: Mutex<HashSet<String>>,
@@ -90,8 +93,20 @@ impl Remux {
         let is_upright = matches!(&muxer, Muxer::Boxes(beside) if beside.keeps_orientation());
         let video = video(is_upright)?;
         let (has_video, pcm) = (AtomicBool::new(false), Mutex::default());
+        let (is_matroska, delays) = (matroska::is_matroska(clip), Delays::of(clip));
         let owner = pipeline.downgrade();
-        let linker = Linker { pipeline: owner, muxer, video, container, audio, excerpt, has_video, pcm };
+        let linker = Linker {
+            pipeline: owner,
+            muxer,
+            video,
+            container,
+            audio,
+            excerpt,
+            is_matroska,
+            delays,
+            has_video,
+            pcm,
+        };
         let linker = Arc::new(linker);
         Linker::watch(&linker, &decoder);
         Ok(Self { pipeline, linker })
@@ -219,6 +234,9 @@ impl Linker {
     }
 
     fn link(self: &Arc<Self>, pad: &gst::Pad) -> Result<()> {
+        if self.is_matroska {
+            matroska::keep_first_time(pad);
+        }
         let caps = pad.current_caps().unwrap_or_else(|| pad.query_caps(None));
         let kind = Kind::of(&caps);
         if self.copies(pad) {
@@ -229,14 +247,14 @@ impl Linker {
         if is_first_video {
             return match &self.video {
                 Video::Decoded(branch) => {
-                    self.add(branch, kind)?;
+                    self.add(branch, kind, pad)?;
                     link_to(pad, branch)
                 }
                 Video::Replaced(branch) => self.replace(pad, &caps, branch),
                 // To its end: a pipeline without a sink would have none.
                 Video::Elsewhere => {
                     let branch = parse("fakesink name=encoded sync=false async=false")?;
-                    self.add(&branch, kind)?;
+                    self.add(&branch, kind, pad)?;
                     link_to(pad, &branch)
                 }
             };
@@ -266,7 +284,7 @@ impl Linker {
         if let Some(excerpt) = &self.excerpt {
             excerpt.keep_wanted(pad);
         }
-        self.add(&branch, kind)?;
+        self.add(&branch, kind, pad)?;
         link_to(pad, &branch)
     }
 
@@ -283,7 +301,7 @@ impl Linker {
     fn replace(self: &Arc<Self>, pad: &gst::Pad, caps: &gst::CapsRef, branch: &gst::Bin) -> Result<()> {
         // A muxer takes no more streams once it has data of all that it knows.
         branch.set_locked_state(true);
-        self.add(branch, Kind::Video)?;
+        self.add(branch, Kind::Video, pad)?;
         let source =
             branch.iterate_sources().into_iter().flatten().next().context("the video has no source")?;
         // Muxers make a clock of the frame rate, which a part states otherwise where it varies.
@@ -350,14 +368,16 @@ impl Linker {
     }
 
     /// Adds a branch whose end goes to the muxer.
-    fn add(&self, branch: &gst::Bin, kind: Kind) -> Result<()> {
+    fn add(&self, branch: &gst::Bin, kind: Kind, stream: &gst::Pad) -> Result<()> {
         let pipeline = self.pipeline.upgrade().context("the pipeline is gone")?;
-        if let Some(excerpt) = &self.excerpt {
-            // A branch without an output ends in a sink of its own.
-            let end = branch
-                .static_pad("src")
-                .map_or_else(|| elements::pad(&named(branch, "encoded")?, "sink"), Ok)?;
-            excerpt.begin_at_zero(&end)?;
+        // A branch without an output ends in a sink of its own.
+        let end =
+            branch.static_pad("src").map_or_else(|| elements::pad(&named(branch, "encoded")?, "sink"), Ok)?;
+        match &self.excerpt {
+            Some(excerpt) => excerpt.begin_at_zero(&end)?,
+            // What comes from elsewhere is not told of delays.
+            None if matches!(self.video, Video::Elsewhere) => {}
+            None => end.set_offset(end.offset() + self.delays.offset(stream)),
         }
         pipeline.add(branch)?;
         match &self.muxer {
