@@ -146,6 +146,72 @@ pub fn mend(pipeline: &gst::Pipeline, delay: usize) {
     });
 }
 
+/// Has frames leave by a pad on one line of time, each later than the one before it: edit lists play pieces of a clip one after another,
+/// and decoders give several frames one time where those of a file contradict their order. Encoders take neither.
+pub fn straighten(pad: &gst::Pad) {
+    let line = Mutex::new(Line::default());
+    let types =
+        gst::PadProbeType::BUFFER | gst::PadProbeType::EVENT_DOWNSTREAM | gst::PadProbeType::EVENT_FLUSH;
+    pad.add_probe(types, move |_, info| {
+        let mut line = line.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(buffer) = info.buffer_mut() {
+            let time = line.next(buffer.pts());
+            buffer.make_mut().set_pts(time);
+            return gst::PadProbeReturn::Ok;
+        }
+        match info.event().map(|event| event.view()) {
+            Some(gst::EventView::Segment(event)) => {
+                let Some(segment) = event.segment().downcast_ref::<gst::ClockTime>() else {
+                    return gst::PadProbeReturn::Ok;
+                };
+                if line.segment.replace(segment.clone()).is_some() {
+                    return gst::PadProbeReturn::Drop;
+                }
+                let whole = gst::FormattedSegment::<gst::ClockTime>::new();
+                let new = gst::event::Segment::builder(&whole).seqnum(event.seqnum()).build();
+                info.data = Some(gst::PadProbeData::Event(new));
+            }
+            Some(gst::EventView::FlushStop(_)) => *line = Line::default(),
+            _ => {}
+        }
+        gst::PadProbeReturn::Ok
+    });
+}
+
+/// Frames on one line of time.
+#[derive(Default)]
+struct Line {
+    /// The piece of the clip that is played.
+    segment: Option<gst::FormattedSegment<gst::ClockTime>>,
+    last: Option<gst::ClockTime>,
+    interval: gst::ClockTime,
+}
+
+impl Line {
+    /// The next frame's time on the line, given that in its piece of the clip: of one without a time, as long after the last as that
+    /// after the one before.
+    fn next(&mut self, time: Option<gst::ClockTime>) -> Option<gst::ClockTime> {
+        /// The clock of Matroska: what lies closer together could come out as one.
+        const APART: gst::ClockTime = gst::ClockTime::from_mseconds(1);
+        let running = match (&self.segment, time) {
+            (Some(segment), Some(time)) => match segment.to_running_time_full(time)? {
+                gst::Signed::Positive(time) => Some(time),
+                gst::Signed::Negative(_) => Some(gst::ClockTime::ZERO),
+            },
+            (None, time) => time,
+            (_, None) => self.last.map(|last| last + self.interval.max(APART)),
+        };
+        let earliest = self.last.map_or(gst::ClockTime::ZERO, |last| last + APART);
+        let time = running
+            .map_or(earliest, |time| if self.last.is_none_or(|last| time > last) { time } else { earliest });
+        if let Some(last) = self.last {
+            self.interval = time - last;
+        }
+        self.last = Some(time);
+        Some(time)
+    }
+}
+
 /// Calls back with each decoder of video that a pipeline gets, and its pads.
 fn on_decoders(
     pipeline: &gst::Pipeline,
@@ -165,6 +231,27 @@ fn on_decoders(
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn pieces_of_a_clip_come_one_after_another() {
+        let ms = gst::ClockTime::from_mseconds;
+        let piece = |start: u64, stop: u64, base: u64| {
+            let mut segment = gst::FormattedSegment::<gst::ClockTime>::new();
+            segment.set_start(ms(start));
+            segment.set_stop(ms(stop));
+            segment.set_base(ms(base));
+            segment
+        };
+        let mut line = Line::default();
+        let mut shown = |piece: gst::FormattedSegment<gst::ClockTime>, times: &[Option<u64>]| {
+            line.segment = Some(piece);
+            times.iter().map(|time| line.next(time.map(ms)).unwrap().mseconds()).collect::<Vec<_>>()
+        };
+        // A frame without a time, two of one time, then a piece from the beginning again.
+        let first = [Some(500), Some(540), None, Some(620), Some(620), Some(660)];
+        assert_eq!(shown(piece(500, 700, 0), &first), [0, 40, 80, 120, 121, 160]);
+        assert_eq!(shown(piece(100, 200, 200), &[Some(100), Some(140)]), [200, 240]);
+    }
 
     #[test]
     fn frames_are_shown_as_much_later_as_the_decoder_waits() {

@@ -110,10 +110,13 @@ fn video_branch(
         original.set_property("max-size-time", 0u64);
         place_side_by_side(&named(&bin, "side")?)?;
     }
+    let frames = pad(&named(&bin, "frames")?, "src")?;
     if let Some(excerpt) = excerpt {
-        excerpt.keep_analysed(&pad(&named(&bin, "frames")?, "src")?);
+        excerpt.keep_analysed(&frames);
         let shown = if recipe.compare { "side" } else { "rectifier" };
         excerpt.keep_wanted(&pad(&named(&bin, shown)?, "src")?);
+    } else {
+        times::straighten(&frames);
     }
     drop_empty_timecodes(&pad(&named(&bin, "frames")?, "sink")?, has_timecode);
     encoding.label(&pad(&named(&bin, "frames")?, "sink")?);
