@@ -133,6 +133,12 @@ impl Pair {
         if area.is_finite() { (area / self.found.len() as f64).sqrt() } else { 0.0 }
     }
 
+    /// Goes on in frame periods that are shorter by `factor`.
+    pub fn scale_time(&mut self, factor: f64) {
+        let tracks = self.tracks.iter_mut().flatten().map(|track| &mut track.stamps);
+        tracks.chain([&mut self.stamps]).flatten().for_each(|stamp| *stamp *= factor);
+    }
+
     /// Correspondences before they were thinned out.
     pub fn count(&self) -> usize {
         self.found.len()
