@@ -59,7 +59,7 @@ impl RsRectify {
         lock(&self.report).load.next(running.map(gst::ClockTime::nseconds))
     }
 
-    /// A copy of a frame whose pool the frames held could empty; otherwise the frame.
+    /// A copy of a frame whose pool the frames held could empty, or whose rows lie upside down; otherwise the frame.
     fn own_copy(&self, input: gst::Buffer) -> Result<gst::Buffer, gst::FlowError> {
         let copy = lock(&self.state).as_mut().and_then(|state| state.buffer_for_copy(&input));
         match copy {
@@ -76,7 +76,7 @@ impl RsRectify {
             gst::FlowError::Error
         })?;
         // The lock must be gone before an error is posted.
-        let copied = match lock(&self.state).as_ref() {
+        let copied = match lock(&self.state).as_mut() {
             Some(state) => state.copy(input, output),
             None => return Err(gst::FlowError::Flushing),
         };
@@ -127,7 +127,8 @@ impl RsRectify {
     /// Gives out the frames whose motion is known, and the events between them.
     pub(super) fn push_ready(&self) -> Result<(), gst::FlowError> {
         loop {
-            let next = lock(&self.state).as_mut().and_then(State::next);
+            let in_time = lock(&self.report).latency.frames_in_time();
+            let next = lock(&self.state).as_mut().and_then(|state| state.next(in_time));
             match next {
                 Some(output) => self.push_output(output)?,
                 None => break,
