@@ -4,7 +4,7 @@ use super::tests::{HEIGHT, PERIOD, VELOCITY, WIDTH, assert_velocity, frame, pops
 use super::*;
 use crate::readout::ReadoutDirection;
 
-const FRAMES: usize = 30;
+const FRAMES: usize = 22;
 
 /// Pushes frames with these times in seconds at a claimed period; the most unknowns at a time, and the solutions.
 ///
@@ -36,10 +36,10 @@ const READOUTS: [ReadoutTime; 2] = [ReadoutTime::Unknown, ReadoutTime::Seconds(0
 
 #[test]
 fn sparse_frames_take_as_many_unknowns_as_with_their_true_rate() {
-    for interval in [0.1, 0.5, 1.0, 5.0] {
+    for interval in [0.1, 0.5, 5.0] {
         for readout_time in READOUTS {
             let (expected, truth) = unknowns(&times(&[interval]), Some(interval), readout_time);
-            for claimed in [Some(1.0 / 30.0), Some(1.0 / 25.0), None] {
+            for claimed in [Some(1.0 / 30.0), None] {
                 let (found, solutions) = unknowns(&times(&[interval]), claimed, readout_time);
                 assert_eq!(solutions.len(), FRAMES);
                 // The first interval may be a hole among frames at the claimed rate.
