@@ -9,9 +9,12 @@ use gst_video::{VideoInfo, VideoMeta};
 /// Formats without bytes that no pixel has.
 const FORMATS: [&str; 10] =
     ["GRAY8", "I420", "NV12", "Y42B", "YUY2", "RGB", "BGRA", "v308", "P010_10LE", "GBR_10LE"];
-/// In every byte of every sample: valid in each of these formats.
-const VALUE: u8 = 0x40;
 const OLD: u8 = 0xab;
+
+/// A byte that makes a valid sample of the format when all its bytes are so.
+fn value(format: &str) -> u8 {
+    if format == "GBR_10LE" { 0x02 } else { 0x40 }
+}
 
 /// Samples of a frame in bytes.
 fn sample_bytes(info: &VideoInfo) -> usize {
@@ -51,13 +54,13 @@ fn use_pool(pool: &gst_video::VideoBufferPool) {
     }
 }
 
-/// A frame in which every byte is `VALUE` and rows are longer than they need be.
-fn padded(info: &VideoInfo, number: usize) -> gst::Buffer {
+/// A frame in which every byte is `value` and rows are longer than they need be.
+fn padded(info: &VideoInfo, value: u8, number: usize) -> gst::Buffer {
     let strides: Vec<i32> = info.stride().iter().map(|stride| stride + 16).collect();
     let planes = info.n_planes() as usize;
     // Planes of four hundred rows each, whatever they need.
     let offsets: Vec<usize> = (0..planes).map(|plane| 400 * 400 * plane).collect();
-    let mut buffer = gst::Buffer::from_mut_slice(vec![VALUE; 400 * 400 * planes]);
+    let mut buffer = gst::Buffer::from_mut_slice(vec![value; 400 * 400 * planes]);
     let inner = buffer.get_mut().unwrap();
     let flags = gst_video::VideoFrameFlags::empty();
     VideoMeta::add_full(inner, flags, info.format(), info.width(), info.height(), &offsets, &strides)
@@ -73,15 +76,16 @@ fn what_was_in_memory_before_is_not_given_out() {
             for (reads_strides, crops) in [(true, true), (false, true), (false, false)] {
                 let caps = caps(format, width, height, gst::Fraction::new(30, 1));
                 let info = VideoInfo::from_caps(&caps).unwrap();
+                let value = value(format);
                 let (mut h, pool) = harness_with_pool(&caps, reads_strides);
                 if crops {
                     warp_always(&h);
                 }
                 // The pool becomes active with the first frame that goes out.
-                (0..2).for_each(|number| assert!(h.push(padded(&info, number)).is_ok()));
+                (0..2).for_each(|number| assert!(h.push(padded(&info, value, number)).is_ok()));
                 use_pool(&pool);
                 arrived(&mut h);
-                (2..5).for_each(|number| assert!(h.push(padded(&info, number)).is_ok()));
+                (2..5).for_each(|number| assert!(h.push(padded(&info, value, number)).is_ok()));
                 let out = arrived(&mut h);
                 assert_eq!(out.len(), 3);
                 for buffer in out {
@@ -90,12 +94,12 @@ fn what_was_in_memory_before_is_not_given_out() {
                     let samples = sample_bytes(&info);
                     // The sample that a row of odd width lacks in packed 4:2:2 may be that of the frame that came.
                     assert_eq!(
-                        (of(OLD), of(0) + of(VALUE)),
+                        (of(OLD), of(0) + of(value)),
                         (0, map.len()),
                         "{format} {width}x{height} {crops}"
                     );
                     assert!(
-                        (samples..=samples + height as usize).contains(&of(VALUE)),
+                        (samples..=samples + height as usize).contains(&of(value)),
                         "{format} {width}x{height}"
                     );
                 }
@@ -171,9 +175,9 @@ fn rows_that_lie_upside_down_are_read_in_every_kind_of_format() {
                 let mut frame = flat(&caps, number);
                 let mut map = frame.get_mut().unwrap().map_writable().unwrap();
                 // No bits above the tenth.
-                let value =
+                let set =
                     |(k, byte): (usize, &mut u8)| *byte = if k % 2 == 0 { (k * 37 % 251) as u8 } else { 2 };
-                map.iter_mut().enumerate().for_each(value);
+                map.iter_mut().enumerate().for_each(set);
                 drop(map);
                 frame
             };

@@ -261,6 +261,7 @@ impl RsRectify {
     pub(super) fn change_latency(&self, frames: u32, rate: Option<(u64, u64)>, work: u64) {
         let mut query = gst::query::Latency::new();
         let source = self.obj().sink_pad().peer_query(&mut query).then(|| query.result());
+        let fixed = self.fixed_latency();
         let is_changed = {
             let mut report = lock(&self.report);
             let latency = report.latency.renewed(frames.into(), rate, work);
@@ -269,11 +270,23 @@ impl RsRectify {
             if let Some((live, min, _)) = source {
                 report.latency.answer(live, min.nseconds());
             }
+            if let Some(fixed) = fixed {
+                report.latency.grant(fixed.nseconds());
+            }
             before != report.latency.own()
         };
         if is_changed {
             self.post_latency();
         }
+    }
+
+    /// The latency that the application has set the pipeline to, which its `LATENCY` event brings only after a first frame.
+    fn fixed_latency(&self) -> Option<gst::ClockTime> {
+        let mut top = self.obj().clone().upcast::<gst::Object>();
+        while let Some(parent) = top.parent() {
+            top = parent;
+        }
+        top.downcast::<gst::Pipeline>().ok()?.latency()
     }
 
     /// The latency before any caps are known.
