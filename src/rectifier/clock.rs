@@ -140,7 +140,7 @@ impl Clock {
         let is_slower = short > STRETCH * self.spacing;
         let is_faster = STRETCH * long < self.spacing && self.spacing > self.started;
         if is_slower || is_faster {
-            self.spacing = middle.max(self.started);
+            self.spacing = if middle > STRETCH * self.started { middle } else { self.started };
         }
     }
 
@@ -199,10 +199,11 @@ mod tests {
 
     #[test]
     fn a_step_of_very_many_periods_is_a_gap() {
-        let mut clock = Clock::new(Some(0.004));
-        clock.tick(Some(0.0));
-        assert!(clock.tick(Some(0.060)).continues);
-        assert!(!clock.tick(Some(0.130)).continues);
+        for (step, continues) in [(0.060, true), (0.070, false)] {
+            let mut clock = Clock::new(Some(0.004));
+            (0..4).for_each(|k| _ = clock.tick(Some(0.004 * f64::from(k))));
+            assert_eq!(clock.tick(Some(0.012 + step)).continues, continues, "{step} s");
+        }
     }
 
     /// Spacings and whether the path went on, of frames with these intervals, under a claimed period.
