@@ -79,6 +79,20 @@ fn uneven_frames_take_few_unknowns() {
 }
 
 #[test]
+fn frames_that_come_faster_again_take_few_unknowns() {
+    let period = 1.0 / 30.0;
+    let slow = times(&[5.0]);
+    let last = slow[FRAMES - 1];
+    let fast = (1..FRAMES).map(|k| last + k as f64 * period);
+    let all: Vec<f64> = slow.iter().copied().chain(fast).collect();
+    let (even, _) = unknowns(&times(&[period]), Some(period), ReadoutTime::Seconds(0.02));
+    let (found, solutions) = unknowns(&all, Some(period), ReadoutTime::Seconds(0.02));
+    assert_eq!(solutions.len(), all.len());
+    assert!(found <= 3 * even, "{found} beside {even}");
+    assert!(solutions[all.len() - 4..].iter().all(|solution| solution.confidence > 0.5));
+}
+
+#[test]
 fn one_hole_among_even_frames_changes_no_motion() {
     for hole in [0.2, 0.5, 3.0] {
         let settings = Settings {

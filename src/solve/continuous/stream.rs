@@ -226,9 +226,11 @@ impl Continuous {
         let factor = unit / period;
         for entry in &mut self.frames {
             entry.stamp *= factor;
-            entry.to_next.iter_mut().for_each(|pair| pair.scale_time(factor));
+            entry.to_next = entry.to_next.take().and_then(|pair| pair.scale_time(factor));
         }
-        if self.camera.is_known() || self.bank.leading().knows_readout() {
+        let leading = self.bank.leading();
+        let is_found = leading.knows_readout() && (factor * leading.solver.shared[0]).abs() < LONGEST_READOUT;
+        if self.camera.is_known() || is_found {
             for hypothesis in &mut self.bank.hypotheses {
                 hypothesis.solver.scale_time(factor);
                 hypothesis.drop_searches();
