@@ -111,6 +111,25 @@ fn held_frames_are_rectified_as_far_as_their_motion_is_known() {
 }
 
 #[test]
+fn a_latency_below_what_was_asked_for_is_kept() {
+    // 10 + 133 ms are asked for; an interval is kept for the work.
+    for (granted, frames) in [(76, 0), (77, 1), (109, 1), (142, 2)] {
+        let mut h = live_harness(4, (30, 1));
+        h.push_upstream_event(gst::event::Latency::new(MS(granted)));
+        let mut out = Vec::new();
+        for number in 0..20 {
+            h.push(shaken(number)).unwrap();
+            // Nobody waits for the timer.
+            out.extend(arrived(&mut h));
+            assert_eq!(out.len(), (number + 1usize).saturating_sub(frames), "{granted} ms");
+        }
+        let held = at(&mut h, time(19) + MS(granted) - MS(33), frames);
+        out.extend(held);
+        assert_eq!(numbers(&out), (0..20).collect::<Vec<_>>(), "{granted} ms");
+    }
+}
+
+#[test]
 fn a_flush_and_a_stop_end_the_wait() {
     let mut h = live_harness(4, (30, 1));
     h.push(frame_at(0, MS(0))).unwrap();
@@ -124,8 +143,9 @@ fn a_flush_and_a_stop_end_the_wait() {
 }
 
 /// Plays a live pipeline; how many frames its sink showed and dropped, and how many were rectified.
-fn shown_and_dropped(description: &str) -> (u64, u64, u64) {
+fn shown_and_dropped(description: &str, latency: Option<gst::ClockTime>) -> (u64, u64, u64) {
     let pipeline = launch(description);
+    pipeline.set_latency(latency);
     let (sink, element) = (pipeline.by_name("sink").unwrap(), pipeline.by_name("r").unwrap());
     pipeline.set_state(gst::State::Playing).unwrap();
     let bus = pipeline.bus().unwrap();
@@ -149,8 +169,13 @@ fn shown_and_dropped(description: &str) -> (u64, u64, u64) {
 /// real one, and a machine with other work may stand still for longer than the sink tolerates. Where frames are held for
 /// too long, next to none is shown in any run.
 fn shows(description: &str, frames: u64) {
+    shows_with(description, frames, None);
+}
+
+/// The same in a pipeline that is set to a latency.
+fn shows_with(description: &str, frames: u64, latency: Option<gst::ClockTime>) {
     let runs: Vec<_> = (0..5)
-        .map(|_| shown_and_dropped(description))
+        .map(|_| shown_and_dropped(description, latency))
         .inspect(|counts| eprintln!("shown, dropped, rectified: {counts:?}"))
         .take_while(|(shown, _, rectified)| shown.min(rectified) + 3 < frames)
         .collect();
@@ -171,6 +196,13 @@ fn live_pipeline(actual: &str, claimed: &str) -> String {
 fn a_true_frame_rate() {
     // Without the latency of 8 frames (800 ms) every frame would come more than 400 ms late.
     shows(&live_pipeline("10/1", "10/1"), 30);
+}
+
+#[test]
+fn half_the_latency() {
+    // 8 frames take 800 ms, the sink asks for another 20: set to 410 ms, every frame would come 390 ms late.
+    let pipeline = live_pipeline("10/1", "10/1").replace("max-lateness=400000000", "max-lateness=100000000");
+    shows_with(&pipeline, 30, Some(MS(410)));
 }
 
 #[test]

@@ -1,7 +1,8 @@
-//! MP4 and MOV files whose only video is short beside their sound or subtitles.
+//! MP4 and MOV files that state too short a length of their video.
 //!
 //! GStreamer's demuxer passes over a track that is shorter than a fifth of the film, as a preview picture would be. Where all
-//! video would be lost so, it is given these tracks with the film's length; their edit lists and frames stay what they are.
+//! video would be lost so, it is given these tracks with the film's length; their edit lists and frames stay what they are. It also
+//! passes over what begins at a track's end: the last frame of a phone's clip, where that frame is stated to take no time.
 
 use crate::boxes::{child, children, number, read_index};
 use gst::prelude::*;
@@ -86,7 +87,8 @@ fn patches(index: &[u8], start: u64) -> Vec<Patch> {
         .filter_map(|(_, track)| {
             let header = child(track, &[b"mdia", b"mdhd"])?;
             // Both are of one piece of memory.
-            Some((Length::of(header)?, (header.as_ptr() as usize).checked_sub(index.as_ptr() as usize)?))
+            let place = (header.as_ptr() as usize).checked_sub(index.as_ptr() as usize)?;
+            Some((Length::of(header)?, place, last_decoded(track)))
         })
         .collect();
     // As it is computed there, in integers.
@@ -94,11 +96,14 @@ fn patches(index: &[u8], start: u64) -> Vec<Patch> {
         let whole = u128::from(film.ticks) * u128::from(track.rate);
         whole != 0 && u128::from(track.ticks) * u128::from(film.rate) * 10 / whole < 2
     };
-    if !lengths.iter().all(|(track, _)| is_passed_over(track)) {
-        return Vec::new();
-    }
-    let patch = |(track, header): (Length, usize)| {
-        let ticks = (u128::from(film.ticks) * u128::from(track.rate)).div_ceil(u128::from(film.rate).max(1));
+    let are_all_passed_over = lengths.iter().all(|(track, ..)| is_passed_over(track));
+    let patch = |(track, header, last): (Length, usize, Option<u64>)| {
+        let whole = (u128::from(film.ticks) * u128::from(track.rate)).div_ceil(u128::from(film.rate).max(1));
+        let ticks = match last {
+            _ if are_all_passed_over => whole,
+            Some(last) if last >= track.ticks => u128::from(last) + 1,
+            _ => return None,
+        };
         let bytes = u64::try_from(ticks).ok()?.to_be_bytes();
         let (unused, bytes) = bytes.split_at(8 - track.bytes);
         let fits = unused.iter().all(|byte| *byte == 0);
@@ -106,6 +111,20 @@ fn patches(index: &[u8], start: u64) -> Vec<Patch> {
         fits.then(|| Patch { offset, bytes: bytes.to_vec() })
     };
     lengths.into_iter().filter_map(patch).collect()
+}
+
+/// When the last frame of a track without an edit list is decoded, in its ticks.
+fn last_decoded(track: &[u8]) -> Option<u64> {
+    if child(track, &[b"edts"]).is_some() {
+        return None;
+    }
+    let table = child(track, &[b"mdia", b"minf", b"stbl", b"stts"])?;
+    let count = number(table, 4)? as usize;
+    let runs = table.get(8..)?.chunks_exact(8).take(count);
+    let runs = runs.map(|run| Some((u64::from(number(run, 0)?), u64::from(number(run, 4)?))));
+    let runs: Vec<_> = runs.collect::<Option<_>>()?;
+    let end: u64 = runs.iter().map(|(samples, ticks)| samples * ticks).sum();
+    runs.last().map(|(_, ticks)| end - ticks)
 }
 
 #[cfg(test)]

@@ -44,8 +44,8 @@ pub(super) struct Step<'a> {
     pub time: f64,
     /// Seconds since the frame before; negative in reverse playback.
     pub interval: f64,
-    /// Nominal frame period in seconds.
-    pub period: f64,
+    /// Seconds from frame to frame, as they come at present.
+    pub spacing: f64,
     /// The shutter, as far as it is known.
     pub readout: Readout,
     /// Full-frame pixels to an analysed one.
@@ -102,7 +102,7 @@ impl Engine {
     pub fn push(&mut self, step: &Step<'_>) {
         match self {
             Self::Sequential(sequential) => sequential.push(step),
-            Self::Continuous(continuous) => continuous.push(step.found, step.time, step.period),
+            Self::Continuous(continuous) => continuous.push(step.found, step.time, step.spacing),
         }
     }
 
@@ -154,6 +154,15 @@ impl Engine {
         match self {
             Self::Sequential(_) => None,
             Self::Continuous(continuous) => continuous.posterior(),
+        }
+    }
+
+    /// Coefficients of the path in hand.
+    #[cfg(test)]
+    pub fn unknowns(&self) -> usize {
+        match self {
+            Self::Sequential(_) => 0,
+            Self::Continuous(continuous) => continuous.unknowns(),
         }
     }
 

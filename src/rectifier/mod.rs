@@ -5,6 +5,8 @@ mod duplicates;
 mod engine;
 mod error;
 #[cfg(test)]
+mod sparse_tests;
+#[cfg(test)]
 mod tests;
 
 use crate::correspond::{Correspondence, Pyramid, Sampler};
@@ -353,7 +355,7 @@ impl Rectifier {
             }),
             time,
             interval: interval.unwrap_or(0.0),
-            period: self.clock.period(),
+            spacing: self.clock.spacing(),
             readout: *readout,
             pixel_scale: self.sampler.pixel_scale(),
         });

@@ -5,9 +5,9 @@ use crate::plane::{Plane, PlaneLayout, SampleFormat};
 use nalgebra::Vector2;
 use proptest::prelude::*;
 
-const WIDTH: usize = 320;
-const HEIGHT: usize = 240;
-const PERIOD: f64 = 0.04;
+pub(super) const WIDTH: usize = 320;
+pub(super) const HEIGHT: usize = 240;
+pub(super) const PERIOD: f64 = 0.04;
 
 /// Smooth detail at three scales, nowhere repeated.
 fn texture(x: f64, y: f64) -> f64 {
@@ -33,7 +33,7 @@ fn noise(x: f64, y: f64) -> f64 {
 
 /// A frame that starts at `time` of a picture that moves by `velocity` px/s, read top to bottom over
 /// a whole period.
-fn frame(time: f64, velocity: Vector2<f64>) -> Vec<u8> {
+pub(super) fn frame(time: f64, velocity: Vector2<f64>) -> Vec<u8> {
     let pixels = (0..HEIGHT).flat_map(|row| (0..WIDTH).map(move |column| (row, column)));
     pixels
         .map(|(row, column)| {
@@ -63,18 +63,18 @@ fn kind(is_known: bool) -> Duplicate {
     if is_known { Duplicate::Known } else { Duplicate::Detect }
 }
 
-fn push(rectifier: &mut Rectifier, pixels: &[u8], time: f64, duplicate: Duplicate) {
+pub(super) fn push(rectifier: &mut Rectifier, pixels: &[u8], time: f64, duplicate: Duplicate) {
     let layout = PlaneLayout::packed(WIDTH, HEIGHT, SampleFormat::U8);
     rectifier.push(&Luma::from(Plane::new(pixels, layout).unwrap()), Some(time), duplicate).unwrap();
 }
 
-fn pops(rectifier: &mut Rectifier) -> Vec<FrameSolution> {
+pub(super) fn pops(rectifier: &mut Rectifier) -> Vec<FrameSolution> {
     std::iter::from_fn(|| rectifier.pop()).collect()
 }
 
-const VELOCITY: Vector2<f64> = Vector2::new(180.0, -60.0);
+pub(super) const VELOCITY: Vector2<f64> = Vector2::new(180.0, -60.0);
 
-fn assert_velocity(solution: &FrameSolution, velocity: Vector2<f64>) {
+pub(super) fn assert_velocity(solution: &FrameSolution, velocity: Vector2<f64>) {
     let twist = solution.motion.path().mean_twist();
     let off = (twist.velocity - velocity).norm() * PERIOD;
     assert!(off < 0.1 && (twist.omega * PERIOD).abs() < 5e-4, "{off} px a frame off: {solution:?}");

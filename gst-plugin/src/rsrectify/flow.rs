@@ -59,7 +59,7 @@ impl RsRectify {
         lock(&self.report).load.next(running.map(gst::ClockTime::nseconds))
     }
 
-    /// A copy of a frame whose pool the frames held could empty; otherwise the frame.
+    /// A copy of a frame whose pool the frames held could empty, or whose rows lie upside down; otherwise the frame.
     fn own_copy(&self, input: gst::Buffer) -> Result<gst::Buffer, gst::FlowError> {
         let copy = lock(&self.state).as_mut().and_then(|state| state.buffer_for_copy(&input));
         match copy {
@@ -76,7 +76,7 @@ impl RsRectify {
             gst::FlowError::Error
         })?;
         // The lock must be gone before an error is posted.
-        let copied = match lock(&self.state).as_ref() {
+        let copied = match lock(&self.state).as_mut() {
             Some(state) => state.copy(input, output),
             None => return Err(gst::FlowError::Flushing),
         };
@@ -127,7 +127,8 @@ impl RsRectify {
     /// Gives out the frames whose motion is known, and the events between them.
     pub(super) fn push_ready(&self) -> Result<(), gst::FlowError> {
         loop {
-            let next = lock(&self.state).as_mut().and_then(State::next);
+            let in_time = lock(&self.report).latency.frames_in_time();
+            let next = lock(&self.state).as_mut().and_then(|state| state.next(in_time));
             match next {
                 Some(output) => self.push_output(output)?,
                 None => break,
@@ -260,6 +261,7 @@ impl RsRectify {
     pub(super) fn change_latency(&self, frames: u32, rate: Option<(u64, u64)>, work: u64) {
         let mut query = gst::query::Latency::new();
         let source = self.obj().sink_pad().peer_query(&mut query).then(|| query.result());
+        let fixed = self.fixed_latency();
         let is_changed = {
             let mut report = lock(&self.report);
             let latency = report.latency.renewed(frames.into(), rate, work);
@@ -268,11 +270,23 @@ impl RsRectify {
             if let Some((live, min, _)) = source {
                 report.latency.answer(live, min.nseconds());
             }
+            if let Some(fixed) = fixed {
+                report.latency.grant(fixed.nseconds());
+            }
             before != report.latency.own()
         };
         if is_changed {
             self.post_latency();
         }
+    }
+
+    /// The latency that the application has set the pipeline to, which its `LATENCY` event brings only after a first frame.
+    fn fixed_latency(&self) -> Option<gst::ClockTime> {
+        let mut top = self.obj().clone().upcast::<gst::Object>();
+        while let Some(parent) = top.parent() {
+            top = parent;
+        }
+        top.downcast::<gst::Pipeline>().ok()?.latency()
     }
 
     /// The latency before any caps are known.

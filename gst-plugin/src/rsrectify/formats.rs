@@ -196,6 +196,19 @@ impl FrameLayout {
         self.views.iter().find(|view| view.plane == plane).map(|view| view.layout.height)
     }
 
+    /// Bytes from the beginning of a row of a plane to the end of its last sample, and of those the ones at the beginning
+    /// that are all samples of pixels.
+    pub fn row_bytes(&self, plane: u32) -> Option<(usize, usize)> {
+        let views = || self.views.iter().filter(|view| view.plane == plane);
+        let ends = views().map(|view| {
+            let row = PlaneLayout { height: 1, ..view.layout };
+            row.required_bytes().map_or(0, |bytes| view.offset + bytes)
+        });
+        let (least, most) = (ends.clone().min()?, ends.max()?);
+        let samples = |view: &View| view.layout.width * view.layout.channels * view.layout.format.bytes();
+        Some((most, if views().map(samples).sum::<usize>() == most { most } else { least }))
+    }
+
     /// The luma of a mapped frame; green where red, green and blue lie in planes of their own.
     pub fn luma<'a>(&self, frame: &'a VideoFrameRef<&gst::BufferRef>) -> Option<Luma<'a>> {
         Luma::weighted(self.luma.plane(frame)?, self.luma_weights).ok()

@@ -14,8 +14,8 @@ use super::enums::{BorderMode, Estimator, Interpolation, Model, ReadoutDirection
  * order, with its own timestamps, flags and metas; a frame without motion is the very buffer that
  * came in. Interlaced and multiview video passes through with a warning.
  *
- * In a live pipeline a frame is given out before it is held for longer than was reported, with the motion
- * that is known by then. Where the sink tells (QoS) that frames come later and later, the correction fades out
+ * In a live pipeline a frame is given out before it is held for longer than was reported, or than the pipeline
+ * was set to where that is less, with the motion that is known by then. Where the sink tells (QoS) that frames come later and later, the correction fades out
  * and frames go out as they came until there is time again. The `qos` property turns this off.
  *
  * The readout time and direction, and the focal length, are found from the picture while it plays,
@@ -390,8 +390,8 @@ impl BaseTransformImpl for RsRectify {
     fn src_event(&self, event: gst::Event) -> bool {
         let is_slow = match event.view() {
             gst::EventView::Qos(qos) => lock(&self.report).note_quality(qos),
-            gst::EventView::Latency(_) => {
-                lock(&self.report).latency.grant();
+            gst::EventView::Latency(latency) => {
+                lock(&self.report).latency.grant(latency.latency().nseconds());
                 false
             }
             _ => false,

@@ -21,6 +21,15 @@ impl Parts {
     }
 }
 
+/// What the pipeline was set to.
+#[derive(Clone, Copy, Debug)]
+struct Grant {
+    /// What the element had asked for.
+    asked: Parts,
+    /// From the source to the sink, all elements together.
+    total: u64,
+}
+
 /// The latency of a stream.
 #[derive(Clone, Debug)]
 pub struct Latency {
@@ -36,7 +45,7 @@ pub struct Latency {
     upstream: u64,
     /// What was answered last, and what the pipeline was then set to.
     answered: Parts,
-    granted: Option<Parts>,
+    granted: Option<Grant>,
 }
 
 impl Latency {
@@ -87,9 +96,9 @@ impl Latency {
         self.answered.sum()
     }
 
-    /// The pipeline was set to the latency answered last.
-    pub fn grant(&mut self) {
-        self.granted = Some(self.answered);
+    /// The pipeline was set to a latency, from the source to the sink, after the last answer.
+    pub fn grant(&mut self, total: u64) {
+        self.granted = Some(Grant { asked: self.answered, total });
     }
 
     /// Takes in a frame's timestamp; whether the latency has grown.
@@ -110,9 +119,30 @@ impl Latency {
 
     /// Running time until which a frame may be held; `None` where nobody waits for it.
     pub fn deadline(&self, running: u64) -> Option<u64> {
-        let granted = self.granted.unwrap_or(self.answered);
-        let held = self.upstream.saturating_add(granted.wait).saturating_add(GRACE);
+        let asked = self.granted.map_or(self.answered, |grant| grant.asked);
+        let held = self.upstream.saturating_add(asked.wait).saturating_add(GRACE);
+        let held = self.shortened().map_or(held, |shortened| shortened.min(held));
         (self.live && self.frames > 0).then(|| running.saturating_add(held))
+    }
+
+    /// Frames that may be waited for; `None`: all that it takes.
+    ///
+    /// Where less was granted than was asked for, a frame goes out as soon as those have come that can come in time, not
+    /// only when its time is over.
+    pub fn frames_in_time(&self) -> Option<u64> {
+        let held = self.shortened().filter(|_| self.live)?;
+        Some(held.saturating_sub(self.upstream) / self.interval().max(1))
+    }
+
+    /// Time after its timestamp for which a frame may be held where less was granted than was asked for.
+    ///
+    /// An interval is kept for the work: that on the frame which has just come may take so long where the machine keeps up,
+    /// and it is not interrupted.
+    fn shortened(&self) -> Option<u64> {
+        let grant = self.granted?;
+        let reserve = self.interval().saturating_add(self.work);
+        let is_less = grant.total < self.upstream.saturating_add(grant.asked.sum());
+        is_less.then(|| grant.total.saturating_sub(reserve))
     }
 
     fn parts(&self) -> Parts {
@@ -146,17 +176,38 @@ mod tests {
             Some((1 + 30 + 160 + 5) * MS),
             "the time for the work is not spent waiting"
         );
-        latency.grant();
+        latency.grant(200 * MS);
         // Frames come every 80 ms: more is asked for, but the pipeline is not set to it yet.
         let grown = (0..20).filter(|k| latency.note_frame(Some(80 * MS * k))).count();
         assert_eq!((grown, latency.own()), (1, 330 * MS));
         assert_eq!(latency.deadline(0), Some(195 * MS));
         assert_eq!(latency.answer(true, 30 * MS), 330 * MS);
         assert_eq!(latency.deadline(0), Some(195 * MS), "an answer alone changes nothing");
-        latency.grant();
+        latency.grant(360 * MS);
         assert_eq!(latency.deadline(0), Some(355 * MS));
         assert_eq!(latency.answer(false, 0), 330 * MS);
         assert_eq!(latency.deadline(0), None);
+    }
+
+    #[test]
+    fn a_frame_is_held_for_no_longer_than_was_granted() {
+        let mut latency = Latency::new(4, Some((25, 1)), 10 * MS);
+        latency.answer(true, 30 * MS);
+        latency.grant(200 * MS);
+        assert_eq!((latency.deadline(0), latency.frames_in_time()), (Some(195 * MS), None), "all of it");
+        // 10 ms and an interval are kept for the work.
+        for (total, held, frames) in
+            [(199, 149, 2), (150, 100, 1), (120, 70, 1), (119, 69, 0), (20, 0, 0), (0, 0, 0)]
+        {
+            latency.grant(total * MS);
+            assert_eq!(latency.deadline(MS), Some((1 + held) * MS), "{total} ms");
+            assert_eq!(latency.frames_in_time(), Some(frames), "{total} ms");
+        }
+        latency.add_work(20 * MS);
+        latency.grant(150 * MS);
+        assert_eq!((latency.deadline(0), latency.frames_in_time()), (Some(80 * MS), Some(1)));
+        latency.answer(false, 0);
+        assert_eq!((latency.deadline(0), latency.frames_in_time()), (None, None));
     }
 
     #[test]

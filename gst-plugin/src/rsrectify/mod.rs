@@ -11,6 +11,7 @@ mod imp;
 mod interval;
 mod latency;
 mod load;
+mod padding;
 mod picture;
 mod properties;
 mod queue;

@@ -3,6 +3,7 @@
 use super::ffi;
 use super::formats::FrameLayout;
 use super::load::Effort;
+use super::padding::Padding;
 use super::picture;
 use super::properties::Settings;
 use super::queue::Queue;
@@ -51,6 +52,7 @@ pub struct State {
     /// Whether downstream understands frames with strides of their own.
     downstream_reads_strides: bool,
     copies: Copies,
+    padding: Padding,
 }
 
 impl State {
@@ -71,6 +73,7 @@ impl State {
             last_pts: None,
             downstream_reads_strides: false,
             copies: Copies::default(),
+            padding: Padding::default(),
         })
     }
 
@@ -195,8 +198,12 @@ impl State {
         None
     }
 
-    /// What can be given out now: an event, a frame that is not analysed, or one whose motion is known.
-    pub fn next(&mut self) -> Option<Output> {
+    /// What can be given out now: an event, a frame that is not analysed, one whose motion is known, or one behind which
+    /// so many wait as come in time.
+    pub fn next(&mut self, in_time: Option<u64>) -> Option<Output> {
+        if in_time.is_some_and(|frames| self.queue.frames() as u64 > frames) {
+            return self.next_at_once();
+        }
         self.next_with(|rectifier, _| rectifier.pop())
     }
 
@@ -250,15 +257,16 @@ impl State {
         self.queue.clear()
     }
 
-    /// A buffer for a copy of a frame that must be given back at once, where it comes from a pool that the
-    /// frames held could empty; `None` where there is no need.
+    /// A buffer for a copy of a frame that must be given back at once, as it comes from a pool that the
+    /// frames held could empty, or that is read from the bottom row up; `None` where there is no need.
     pub fn buffer_for_copy(&mut self, frame: &gst::BufferRef) -> Option<gst::Buffer> {
-        let frames = self.frames_held();
-        let limit = ffi::pool_of(frame).and_then(|pool| pool.config().params()).map(|params| params.3)?;
-        if frames == 0 || limit == 0 || limit > frames + OUTSIDE {
-            return None;
-        }
-        self.copies.buffer(&self.caps, self.layout.info())
+        let could_empty_pool = || {
+            let frames = self.frames_held();
+            let config = ffi::pool_of(frame).and_then(|pool| pool.config().params());
+            config.is_some_and(|(_, _, _, most)| frames > 0 && most > 0 && most <= frames + OUTSIDE)
+        };
+        let is_needed = could_empty_pool() || !self.is_passthrough() && picture::is_bottom_up(frame);
+        if is_needed { self.copies.buffer(&self.caps, self.layout.info()) } else { None }
     }
 
     /// The motion of a frame that is not analysed.
@@ -283,7 +291,8 @@ impl State {
     }
 
     /// Copies the picture of one buffer into another; `Err` says why it cannot be done.
-    pub fn copy(&self, input: &gst::BufferRef, output: &mut gst::BufferRef) -> Result<(), &'static str> {
+    pub fn copy(&mut self, input: &gst::BufferRef, output: &mut gst::BufferRef) -> Result<(), &'static str> {
+        self.padding.clear(&self.layout, output)?;
         picture::copy(&self.layout, input, output)
     }
 
@@ -298,6 +307,7 @@ impl State {
     ) -> Result<(), &'static str> {
         let info = self.layout.info();
         let input = picture::map_readable(input, info)?;
+        self.padding.clear(&self.layout, output)?;
         let mut output = VideoFrameRef::from_buffer_ref_writable(output, info)
             .map_err(|_| "cannot map the output frame for writing")?;
         let fill = self.layout.fill(settings.border_color);

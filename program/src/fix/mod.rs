@@ -115,6 +115,13 @@ fn one(job: &Job, options: &FixOptions, interruption: &Interruption) -> Result<(
         eprintln!("warning: {}: the readout was not sought beforehand: {error:#}", job.input.display());
     }
     println!("{}: {frames} frames", job.output.display());
+    let moved = rectification.moved_frames();
+    if moved > 0 {
+        let clip = job.input.display();
+        eprintln!(
+            "warning: {clip}: the times of frames contradict their order: {moved} are shown a little later"
+        );
+    }
     report_damage(&job.input, frames, is_part, complaints.first(), interruption)
 }
 

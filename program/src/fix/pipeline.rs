@@ -13,7 +13,7 @@ use crate::picture::Picture;
 use crate::rectifier_options::RectifierOptions;
 use crate::streams::timecode::Timecode;
 use crate::streams::{Audio, Destination, Excerpt, Remux, Video, collect};
-use crate::times;
+use crate::times::{self, Straightened};
 use anyhow::Result;
 use gst::buffer::BufferMetaForeachAction;
 use gst::prelude::*;
@@ -110,13 +110,10 @@ fn video_branch(
         original.set_property("max-size-time", 0u64);
         place_side_by_side(&named(&bin, "side")?)?;
     }
-    let frames = pad(&named(&bin, "frames")?, "src")?;
     if let Some(excerpt) = excerpt {
-        excerpt.keep_analysed(&frames);
+        excerpt.keep_analysed(&pad(&named(&bin, "frames")?, "src")?);
         let shown = if recipe.compare { "side" } else { "rectifier" };
         excerpt.keep_wanted(&pad(&named(&bin, shown)?, "src")?);
-    } else {
-        times::straighten(&frames);
     }
     drop_empty_timecodes(&pad(&named(&bin, "frames")?, "sink")?, has_timecode);
     encoding.label(&pad(&named(&bin, "frames")?, "sink")?);
@@ -173,6 +170,7 @@ pub struct Rectification {
     /// What is encoded, where this program writes the file.
     encoded: Option<Arc<Mutex<EncodedVideo>>>,
     is_turned: bool,
+    straightened: Option<Straightened>,
     file: Unfinished,
 }
 
@@ -186,7 +184,7 @@ impl Rectification {
         progress: &Arc<Progress>,
     ) -> Result<Self> {
         let (container, audio) = (recipe.container, recipe.audio);
-        let (mut encoded, mut is_turned) = (None, true);
+        let (mut encoded, mut is_turned, mut straightened) = (None, true, None);
         let part = Unfinished::beside(output).path().to_owned();
         let destination = Destination { output: &part, container, audio, excerpt: excerpt.clone() };
         let picture = Picture::of(clip)?;
@@ -198,6 +196,9 @@ impl Rectification {
             // Parts of a clip are alike in all containers, so that they can be joined in any.
             is_turned = recipe.compare || excerpt.is_some() || !keeps_orientation;
             let video = video_branch(recipe, &encoding, is_turned, has_timecode, excerpt.as_deref())?;
+            if excerpt.is_none() {
+                straightened = Some(times::straighten(&pad(&named(&video, "frames")?, "src")?));
+            }
             progress.watch(&pad(&named(&video, "encoder")?, "sink")?);
             if container.is_isobmff() {
                 encoded = Some(collect(&video, part.clone(), colour)?);
@@ -209,7 +210,12 @@ impl Rectification {
             gst::element_warning!(remux.pipeline, gst::StreamError::Format, ("{loss}"));
         }
         let file = Unfinished::with_ending(output, if encoded.is_some() { ".whole" } else { ".part" });
-        Ok(Self { remux, encoded, is_turned, file })
+        Ok(Self { remux, encoded, is_turned, straightened, file })
+    }
+
+    /// How many frames are shown later than the clip says, as it shows several at once or in another order.
+    pub fn moved_frames(&self) -> u64 {
+        self.straightened.as_ref().map_or(0, Straightened::moved)
     }
 
     /// Once the pipeline has come to its end: writes the file, where the pipeline has not.

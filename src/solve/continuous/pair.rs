@@ -29,6 +29,11 @@ pub(super) struct Match {
     pub covariance: Matrix2<f64>,
 }
 
+/// Whether frames with these timestamps are near enough to make a pair.
+fn are_near([first, second]: [f64; 2]) -> bool {
+    (second - first).abs() <= LONGEST && first.abs() < LATEST
+}
+
 /// Along which axis the sensor is read.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct ScanAxis {
@@ -81,9 +86,7 @@ impl Pair {
         stamps: [f64; 2],
         before: Option<&Self>,
     ) -> Option<Self> {
-        let [first, second] = stamps;
         let measured = found.len();
-        let is_near = (second - first).abs() <= LONGEST && first.abs() < LATEST;
         let point = |pixel: Vector2<f64>| (pixel - centre) / radius;
         let matches = found.iter().map(|found| Match {
             from: point(found.from),
@@ -95,7 +98,7 @@ impl Pair {
             is_near && m.covariance.iter().all(|element| element.is_finite())
         };
         let mut found: Vec<Match> = matches.filter(is_sound).collect();
-        if found.len() < FEWEST_MATCHES || !is_near {
+        if found.len() < FEWEST_MATCHES || !are_near(stamps) {
             return None;
         }
         let matches: Vec<Match> = found.iter().copied().step_by(found.len().div_ceil(MOST_MATCHES)).collect();
@@ -131,6 +134,13 @@ impl Pair {
             );
         let area = (high - low).x * (high - low).y;
         if area.is_finite() { (area / self.found.len() as f64).sqrt() } else { 0.0 }
+    }
+
+    /// The same in frame periods that are shorter by `factor`; `None` where its frames are then too far apart.
+    pub fn scale_time(mut self, factor: f64) -> Option<Self> {
+        let tracks = self.tracks.iter_mut().flatten().map(|track| &mut track.stamps);
+        tracks.chain([&mut self.stamps]).flatten().for_each(|stamp| *stamp *= factor);
+        are_near(self.stamps).then_some(self)
     }
 
     /// Correspondences before they were thinned out.

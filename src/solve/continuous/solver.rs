@@ -192,6 +192,17 @@ impl Solver {
         self.beliefs[0].scale(factor);
     }
 
+    /// Forgets the path and goes on with frame periods that are shorter by `factor`.
+    pub fn scale_time(&mut self, factor: f64) {
+        self.scale_readout(factor);
+        let [low, high] = self.limits[0];
+        if low == high {
+            self.limits[0] = [self.shared[0]; 2];
+        }
+        self.restart();
+        self.flow = Flow::default();
+    }
+
     /// Standard deviation of a coordinate in pixels that the path leaves in pair `index`.
     pub fn sigma(&self, index: usize) -> Option<f64> {
         self.evaluated.get(index).map(|held| held.residuals.sigma)

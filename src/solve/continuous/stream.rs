@@ -151,10 +151,14 @@ impl Continuous {
         Self { keeps_correspondences: keep, ..self }
     }
 
-    /// Adds the next frame at `time` seconds, `period` the nominal frame period, with its
+    /// Adds the next frame at `time` seconds, `period` the time from frame to frame at present, with its
     /// correspondences to the frame pushed before it: `None` at a start, a gap or a cut.
     pub fn push(&mut self, found: Option<PairMeasurement<'_>>, time: f64, period: f64) {
-        let (unit, origin) = self.clock.unwrap_or_else(|| self.start(period, time));
+        let (unit, origin) = match self.clock {
+            Some((unit, origin)) if unit == period => (unit, origin),
+            Some((unit, origin)) => self.change_unit(unit, period, origin),
+            None => self.start(period, time),
+        };
         let stamp = (time - origin) / unit;
         let (centre, radius) = (self.centre, self.radius);
         let mut latest = self.frames.iter_mut().rev();
@@ -215,6 +219,31 @@ impl Continuous {
         }
         self.clock = Some((period, time));
         (period, time)
+    }
+
+    /// Goes on with another frame period. The frames stay and, once its readout is known, the camera; the path is begun anew.
+    fn change_unit(&mut self, unit: f64, period: f64, origin: f64) -> (f64, f64) {
+        let factor = unit / period;
+        for entry in &mut self.frames {
+            entry.stamp *= factor;
+            entry.to_next = entry.to_next.take().and_then(|pair| pair.scale_time(factor));
+        }
+        let leading = self.bank.leading();
+        let is_found = leading.knows_readout() && (factor * leading.solver.shared[0]).abs() < LONGEST_READOUT;
+        if self.camera.is_known() || is_found {
+            for hypothesis in &mut self.bank.hypotheses {
+                hypothesis.solver.scale_time(factor);
+                hypothesis.drop_searches();
+            }
+        } else {
+            // What is believed of a readout beforehand is so in frame periods.
+            self.bank = Bank::new(self.camera, self.size, self.radius / self.pixel_scale, NOISE);
+            self.unit_before = None;
+            self.start(period, origin);
+        }
+        self.continues = false;
+        self.clock = Some((period, origin));
+        (period, origin)
     }
 
     /// Where a point (pixels) of the last frame is expected in the next: it goes on as from the one before.
@@ -303,6 +332,13 @@ impl Continuous {
             prior_deviation: READOUT_BELIEF.1 * unit,
             prior_by_rows: rows / (rows + columns),
         })
+    }
+
+    /// Coefficients of the longest path in hand.
+    #[cfg(test)]
+    pub(crate) fn unknowns(&self) -> usize {
+        let paths = self.bank.hypotheses.iter().map(|hypothesis| hypothesis.solver.path.coefficients.len());
+        paths.max().unwrap_or(0)
     }
 
     /// Forgets the frames, not the camera.

@@ -1,0 +1,115 @@
+//! Frames that come more slowly than is claimed, or unevenly: the estimator's unknowns follow from their number.
+
+use super::tests::{HEIGHT, PERIOD, VELOCITY, WIDTH, assert_velocity, frame, pops, push};
+use super::*;
+use crate::readout::ReadoutDirection;
+
+const FRAMES: usize = 22;
+
+/// Pushes frames with these times in seconds at a claimed period; the most unknowns at a time, and the solutions.
+///
+/// A time-lapse of what [`frame`] shows: the picture moves from frame to frame as it does in its own period.
+fn unknowns(times: &[f64], period: Option<f64>, readout_time: ReadoutTime) -> (usize, Vec<FrameSolution>) {
+    let direction = Some(ReadoutDirection::TopToBottom);
+    let settings = Settings { lookahead: 4, direction, readout_time, ..Settings::default() };
+    let mut rectifier = Rectifier::new(settings, WIDTH, HEIGHT, period).unwrap();
+    let mut most = 0;
+    for (k, time) in times.iter().enumerate() {
+        push(&mut rectifier, &frame(k as f64 * PERIOD, VELOCITY), *time, Duplicate::Detect);
+        most = most.max(rectifier.engine.unknowns());
+    }
+    rectifier.drain();
+    (most, pops(&mut rectifier))
+}
+
+/// Times of frames that follow each other in these intervals, over and over.
+fn times(intervals: &[f64]) -> Vec<f64> {
+    let intervals = intervals.iter().cycle().take(FRAMES - 1);
+    let later = intervals.scan(0.0, |time, interval| {
+        *time += interval;
+        Some(*time)
+    });
+    std::iter::once(0.0).chain(later).collect()
+}
+
+const READOUTS: [ReadoutTime; 2] = [ReadoutTime::Unknown, ReadoutTime::Seconds(0.02)];
+
+#[test]
+fn sparse_frames_take_as_many_unknowns_as_with_their_true_rate() {
+    for interval in [0.1, 0.5, 5.0] {
+        for readout_time in READOUTS {
+            let (expected, truth) = unknowns(&times(&[interval]), Some(interval), readout_time);
+            for claimed in [Some(1.0 / 30.0), None] {
+                let (found, solutions) = unknowns(&times(&[interval]), claimed, readout_time);
+                assert_eq!(solutions.len(), FRAMES);
+                // The first interval may be a hole among frames at the claimed rate.
+                let allowed = if interval > 0.5 { 0 } else { 16 * expected / 10 };
+                assert!(found <= expected + allowed, "{interval} s, {claimed:?}: {found} of {expected}");
+                // Once the interval is known, the motion is the same.
+                for (solution, truth) in solutions.iter().zip(&truth).skip(12) {
+                    let [found, expected] =
+                        [solution, truth].map(|one| one.motion.path().mean_twist().velocity * interval);
+                    assert!((found - expected).norm() < 0.1, "{interval} s: {found:?} {expected:?}");
+                    assert_eq!(solution.origin, truth.origin);
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn uneven_frames_take_few_unknowns() {
+    let period = 1.0 / 30.0;
+    for readout_time in READOUTS {
+        let (even, _) = unknowns(&times(&[period]), Some(period), readout_time);
+        for intervals in [
+            &[0.1, 2.0, period][..],
+            &[period, 0.5],
+            &[period, period, 0.5],
+            &[0.4, period, 0.2, 1.0, 0.1, 3.0, period],
+            &[period, 4.0 * period, 4.0 * period],
+        ] {
+            for claimed in [Some(period), None] {
+                let (found, solutions) = unknowns(&times(intervals), claimed, readout_time);
+                assert_eq!(solutions.len(), FRAMES);
+                assert!(found <= 3 * even, "{intervals:?}: {found} beside {even}");
+            }
+        }
+    }
+}
+
+#[test]
+fn frames_that_come_faster_again_take_few_unknowns() {
+    let period = 1.0 / 30.0;
+    let slow = times(&[5.0]);
+    let last = slow[FRAMES - 1];
+    let fast = (1..FRAMES).map(|k| last + k as f64 * period);
+    let all: Vec<f64> = slow.iter().copied().chain(fast).collect();
+    let (even, _) = unknowns(&times(&[period]), Some(period), ReadoutTime::Seconds(0.02));
+    let (found, solutions) = unknowns(&all, Some(period), ReadoutTime::Seconds(0.02));
+    assert_eq!(solutions.len(), all.len());
+    assert!(found <= 3 * even, "{found} beside {even}");
+    assert!(solutions[all.len() - 4..].iter().all(|solution| solution.confidence > 0.5));
+}
+
+#[test]
+fn one_hole_among_even_frames_changes_no_motion() {
+    for hole in [0.2, 0.5, 3.0] {
+        let settings = Settings {
+            lookahead: 4,
+            direction: Some(ReadoutDirection::TopToBottom),
+            readout_time: ReadoutTime::Seconds(PERIOD),
+            ..Settings::default()
+        };
+        let mut rectifier = Rectifier::new(settings, WIDTH, HEIGHT, Some(PERIOD)).unwrap();
+        // Slow enough to be found again after the hole.
+        let velocity = 0.2 * VELOCITY;
+        for k in 0..FRAMES {
+            let time = k as f64 * PERIOD + if k > FRAMES / 2 { hole } else { 0.0 };
+            push(&mut rectifier, &frame(time, velocity), time, Duplicate::Detect);
+            assert_eq!(rectifier.clock.spacing(), PERIOD);
+        }
+        rectifier.drain();
+        pops(&mut rectifier).iter().for_each(|solution| assert_velocity(solution, velocity));
+    }
+}
