@@ -16,7 +16,7 @@ const PATIENCE: u32 = 450;
 pub struct Playback {
     pipeline: gst::Pipeline,
     bus: gst::Bus,
-    /// Buffers that have left the sources and come to the sinks.
+    /// Buffers that have passed a pad.
     moved: Arc<AtomicU64>,
     /// Their number when it was last looked at, and how often it has been the same since.
     waited: (u64, u32),
@@ -45,14 +45,10 @@ impl Playback {
     pub fn new(pipeline: gst::Pipeline) -> Result<Self> {
         let bus = pipeline.bus().context("the pipeline has no bus")?;
         let moved = Arc::new(AtomicU64::new(0));
-        let ends = pipeline.iterate_sources().into_iter().chain(pipeline.iterate_sinks()).flatten();
-        for pad in ends.flat_map(|end| end.pads()) {
-            let moved = moved.clone();
-            pad.add_probe(gst::PadProbeType::BUFFER | gst::PadProbeType::BUFFER_LIST, move |_, _| {
-                moved.fetch_add(1, Ordering::Relaxed);
-                gst::PadProbeReturn::Ok
-            });
-        }
+        pipeline.iterate_recurse().into_iter().flatten().for_each(|element| count_buffers(&element, &moved));
+        // Decoders and what follows them come once the clip is known.
+        let later = moved.clone();
+        pipeline.connect_deep_element_added(move |_, _, element| count_buffers(element, &later));
         Ok(Self { pipeline, bus, moved, waited: (0, 0), missing: None })
     }
 
@@ -113,6 +109,17 @@ impl Playback {
             self.next(gst::ClockTime::ZERO, interruption)?;
         }
         Ok(())
+    }
+}
+
+/// Counts what passes the pads of an element.
+fn count_buffers(element: &gst::Element, moved: &Arc<AtomicU64>) {
+    for pad in element.pads() {
+        let moved = moved.clone();
+        pad.add_probe(gst::PadProbeType::BUFFER | gst::PadProbeType::BUFFER_LIST, move |_, _| {
+            moved.fetch_add(1, Ordering::Relaxed);
+            gst::PadProbeReturn::Ok
+        });
     }
 }
 

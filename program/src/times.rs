@@ -148,8 +148,9 @@ pub fn mend(pipeline: &gst::Pipeline, delay: usize) {
 
 /// Has frames leave by a pad on one line of time, each later than the one before it: edit lists play pieces of a clip one after another,
 /// and decoders give several frames one time where those of a file contradict their order. Encoders take neither.
-pub fn straighten(pad: &gst::Pad) {
-    let line = Mutex::new(Line::default());
+pub fn straighten(pad: &gst::Pad) -> Straightened {
+    let straightened = Straightened::default();
+    let line = straightened.0.clone();
     let types =
         gst::PadProbeType::BUFFER | gst::PadProbeType::EVENT_DOWNSTREAM | gst::PadProbeType::EVENT_FLUSH;
     pad.add_probe(types, move |_, info| {
@@ -164,23 +165,34 @@ pub fn straighten(pad: &gst::Pad) {
                 let Some(segment) = event.segment().downcast_ref::<gst::ClockTime>() else {
                     return gst::PadProbeReturn::Ok;
                 };
-                if line.segment.replace(segment.clone()).is_some() {
-                    return gst::PadProbeReturn::Drop;
-                }
+                line.segment = Some(segment.clone());
                 let whole = gst::FormattedSegment::<gst::ClockTime>::new();
                 let new = gst::event::Segment::builder(&whole).seqnum(event.seqnum()).build();
                 info.data = Some(gst::PadProbeData::Event(new));
             }
-            Some(gst::EventView::FlushStop(_)) => *line = Line::default(),
+            Some(gst::EventView::FlushStop(_)) => (line.segment, line.last) = (None, None),
             _ => {}
         }
         gst::PadProbeReturn::Ok
     });
+    straightened
+}
+
+/// What was done to the times of frames.
+#[derive(Clone, Default)]
+pub struct Straightened(Arc<Mutex<Line>>);
+
+impl Straightened {
+    /// How many frames came no later than the one before them, and so are shown later than they should be.
+    pub fn moved(&self) -> u64 {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner).moved
+    }
 }
 
 /// Frames on one line of time.
 #[derive(Default)]
 struct Line {
+    moved: u64,
     /// The piece of the clip that is played.
     segment: Option<gst::FormattedSegment<gst::ClockTime>>,
     last: Option<gst::ClockTime>,
@@ -202,8 +214,9 @@ impl Line {
             (_, None) => self.last.map(|last| last + self.interval.max(APART)),
         };
         let earliest = self.last.map_or(gst::ClockTime::ZERO, |last| last + APART);
-        let time = running
-            .map_or(earliest, |time| if self.last.is_none_or(|last| time > last) { time } else { earliest });
+        let is_late = |time: gst::ClockTime| self.last.is_some_and(|last| time <= last);
+        self.moved += u64::from(running.is_some_and(is_late));
+        let time = running.filter(|time| !is_late(*time)).unwrap_or(earliest);
         if let Some(last) = self.last {
             self.interval = time - last;
         }
@@ -251,6 +264,7 @@ mod tests {
         let first = [Some(500), Some(540), None, Some(620), Some(620), Some(660)];
         assert_eq!(shown(piece(500, 700, 0), &first), [0, 40, 80, 120, 121, 160]);
         assert_eq!(shown(piece(100, 200, 200), &[Some(100), Some(140)]), [200, 240]);
+        assert_eq!(line.moved, 1);
     }
 
     #[test]
