@@ -97,20 +97,32 @@ fn patches(index: &[u8], start: u64) -> Vec<Patch> {
         whole != 0 && u128::from(track.ticks) * u128::from(film.rate) * 10 / whole < 2
     };
     let are_all_passed_over = lengths.iter().all(|(track, ..)| is_passed_over(track));
-    let patch = |(track, header, last): (Length, usize, Option<u64>)| {
-        let whole = (u128::from(film.ticks) * u128::from(track.rate)).div_ceil(u128::from(film.rate).max(1));
-        let ticks = match last {
-            _ if are_all_passed_over => whole,
-            Some(last) if last >= track.ticks => u128::from(last) + 1,
-            _ => return None,
-        };
-        let bytes = u64::try_from(ticks).ok()?.to_be_bytes();
-        let (unused, bytes) = bytes.split_at(8 - track.bytes);
+    let wanted = |(track, _, last): &(Length, usize, Option<u64>)| match *last {
+        _ if are_all_passed_over => {
+            let whole = u128::from(film.ticks) * u128::from(track.rate);
+            u64::try_from(whole.div_ceil(u128::from(film.rate).max(1))).ok()
+        }
+        Some(last) if last >= track.ticks => last.checked_add(1),
+        _ => None,
+    };
+    let changed: Vec<_> = lengths.iter().filter_map(|one| Some((&one.0, one.1, wanted(one)?))).collect();
+    // The film is as long as its longest track.
+    let in_film = |(track, _, ticks): &(&Length, usize, u64)| {
+        (u128::from(*ticks) * u128::from(film.rate)).div_ceil(u128::from(track.rate).max(1))
+    };
+    let longest = changed.iter().map(in_film).max().and_then(|ticks| u64::try_from(ticks).ok());
+    let film_header =
+        child(index, &[b"mvhd"]).map(|header| header.as_ptr() as usize - index.as_ptr() as usize);
+    let of_film = longest.filter(|ticks| *ticks > film.ticks).zip(film_header);
+    let patches = changed.into_iter().chain(of_film.map(|(ticks, header)| (&film, header, ticks)));
+    let patch = |(length, header, ticks): (&Length, usize, u64)| {
+        let bytes = ticks.to_be_bytes();
+        let (unused, bytes) = bytes.split_at(8 - length.bytes);
         let fits = unused.iter().all(|byte| *byte == 0);
-        let offset = start + (header + track.offset) as u64;
+        let offset = start + (header + length.offset) as u64;
         fits.then(|| Patch { offset, bytes: bytes.to_vec() })
     };
-    lengths.into_iter().filter_map(patch).collect()
+    patches.filter_map(patch).collect()
 }
 
 /// When the last frame of a track without an edit list is decoded, in its ticks.
@@ -145,6 +157,21 @@ mod tests {
 
     fn index(tracks: &[Vec<u8>]) -> Vec<u8> {
         [header(b"mvhd", 10_000), tracks.concat()].concat()
+    }
+
+    #[test]
+    fn a_last_frame_that_takes_no_time_is_in_the_film() {
+        let of = |last: u32| {
+            let words = |words: &[u32]| words.iter().flat_map(|word| word.to_be_bytes()).collect::<Vec<_>>();
+            let durations = boxed(b"stts", &words(&[0, 2, 5, 2000, 1, last]));
+            let information = boxed(b"minf", &boxed(b"stbl", &durations));
+            let handler = boxed(b"hdlr", &[&[0; 8], &b"vide"[..], &[0; 12]].concat());
+            let media = [header(b"mdhd", 10_000), handler, information].concat();
+            patches(&index(&[boxed(b"trak", &boxed(b"mdia", &media))]), 0)
+        };
+        let ticks: Vec<_> = of(0).into_iter().map(|patch| patch.bytes).collect();
+        assert_eq!(ticks, [10_001u32.to_be_bytes(), 10_001u32.to_be_bytes()]);
+        assert_eq!(of(2000), []);
     }
 
     #[test]
