@@ -34,6 +34,8 @@ impl Encoding {
             picture.colour.matrix = BT709;
             picture.colour.full_range = Some(false);
         }
+        // Streams that leave their range open are limited: the new one states it, as some codecs' streams do and their files need not.
+        picture.colour.full_range.get_or_insert(false);
         // Whatever a file says of ProRes, players take it for limited range.
         let is_narrowed = codec == Codec::Prores && picture.colour.full_range == Some(true) && !is_rgb;
         let narrowed = picture.colorimetry().filter(|_| is_narrowed);
@@ -164,17 +166,22 @@ impl Encoding {
         }
         if lost_chroma(&clip, &coded) > 0 {
             losses.push(format!("the {codec} encoder has less resolution of colour than the clip"));
-        } else if coded.is_yuv()
-            && chroma(&coded) != chroma(&clip)
-            && !is_whole(&clip, info)
-            && is_strict(codec)
-        {
+        } else if coded.is_yuv() && !clip.is_gray() && chroma(&coded) != chroma(&clip) {
+            let why = match !is_whole(&clip, info) && is_strict(codec) {
+                true => format!(" for pictures of {} x {} pixels", info.width(), info.height()),
+                false => String::new(),
+            };
             losses.push(format!(
-                "{codec} cannot hold {} x {} pixels with halved colour: its resolution is raised to {}",
-                info.width(),
-                info.height(),
-                if chroma(&coded) == [0, 0] { "4:4:4" } else { "4:2:2" }
+                "{codec} cannot hold the clip's resolution of colour{why}: it is raised to {}",
+                match chroma(&coded) {
+                    [0, 0] => "4:4:4",
+                    [1, 0] => "4:2:2",
+                    _ => "4:2:0",
+                }
             ));
+        }
+        if clip.is_rgb() && coded.is_yuv() {
+            losses.push(format!("the {codec} encoder takes no RGB: the clip's pictures are converted to YUV"));
         }
         if clip.has_alpha() && !coded.has_alpha() {
             losses.push(format!("{codec} has no transparency: that of the clip is left out"));

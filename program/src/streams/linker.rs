@@ -3,7 +3,7 @@
 use super::beside::Beside;
 use super::excerpt::Excerpt;
 use super::timecode::Timecode;
-use super::{Audio, Kind, Route, is_copied, label, markup, route};
+use super::{Audio, Kind, Route, beside_video, is_copied, label, markup, route};
 use crate::decoder;
 use crate::elements::{self, NO_VIDEO, make, named, parse};
 use crate::interruption::Interruption;
@@ -13,7 +13,6 @@ use crate::output::codec::Container;
 use anyhow::{Context, Result, anyhow, bail};
 use gst::glib;
 use gst::prelude::*;
-use std::collections::HashSet;
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -66,8 +65,8 @@ struct Linker {
     is_matroska: bool,
     delays: Delays,
     has_video: AtomicBool,
-    /// The streams of raw audio that the file holds as it is.
-    pcm: Mutex<HashSet<String>>,
+    /// The streams of the file by their identifiers, in its order, with what they were before they were decoded.
+    stored: Mutex<Vec<(glib::GString, gst::Caps)>>,
 }
 
 impl Remux {
@@ -92,7 +91,7 @@ impl Remux {
         let Destination { container, audio, excerpt, .. } = destination;
         let is_upright = matches!(&muxer, Muxer::Boxes(beside) if beside.keeps_orientation());
         let video = video(is_upright)?;
-        let (has_video, pcm) = (AtomicBool::new(false), Mutex::default());
+        let (has_video, stored) = (AtomicBool::new(false), Mutex::default());
         let (is_matroska, delays) = (matroska::is_matroska(clip), Delays::of(clip));
         let owner = pipeline.downgrade();
         let linker = Linker {
@@ -105,7 +104,7 @@ impl Remux {
             is_matroska,
             delays,
             has_video,
-            pcm,
+            stored,
         };
         let linker = Arc::new(linker);
         Linker::watch(&linker, &decoder);
@@ -166,20 +165,47 @@ impl Remux {
 impl Linker {
     /// Whether the decoder goes on with a stream that has come to a pad inside it.
     fn decodes(&self, pad: &gst::Pad, caps: &gst::CapsRef) -> bool {
-        let is_raw = caps.structure(0).is_some_and(|format| format.has_name("audio/x-raw"));
-        if is_raw
-            && comes_from(pad, "Demuxer")
-            && let Some(stream) = pad.stream_id()
-        {
-            self.pcm.lock().unwrap_or_else(PoisonError::into_inner).insert(stream.into());
-        }
         // A whole MP4 file, before it is demuxed, calls itself video too.
         let is_demuxed = comes_from(pad, "Demuxer") || comes_from(pad, "Parser");
+        if is_demuxed {
+            self.note_stream(pad, caps);
+        }
         let is_dropped = self.drops_video() && Kind::of(caps) == Kind::Video && is_demuxed;
         let is_track = is_demuxed && self.copies(pad);
         // Subtitles that are pictures are no video.
         let is_picture = caps.structure(0).is_some_and(|format| format.name().starts_with("subpicture/"));
-        !is_dropped && !is_track && !is_picture && !is_copied(self.container, self.audio, caps)
+        let is_beside = is_demuxed && self.beside_video(pad, caps).is_some();
+        !is_dropped
+            && !is_track
+            && !is_picture
+            && !is_beside
+            && !is_copied(self.container, self.audio, caps)
+    }
+
+    /// Notes what a stream is as it lies in the file.
+    fn note_stream(&self, pad: &gst::Pad, caps: &gst::CapsRef) {
+        let Some(stream) = pad.stream_id() else { return };
+        let mut stored = self.stored.lock().unwrap_or_else(PoisonError::into_inner);
+        if !stored.iter().any(|(other, _)| *other == stream) {
+            stored.push((stream, caps.to_owned()));
+        }
+    }
+
+    /// What the stream of a pad is as it lies in the file.
+    fn stored(&self, pad: &gst::Pad) -> Option<gst::Caps> {
+        let stream = pad.stream_id()?;
+        let stored = self.stored.lock().unwrap_or_else(PoisonError::into_inner);
+        stored.iter().find(|(other, _)| *other == stream).map(|(_, caps)| caps.clone())
+    }
+
+    /// The way to the muxer of video beside the first, which is copied as it is; `None` of the first, and where that cannot be: a
+    /// part would begin between two frames that are coded by themselves.
+    fn beside_video(&self, pad: &gst::Pad, caps: &gst::CapsRef) -> Option<String> {
+        let stream = pad.stream_id()?;
+        let stored = self.stored.lock().unwrap_or_else(PoisonError::into_inner);
+        let (first, _) = stored.iter().find(|(_, caps)| Kind::of(caps) == Kind::Video)?;
+        let is_beside = *first != stream && Kind::of(caps) == Kind::Video && self.excerpt.is_none();
+        is_beside.then(|| beside_video(self.container, caps)).flatten()
     }
 
     /// Has what the decoder finds linked, or held.
@@ -243,7 +269,10 @@ impl Linker {
             elements::drop_all(pad);
             return Ok(());
         }
-        let is_first_video = kind == Kind::Video && !self.has_video.swap(true, Ordering::Relaxed);
+        let beside_video = self.beside_video(pad, &caps);
+        let is_first_video = kind == Kind::Video
+            && beside_video.is_none()
+            && !self.has_video.swap(true, Ordering::Relaxed);
         if is_first_video {
             return match &self.video {
                 Video::Decoded(branch) => {
@@ -259,11 +288,20 @@ impl Linker {
                 }
             };
         }
-        let is_pcm = pad.stream_id().is_some_and(|stream| {
-            self.pcm.lock().unwrap_or_else(PoisonError::into_inner).contains(stream.as_str())
-        });
-        let branch = match route(self.container, self.audio, &caps, is_pcm) {
-            Route::Copied(branch) | Route::Encoded(branch) => parse(&branch)?,
+        let stored = self.stored(pad).unwrap_or_else(|| caps.clone());
+        let is_pcm = stored.structure(0).is_some_and(|format| format.has_name("audio/x-raw"));
+        let route = match beside_video {
+            Some(branch) => Route::Copied(branch),
+            None => route(self.container, self.audio, &caps, is_pcm),
+        };
+        let branch = match route {
+            Route::Copied(branch) => parse(&branch)?,
+            Route::Encoded(branch) => {
+                if self.audio == Audio::Copy {
+                    self.warn(&stored, "is encoded to AAC");
+                }
+                parse(&branch)?
+            }
             Route::Stripped(branch) => {
                 let branch = parse(&branch)?;
                 markup::strip(&elements::pad(&named(&branch, "markup")?, "sink")?);
@@ -271,7 +309,7 @@ impl Linker {
             }
             Route::LeftOut => {
                 if !(kind == Kind::Audio && self.audio == Audio::None) {
-                    self.warn_of_loss(&caps);
+                    self.warn(&stored, "is left out");
                 }
                 elements::drop_all(pad);
                 return Ok(());
@@ -356,13 +394,14 @@ impl Linker {
         Ok(())
     }
 
-    fn warn_of_loss(&self, caps: &gst::CapsRef) {
+    /// Warns of what becomes of a stream that the container cannot hold as it is.
+    fn warn(&self, caps: &gst::CapsRef, fate: &str) {
         let name = caps.structure(0).map_or("unknown", |format| format.name().as_str());
         if let Some(pipeline) = self.pipeline.upgrade() {
             gst::element_warning!(
                 pipeline,
                 gst::StreamError::Format,
-                ("a stream of {name} is left out: it cannot go into {} files", self.container)
+                ("a stream of {name} {fate}: it cannot go into {} files", self.container)
             );
         }
     }

@@ -92,16 +92,40 @@ fn audio_parser(caps: &gst::CapsRef) -> Option<&'static str> {
         // Its parser wants the headers before the data, which do not come again where it was gone to a part.
         "audio/x-vorbis" if format.has_field("streamheader") => Some("identity"),
         "audio/x-vorbis" => Some("vorbisparse"),
-        "audio/x-alac" | "audio/x-alaw" | "audio/x-mulaw" => Some("identity"),
+        "audio/x-alac" | "audio/x-alaw" | "audio/x-mulaw" | "audio/x-wma" | "audio/x-adpcm" | "audio/x-tta"
+        | "audio/x-speex" => Some("identity"),
         _ => None,
     }
+}
+
+/// The parser of video that can be copied, by what it is; none for what a muxer could not describe.
+fn video_parser(caps: &gst::CapsRef) -> Option<&'static str> {
+    match caps.structure(0)?.name().as_str() {
+        "video/x-h264" => Some("h264parse"),
+        "video/x-h265" => Some("h265parse"),
+        "video/x-av1" => Some("av1parse"),
+        "video/mpeg" => {
+            let is_early = caps.structure(0)?.get::<i32>("mpegversion").is_ok_and(|version| version < 4);
+            Some(if is_early { "mpegvideoparse" } else { "mpeg4videoparse" })
+        }
+        "video/x-vp8" | "video/x-vp9" | "image/jpeg" | "video/x-theora" | "video/x-prores" | "video/x-h263"
+        | "video/x-ffv" => Some("identity"),
+        _ => None,
+    }
+}
+
+/// The way to the muxer of a video stream beside the one that is encoded anew; `None` where the container cannot hold it.
+pub fn beside_video(container: Container, caps: &gst::CapsRef) -> Option<String> {
+    let parser = video_parser(caps)?;
+    let essence = essence(caps)?;
+    container.takes(Kind::Video.muxer_pad(), &essence).then(|| format!("{BOUNDLESS_QUEUE} ! {parser}"))
 }
 
 /// Caps of a stream without what a parser can change: a muxer takes it or not by these.
 fn essence(caps: &gst::CapsRef) -> Option<gst::Caps> {
     let format = caps.structure(0)?;
     let mut essence = gst::Structure::new_empty(format.name());
-    for field in ["mpegversion", "layer", "channels", "format"] {
+    for field in ["mpegversion", "layer", "channels", "format", "layout"] {
         if let Ok(value) = format.value(field) {
             essence.set_value(field, value.clone());
         }
