@@ -72,14 +72,16 @@ impl Content {
         let tags: Vec<_> = tags.filter(|tag| *tag != "tmcd" && !BOUND_TO_SAMPLES.contains(tag)).collect();
         set("data tracks", (!tags.is_empty()).then(|| tags.join(", ")));
         let format = &whole["format"];
+        // To the second; files that do not know it state the beginning of their era.
+        let created = tag(format, &["creation_time"]).map(|time| time.replace(' ', "T").chars().take(19).collect());
+        set("creation time", created.filter(|time: &String| !["1904", "1970"].contains(&time.get(..4).unwrap_or(""))));
         for (name, keys) in [
-            ("creation time", &["creation_time"][..]),
-            ("place", &["location", "com.apple.quicktime.location.ISO6709"]),
+            ("place", &["location", "com.apple.quicktime.location.ISO6709"][..]),
             ("maker", &["make", "com.apple.quicktime.make"]),
             ("model", &["model", "com.apple.quicktime.model"]),
             ("title", &["title"]),
         ] {
-            set(name, tag(format, keys).filter(|value| !["1904", "1970"].contains(&&value[..4.min(value.len())])));
+            set(name, tag(format, keys));
         }
         let timecode = streams.iter().chain([format]).find_map(|part| tag(part, &["timecode"]));
         set("timecode", timecode);
