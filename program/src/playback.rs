@@ -7,8 +7,9 @@ use gst::prelude::*;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
-/// How often in succession something is waited for, a tenth of a second each time, while no data comes from any source or to any
-/// sink, before the pipeline is given up: no frame takes as long to decode, to rectify or to encode. Some broken files stop
+/// How often in succession something is waited for, a tenth of a second each time, while no element gives out data, before the
+/// pipeline is given up: no frame takes as long to decode, to rectify or to encode. (Encoders hold back dozens of frames, which
+/// may take longer on a busy machine.) Some broken files stop
 /// demuxers without an error, and streams that lie far apart fill all queues.
 const PATIENCE: u32 = 450;
 
@@ -16,7 +17,7 @@ const PATIENCE: u32 = 450;
 pub struct Playback {
     pipeline: gst::Pipeline,
     bus: gst::Bus,
-    /// Buffers that have passed a pad.
+    /// Buffers that elements have given out.
     moved: Arc<AtomicU64>,
     /// Their number when it was last looked at, and how often it has been the same since.
     waited: (u64, u32),
@@ -45,10 +46,11 @@ impl Playback {
     pub fn new(pipeline: gst::Pipeline) -> Result<Self> {
         let bus = pipeline.bus().context("the pipeline has no bus")?;
         let moved = Arc::new(AtomicU64::new(0));
-        pipeline.iterate_recurse().into_iter().flatten().for_each(|element| count_buffers(&element, &moved));
-        // Decoders and what follows them come once the clip is known.
-        let later = moved.clone();
-        pipeline.connect_deep_element_added(move |_, _, element| count_buffers(element, &later));
+        for element in pipeline.iterate_recurse().into_iter().flatten() {
+            count_buffers(&element, &moved);
+        }
+        let counted = moved.clone();
+        pipeline.connect_deep_element_added(move |_, _, element| count_buffers(element, &counted));
         Ok(Self { pipeline, bus, moved, waited: (0, 0), missing: None })
     }
 
@@ -112,22 +114,31 @@ impl Playback {
     }
 }
 
-/// Counts what passes the pads of an element.
-fn count_buffers(element: &gst::Element, moved: &Arc<AtomicU64>) {
-    for pad in element.pads() {
-        let moved = moved.clone();
-        pad.add_probe(gst::PadProbeType::BUFFER | gst::PadProbeType::BUFFER_LIST, move |_, _| {
-            moved.fetch_add(1, Ordering::Relaxed);
-            gst::PadProbeReturn::Ok
-        });
-    }
-}
-
 impl Drop for Playback {
     fn drop(&mut self) {
         // Whatever it was doing, it is to release its files.
         let _ = self.pipeline.set_state(gst::State::Null);
     }
+}
+
+/// Counts what an element gives out, by the pads that it has and by those that it will get.
+fn count_buffers(element: &gst::Element, moved: &Arc<AtomicU64>) {
+    let count = |pad: &gst::Pad, moved: &Arc<AtomicU64>| {
+        let moved = moved.clone();
+        pad.add_probe(gst::PadProbeType::BUFFER | gst::PadProbeType::BUFFER_LIST, move |_, _| {
+            moved.fetch_add(1, Ordering::Relaxed);
+            gst::PadProbeReturn::Ok
+        });
+    };
+    for pad in element.src_pads() {
+        count(&pad, moved);
+    }
+    let moved = moved.clone();
+    element.connect_pad_added(move |_, pad| {
+        if pad.direction() == gst::PadDirection::Src {
+            count(pad, &moved);
+        }
+    });
 }
 
 /// What a file needs that GStreamer lacks. Of streams beside the video it is no error that they cannot be decoded.
