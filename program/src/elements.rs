@@ -40,11 +40,14 @@ pub fn make(factory: &str) -> Result<gst::Element> {
     gst::ElementFactory::make(factory).build().map_err(|_| missing(factory))
 }
 
-/// Has clips decoded by what keeps most of them: GStreamer's own decoder of JPEG, its first choice, halves the resolution of colour.
+/// Has clips decoded by what keeps most of them: of GStreamer's first choices, that for JPEG halves the resolution of colour, and that
+/// for JPEG 2000 fails where the file does not state the kind of colour.
 pub fn prefer_whole_decoders() {
-    let [own, other] = ["jpegdec", "avdec_mjpeg"].map(gst::ElementFactory::find);
-    if let Some((own, other)) = own.zip(other) {
-        other.set_rank(own.rank() + 1);
+    for pair in [["jpegdec", "avdec_mjpeg"], ["openjpegdec", "avdec_jpeg2000"]] {
+        let [own, other] = pair.map(gst::ElementFactory::find);
+        if let Some((own, other)) = own.zip(other) {
+            other.set_rank(own.rank() + 1);
+        }
     }
 }
 

@@ -3,7 +3,7 @@
 //! The stream itself states it better than the file around it: files call full range limited, and HDR standard. But demuxers' caps go
 //! before what parsers and decoders find, so that they are read here without them, and fill only what is left open.
 
-use crate::colour::Colour;
+use crate::colour::{Colour, UNSPECIFIED};
 use crate::decoder;
 use crate::elements::{self, NO_VIDEO, make};
 use crate::times::{Delay, Watch};
@@ -20,6 +20,8 @@ use std::time::{Duration, Instant};
 /// How long the first frame is waited for.
 const PATIENCE: Duration = Duration::from_secs(20);
 
+/// The matrix of BT.601.
+const BT601: u8 = 6;
 /// Fields of caps in which a file may contradict its stream.
 const STATED: [&str; 3] = ["colorimetry", MASTERING, LIGHT];
 const MASTERING: &str = "mastering-display-info";
@@ -93,9 +95,12 @@ impl Picture {
             let text = |caps: &gst::Caps| caps.structure(0)?.get::<String>(field).ok();
             text(&caps).or_else(|| of_file.and_then(text))
         };
+        // Its streams have no other (RFC 6386, 9.2), and state none.
+        let is_vp8 = of_file.is_some_and(|caps| is_of(caps, "video/x-vp8"));
+        let by_codec = Colour { matrix: if is_vp8 { BT601 } else { UNSPECIFIED }, ..Colour::default() };
         Ok(Self {
             info: VideoInfo::from_caps(&caps).ok(),
-            colour: Colour::of_caps(&caps).or(film.unwrap_or_default()),
+            colour: Colour::of_caps(&caps).or(film.unwrap_or_default()).or(by_codec),
             mastering_display: stated(MASTERING),
             light_level: stated(LIGHT),
             delay: delay.longest(),

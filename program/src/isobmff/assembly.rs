@@ -32,6 +32,8 @@ pub struct Assembly<'a> {
     pub copied: &'a dyn Fn(&Track<'_>) -> bool,
     /// A film with other tracks, and how much later than there they begin, in seconds.
     pub side: Option<(&'a Film, f64)>,
+    /// By how much the video is to begin earlier than its frames say, in nanoseconds.
+    pub earlier: i64,
     /// Whether the frames were turned upright, so that players must not turn them.
     pub is_turned: bool,
     /// A comment instead of what the clip says of itself.
@@ -96,7 +98,7 @@ impl Assembly<'_> {
         let steady = rate.and_then(|rate| u32::try_from(rate.numer()).ok()).unwrap_or(0);
         let steady = steady.saturating_mul(10_000u32.div_ceil(steady.max(1)));
         let clocks = [original.map_or(0, |track| track.timescale()), steady, 90_000];
-        let timing = Timing::of(self.video.samples(), &clocks)?;
+        let timing = Timing::of(self.video.samples(), self.earlier, &clocks)?;
         let film_scale = self.clip.map_or(headers::NEW_SCALE, |(film, _)| film.timescale());
         let (chunks, lengths) = chunks_of_video(self.video.samples(), &timing);
         let is_kept = |track: &Track<'_>| {

@@ -40,11 +40,11 @@ impl Timing {
     ///
     /// # Errors
     /// If there are none, or they are further apart than a table can state.
-    pub fn of(samples: &[Sample], clocks: &[u32]) -> Result<Self> {
+    pub fn of(samples: &[Sample], earlier: i64, clocks: &[u32]) -> Result<Self> {
         let is_exact = |clock: &&u32| {
             let tick = 1e9 / f64::from(**clock);
             samples.iter().all(|sample| {
-                let time = sample.time as f64;
+                let time = (sample.time - earlier) as f64;
                 ((time / tick).round() * tick - time).abs() <= EXACT
             })
         };
@@ -52,7 +52,7 @@ impl Timing {
             clocks.iter().filter(|clock| **clock > 0).find(is_exact).copied().unwrap_or(1_000_000);
         let ticks =
             |time: i64| (i128::from(time) * i128::from(timescale) + 500_000_000).div_euclid(1_000_000_000);
-        let shown: Vec<i128> = samples.iter().map(|sample| ticks(sample.time)).collect();
+        let shown: Vec<i128> = samples.iter().map(|sample| ticks(sample.time - earlier)).collect();
         let mut sorted = shown.clone();
         sorted.sort_unstable();
         let (first, last) = sorted.first().zip(sorted.last()).context("there is no frame")?;
@@ -283,7 +283,7 @@ mod tests {
     fn frames_are_decoded_before_they_are_shown() {
         // I P B B, shown at 1.0, 1.3, 1.1, 1.2 s.
         let samples = [1000, 1300, 1100, 1200].map(sample);
-        let timing = Timing::of(&samples, &[0, 600]).unwrap();
+        let timing = Timing::of(&samples, 0, &[0, 600]).unwrap();
         // The last B is decoded at 1.3 s at the latest, that is 0.1 s too late.
         assert_eq!((timing.timescale, timing.start, timing.ahead), (600, 600, 60));
         assert_eq!(timing.decoded, [0, 60, 120, 180, 240]);
@@ -294,8 +294,8 @@ mod tests {
     #[test]
     fn the_clock_states_the_times() {
         let ntsc: Vec<_> = (0..100).map(|n| Sample { time: n * 1_001_000_000 / 30, ..sample(0) }).collect();
-        assert_eq!(Timing::of(&ntsc, &[600, 30000]).unwrap().timescale, 30000);
-        assert_eq!(Timing::of(&ntsc, &[600]).unwrap().timescale, 1_000_000);
-        assert!(Timing::of(&[], &[600]).is_err());
+        assert_eq!(Timing::of(&ntsc, 0, &[600, 30000]).unwrap().timescale, 30000);
+        assert_eq!(Timing::of(&ntsc, 0, &[600]).unwrap().timescale, 1_000_000);
+        assert!(Timing::of(&[], 0, &[600]).is_err());
     }
 }

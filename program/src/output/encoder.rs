@@ -181,7 +181,8 @@ impl Encoding {
             ));
         }
         if clip.is_rgb() && coded.is_yuv() {
-            losses.push(format!("the {codec} encoder takes no RGB: the clip's pictures are converted to YUV"));
+            losses
+                .push(format!("the {codec} encoder takes no RGB: the clip's pictures are converted to YUV"));
         }
         if clip.has_alpha() && !coded.has_alpha() {
             losses.push(format!("{codec} has no transparency: that of the clip is left out"));

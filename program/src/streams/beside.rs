@@ -35,6 +35,8 @@ struct Side {
     start: Option<gst::ClockTime>,
     /// When the clip was made, as its demuxer says.
     created: Option<gst::DateTime>,
+    /// Whether the first stream is to begin at time 0.
+    begins_at_zero: bool,
 }
 
 impl Beside {
@@ -114,6 +116,12 @@ impl Beside {
         self.side.lock().unwrap_or_else(PoisonError::into_inner).created = Some(created);
     }
 
+    /// What has the first stream begin at time 0.
+    pub fn begin_at_zero(&self) -> Box<dyn Fn() + Send + Sync> {
+        let side = self.side.clone();
+        Box::new(move || side.lock().unwrap_or_else(PoisonError::into_inner).begins_at_zero = true)
+    }
+
     /// Writes the file: the video with all that lies beside it. `is_turned` of frames that were turned upright.
     pub fn write(
         &self,
@@ -129,7 +137,10 @@ impl Beside {
             }
             None => None,
         };
-        let later = side.start.map_or(0.0, |start| start.nseconds() as f64 * 1e-9);
+        let start = side.start.and_then(|start| i64::try_from(start.nseconds()).ok());
+        let first = video.samples().iter().map(|sample| sample.time).chain(start).min();
+        let earlier = first.filter(|_| side.begins_at_zero).unwrap_or(0);
+        let later = start.map_or(0.0, |start| (start - earlier) as f64 * 1e-9);
         let label = self.excerpt.as_ref().map(|excerpt| label::of(&excerpt.frames()));
         let assembly = Assembly {
             container: self.container,
@@ -137,6 +148,7 @@ impl Beside {
             clip: self.film.as_ref().map(|(film, track)| (film, *track)),
             copied: &|track| self.copies(track),
             side: film.as_ref().map(|film| (film, later)),
+            earlier,
             is_turned,
             comment: label,
             timecode: self.timecode.or(video.timecode()),

@@ -1,6 +1,7 @@
 //! A clip's streams → the muxer: the video by a branch of its own, the others as they are where the container can hold them.
 
 use super::beside::Beside;
+use super::early;
 use super::excerpt::Excerpt;
 use super::timecode::Timecode;
 use super::{Audio, Kind, Route, beside_video, is_copied, label, markup, route};
@@ -91,6 +92,16 @@ impl Remux {
         let Destination { container, audio, excerpt, .. } = destination;
         let is_upright = matches!(&muxer, Muxer::Boxes(beside) if beside.keeps_orientation());
         let video = video(is_upright)?;
+        if excerpt.is_none() && matches!(video, Video::Decoded(_)) {
+            let begin_at_zero: Box<dyn Fn() + Send + Sync> = match &muxer {
+                Muxer::Whole(muxer) => {
+                    let muxer = muxer.clone();
+                    Box::new(move || muxer.set_property("offset-to-zero", true))
+                }
+                Muxer::Boxes(beside) => beside.begin_at_zero(),
+            };
+            early::keep(&pipeline, begin_at_zero);
+        }
         let (has_video, stored) = (AtomicBool::new(false), Mutex::default());
         let (is_matroska, delays) = (matroska::is_matroska(clip), Delays::of(clip));
         let owner = pipeline.downgrade();
@@ -175,11 +186,7 @@ impl Linker {
         // Subtitles that are pictures are no video.
         let is_picture = caps.structure(0).is_some_and(|format| format.name().starts_with("subpicture/"));
         let is_beside = is_demuxed && self.beside_video(pad, caps).is_some();
-        !is_dropped
-            && !is_track
-            && !is_picture
-            && !is_beside
-            && !is_copied(self.container, self.audio, caps)
+        !is_dropped && !is_track && !is_picture && !is_beside && !is_copied(self.container, self.audio, caps)
     }
 
     /// Notes what a stream is as it lies in the file.
@@ -270,9 +277,8 @@ impl Linker {
             return Ok(());
         }
         let beside_video = self.beside_video(pad, &caps);
-        let is_first_video = kind == Kind::Video
-            && beside_video.is_none()
-            && !self.has_video.swap(true, Ordering::Relaxed);
+        let is_first_video =
+            kind == Kind::Video && beside_video.is_none() && !self.has_video.swap(true, Ordering::Relaxed);
         if is_first_video {
             return match &self.video {
                 Video::Decoded(branch) => {

@@ -1,6 +1,7 @@
 //! What becomes of a clip's streams.
 
 mod beside;
+mod early;
 mod excerpt;
 pub mod label;
 mod linker;
@@ -92,8 +93,8 @@ fn audio_parser(caps: &gst::CapsRef) -> Option<&'static str> {
         // Its parser wants the headers before the data, which do not come again where it was gone to a part.
         "audio/x-vorbis" if format.has_field("streamheader") => Some("identity"),
         "audio/x-vorbis" => Some("vorbisparse"),
-        "audio/x-alac" | "audio/x-alaw" | "audio/x-mulaw" | "audio/x-wma" | "audio/x-adpcm" | "audio/x-tta"
-        | "audio/x-speex" => Some("identity"),
+        "audio/x-alac" | "audio/x-alaw" | "audio/x-mulaw" | "audio/x-wma" | "audio/x-adpcm"
+        | "audio/x-tta" | "audio/x-speex" => Some("identity"),
         _ => None,
     }
 }
@@ -108,8 +109,8 @@ fn video_parser(caps: &gst::CapsRef) -> Option<&'static str> {
             let is_early = caps.structure(0)?.get::<i32>("mpegversion").is_ok_and(|version| version < 4);
             Some(if is_early { "mpegvideoparse" } else { "mpeg4videoparse" })
         }
-        "video/x-vp8" | "video/x-vp9" | "image/jpeg" | "video/x-theora" | "video/x-prores" | "video/x-h263"
-        | "video/x-ffv" => Some("identity"),
+        "video/x-vp8" | "video/x-vp9" | "image/jpeg" | "video/x-theora" | "video/x-prores"
+        | "video/x-h263" | "video/x-ffv" => Some("identity"),
         _ => None,
     }
 }
