@@ -47,9 +47,9 @@ const ROWS: [Row; 20] = [
 const CLIPS: [(&str, &str); 3] = [
     (
         "phone.mp4",
-        "-map 3:s -map 5:v -vf:0 scale=out_range=pc,format=yuv420p,setsar=4/3 -c:v:0 libx264 -preset ultrafast \
+        "-map 3:s -vf scale=out_range=pc,format=yuv420p,setsar=4/3 -c:v libx264 -preset ultrafast \
          -color_range pc -colorspace bt709 -color_primaries bt709 -color_trc bt709 -c:a:0 aac -c:a:1 ac3 -c:s mov_text \
-         -c:v:1 png -disposition:v:1 attached_pic -movflags use_metadata_tags",
+         -movflags use_metadata_tags",
     ),
     ("edit.mov", "-c:v prores_ks -pix_fmt yuv422p10le -c:a:0 pcm_s16le -c:a:1 aac -c:s mov_text -timecode 01:02:03:04"),
     (
@@ -88,7 +88,7 @@ fn clip(folder: &Folder, name: &str, arguments: &str) -> PathBuf {
         folder,
         &format!(
             "-f lavfi -i testsrc2=size=320x180:rate=30:duration=1 -f lavfi -i sine=440:duration=1 \
-             -f lavfi -i sine=880:duration=1 -i lines.srt -i about.txt -i cover.png \
+             -f lavfi -i sine=880:duration=1 -i lines.srt -i about.txt \
              -map 0:v -map 1:a -map 2:a -map 3:s -map_metadata 4 -map_chapters 4 {arguments} {name}"
         ),
     );
@@ -102,7 +102,7 @@ fn clip(folder: &Folder, name: &str, arguments: &str) -> PathBuf {
 /// Turns a clip by a quarter, gives it a timecode, and makes timed metadata of its second track of subtitles.
 fn turned_with_telemetry(folder: &Folder, name: &str) {
     // The flag of orientation and the timecode of one track go only into a copy.
-    let tracks = "-map 0:0 -map 0:1 -map 0:2 -map 0:3 -map 0:4 -map 0:v:1";
+    let tracks = "-map 0:v -map 0:a -map 0:s";
     ffmpeg(
         folder,
         &format!(

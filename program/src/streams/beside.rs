@@ -158,7 +158,12 @@ impl Drop for Beside {
 /// The running time of what leaves by a pad at a time of its segment, with the pad's offset.
 fn running_time(pad: &gst::Pad, time: gst::ClockTime) -> Option<gst::ClockTime> {
     let segment = pad.sticky_event::<gst::event::Segment>(0)?;
-    let time = segment.segment().downcast_ref::<gst::ClockTime>()?.to_running_time(time)?;
+    let segment = segment.segment().downcast_ref::<gst::ClockTime>()?;
+    // What an edit list passes over of the first packet lies before the start.
+    let time = match segment.to_running_time_full(time)? {
+        gst::Signed::Positive(time) => time,
+        gst::Signed::Negative(_) => gst::ClockTime::ZERO,
+    };
     let offset = pad.offset();
     match u64::try_from(offset) {
         Ok(later) => Some(time + gst::ClockTime::from_nseconds(later)),
