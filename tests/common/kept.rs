@@ -268,7 +268,10 @@ fn chapters(chapters: &Value) -> Option<String> {
 
 fn tag(part: &Value, keys: &[&str]) -> Option<String> {
     let tags = part["tags"].as_object()?;
-    let value = |key: &&str| tags.iter().find(|(name, _)| name.eq_ignore_ascii_case(key));
+    let value = |key: &&str| {
+        let alike = || tags.iter().find(|(name, _)| name.eq_ignore_ascii_case(key));
+        tags.get_key_value(*key).or_else(alike)
+    };
     Some(keys.iter().find_map(value)?.1.as_str()?.to_owned())
 }
 

@@ -4,6 +4,7 @@
 use super::excerpt::Excerpt;
 use super::label;
 use super::timecode::Timecode;
+use super::unheld;
 use super::{Audio, Destination};
 use crate::colour::Colour;
 use crate::elements::{self, make, named};
@@ -46,6 +47,15 @@ impl Beside {
         let side = Side { path: destination.output.with_extension("side"), ..Side::default() };
         let (audio, excerpt) = (destination.audio, destination.excerpt.clone());
         Some(Self { container, audio, excerpt, film, timecode, side: Arc::new(Mutex::new(side)) })
+    }
+
+    /// What the clip has that the file will not have, in sentences.
+    pub fn losses(&self) -> Vec<String> {
+        // A part of a clip is not the place of all that is said of the whole.
+        let film = self.film.as_ref().filter(|_| self.excerpt.is_none());
+        film.map_or_else(Vec::new, |(film, _)| {
+            unheld::of(film, self.container, |track| self.copies(track))
+        })
     }
 
     /// Whether frames of the clip are shown as they lie in the file, turned by the player.
