@@ -90,13 +90,16 @@ impl Remux {
             Some(beside) => Muxer::Boxes(beside),
             None => Muxer::Whole(Self::muxer(clip, &pipeline, &destination, timecode)?),
         };
-        let losses = match &muxer {
+        let mut losses = match &muxer {
             Muxer::Boxes(beside) => beside.losses(),
             Muxer::Whole(_) => Film::read(clip).filter(|_| destination.excerpt.is_none()).map_or_else(
                 Vec::new,
                 |film| unheld::of(&film, destination.container, |_| false),
             ),
         };
+        if destination.excerpt.is_none() {
+            losses.extend(matroska::losses(clip));
+        }
         for loss in losses {
             gst::element_warning!(pipeline, gst::StreamError::Format, ("{loss}"));
         }
@@ -274,13 +277,7 @@ impl Linker {
             self.pcm.lock().unwrap_or_else(PoisonError::into_inner).contains(stream.as_str())
         });
         let branch = match route(self.container, self.audio, &caps, is_pcm) {
-            Route::Copied(branch) => parse(&branch)?,
-            Route::Encoded(branch) => {
-                if self.audio == Audio::Copy {
-                    self.warn("audio is encoded anew, to AAC: this kind of it cannot be copied into");
-                }
-                parse(&branch)?
-            }
+            Route::Copied(branch) | Route::Encoded(branch) => parse(&branch)?,
             Route::Stripped(branch) => {
                 let branch = parse(&branch)?;
                 markup::strip(&elements::pad(&named(&branch, "markup")?, "sink")?);
@@ -375,13 +372,12 @@ impl Linker {
 
     fn warn_of_loss(&self, caps: &gst::CapsRef) {
         let name = caps.structure(0).map_or("unknown", |format| format.name().as_str());
-        self.warn(&format!("a stream of {name} is left out: it cannot go into"));
-    }
-
-    /// Warns of what the files of the container cannot hold.
-    fn warn(&self, loss: &str) {
         if let Some(pipeline) = self.pipeline.upgrade() {
-            gst::element_warning!(pipeline, gst::StreamError::Format, ("{loss} {} files", self.container));
+            gst::element_warning!(
+                pipeline,
+                gst::StreamError::Format,
+                ("a stream of {name} is left out: it cannot go into {} files", self.container)
+            );
         }
     }
 

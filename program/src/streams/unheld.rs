@@ -30,7 +30,7 @@ pub fn of(film: &Film, container: Container, copies: impl Fn(&Track<'_>) -> bool
         all.push(format!("chapters are left out: those of MP4 and MOV cannot go into {container} files here"));
     }
     if has_tags(film, user_data) {
-        all.push(format!("tags, such as place and camera, are left out of {container} files, but for a few"));
+        all.push("tags, such as place and camera, are left out but for a few".to_owned());
     }
     all
 }
