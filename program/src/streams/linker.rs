@@ -3,7 +3,6 @@
 use super::beside::Beside;
 use super::excerpt::Excerpt;
 use super::timecode::Timecode;
-use super::unheld;
 use super::{Audio, Kind, Route, is_copied, label, markup, route};
 use crate::decoder;
 use crate::elements::{self, NO_VIDEO, make, named, parse};
@@ -94,7 +93,7 @@ impl Remux {
             Muxer::Boxes(beside) => beside.losses(),
             Muxer::Whole(_) => Film::read(clip).filter(|_| destination.excerpt.is_none()).map_or_else(
                 Vec::new,
-                |film| unheld::of(&film, destination.container, |_| false),
+                |film| super::unheld::of(&film, destination.container, |_| false),
             ),
         };
         if destination.excerpt.is_none() {
