@@ -20,36 +20,54 @@ const END: &str = "<!-- To here. -->\n";
 /// A row of the table: its name, the properties of kept.rs that it stands for, and a word that a warning of its loss has.
 type Row = (&'static str, &'static [&'static str], &'static str);
 
-const ROWS: [Row; 20] = [
+const ROWS: [Row; 19] = [
     ("every frame, its time", &["frames", "times", "start of the video", "video against audio"], "frame"),
     ("size as shown, pixel aspect", &["size as shown", "pixel aspect"], "size"),
     ("orientation, as a flag", &["orientation"], ""),
     ("range, primaries, transfer, matrix", &["colour"], "colour"),
     ("bits and chroma", &["bits", "chroma"], "bits"),
     ("mastering display, light level", &["mastering display", "content light level"], "light"),
-    ("AAC", &["audio aac"], "audio"),
-    ("AC-3", &["audio ac3"], "audio"),
-    ("Opus", &["audio opus"], "audio"),
-    ("FLAC", &["audio flac"], "audio"),
-    ("PCM", &["audio pcm"], "audio"),
-    ("text subtitles", &["subtitles"], "text"),
+    ("AAC", &["audio aac"], "audio/mpeg"),
+    ("AC-3", &["audio ac3"], "audio/x-ac3"),
+    ("Opus", &["audio opus"], "audio/x-opus"),
+    ("FLAC", &["audio flac"], "audio/x-flac"),
+    ("PCM", &["audio pcm"], "audio/x-raw"),
+    ("text subtitles", &["subtitles"], "text/"),
     ("chapters", &["chapters"], "chapters"),
     ("timecode", &["timecode"], "timecode"),
-    ("timed metadata, such as telemetry", &["data tracks"], "meta"),
-    ("cover picture", &["cover"], "picture"),
+    ("timed metadata, such as telemetry", &["data tracks"], "timed metadata"),
+    ("cover picture", &["cover"], "cover picture"),
     ("creation time", &["creation time"], "time"),
-    ("place", &["place"], "place"),
-    ("maker and model of the camera", &["maker", "model"], "tags"),
-    ("title", &["title"], "title"),
+    ("place, maker and model of the camera", &["place", "maker", "model"], "place and camera"),
+    ("title", &["title"], "tags"),
 ];
+
+/// What is lost in part without a warning: the column, the row, and what its cell has. One that is kept, or warned of, must be taken
+/// off the list.
+const PARTLY: [(&str, &str, &str); 10] = [
+    // GStreamer's demuxer leaves out packets that an edit list cuts.
+    ("MP4 → MOV", "AAC", CUT),
+    ("MP4 → MOV", "AC-3", CUT),
+    ("MP4 → MKV", "AAC", CUT),
+    ("MP4 → MKV", "AC-3", CUT),
+    ("MOV → MP4", "AAC", CUT),
+    ("MOV → MKV", "AAC", CUT),
+    // Its muxer takes the duration of the line before.
+    ("MP4 → MOV", "text subtitles", LAST_LINE),
+    ("MOV → MP4", "text subtitles", LAST_LINE),
+    ("MKV → MP4", "text subtitles", LAST_LINE),
+    ("MKV → MOV", "text subtitles", LAST_LINE),
+];
+const CUT: &str = "kept, but for packets that an edit list cuts";
+const LAST_LINE: &str = "kept, the last line for as long as the one before";
 
 /// Clips as they come from phones, from editing programs, and as films: their names, and the arguments of ffmpeg.
 const CLIPS: [(&str, &str); 3] = [
     (
         "phone.mp4",
-        "-map 3:s -map 5:v -vf:0 scale=out_range=pc,format=yuv420p,setsar=4/3 -c:v:0 libx264 -preset ultrafast \
+        "-map 3:s -vf scale=out_range=pc,format=yuv420p,setsar=4/3 -c:v libx264 -preset ultrafast \
          -color_range pc -colorspace bt709 -color_primaries bt709 -color_trc bt709 -c:a:0 aac -c:a:1 ac3 -c:s mov_text \
-         -c:v:1 png -disposition:v:1 attached_pic -movflags use_metadata_tags",
+         -movflags use_metadata_tags",
     ),
     ("edit.mov", "-c:v prores_ks -pix_fmt yuv422p10le -c:a:0 pcm_s16le -c:a:1 aac -c:s mov_text -timecode 01:02:03:04"),
     (
@@ -88,7 +106,7 @@ fn clip(folder: &Folder, name: &str, arguments: &str) -> PathBuf {
         folder,
         &format!(
             "-f lavfi -i testsrc2=size=320x180:rate=30:duration=1 -f lavfi -i sine=440:duration=1 \
-             -f lavfi -i sine=880:duration=1 -i lines.srt -i about.txt -i cover.png \
+             -f lavfi -i sine=880:duration=1 -i lines.srt -i about.txt \
              -map 0:v -map 1:a -map 2:a -map 3:s -map_metadata 4 -map_chapters 4 {arguments} {name}"
         ),
     );
@@ -102,7 +120,7 @@ fn clip(folder: &Folder, name: &str, arguments: &str) -> PathBuf {
 /// Turns a clip by a quarter, gives it a timecode, and makes timed metadata of its second track of subtitles.
 fn turned_with_telemetry(folder: &Folder, name: &str) {
     // The flag of orientation and the timecode of one track go only into a copy.
-    let tracks = "-map 0:0 -map 0:1 -map 0:2 -map 0:3 -map 0:4 -map 0:v:1";
+    let tracks = "-map 0:v -map 0:a -map 0:s";
     ffmpeg(
         folder,
         &format!(
@@ -172,15 +190,25 @@ fn what_is_kept_is_as_the_table_states() {
         let before = Content::of(&clip).unwrap();
         for container in ["mp4", "mov", "mkv"] {
             let (after, told) = fix(&clip, container);
-            let cells = ROWS.iter().map(|row| {
-                cell(row, &before, &after, &told).unwrap_or_else(|fault| {
-                    writeln!(faults, "{name} to {container}: {fault}").unwrap();
-                    "lost"
-                })
-            });
             let (_, from) = name.rsplit_once('.').unwrap();
             let heading = format!("{} → {}", from.to_uppercase(), container.to_uppercase());
-            columns.push((heading, cells.collect::<Vec<_>>()));
+            let cells = ROWS.iter().map(|row| {
+                let partly = PARTLY.iter().find(|partly| partly.0 == heading && partly.1 == row.0);
+                match (cell(row, &before, &after, &told), partly) {
+                    (Err(_), Some((_, _, cell))) => cell,
+                    (Ok(cell), None) => cell,
+                    (Ok(cell), Some((_, _, listed))) => {
+                        writeln!(faults, "{heading}: {}: {cell} now, but listed as {listed}", row.0).unwrap();
+                        cell
+                    }
+                    (Err(fault), None) => {
+                        writeln!(faults, "{heading}: {fault}").unwrap();
+                        "lost"
+                    }
+                }
+            });
+            let cells = cells.collect::<Vec<_>>();
+            columns.push((heading, cells));
         }
     }
     let mut table = format!("\n| |{}\n|---|", columns.iter().map(|(h, _)| format!(" {h} |")).collect::<String>());

@@ -21,7 +21,7 @@ const LEFT_OUT: [(&str, &str, &str); 2] = [
     // H.264 and HEVC have no 4:2:0 of odd sizes.
     ("odd-mpeg2.mp4", "chroma", "raised to 4:4:4"),
     // GStreamer's Matroska muxer takes no pictures as subtitles.
-    ("sony-a7m3.mts", "subtitle tracks", "subpicture/x-pgs is left out"),
+    ("sony-a7m3.mts", "subtitle", "subpicture/x-pgs is left out"),
 ];
 
 /// Files that were cut short or whose pictures are damaged, and what must be said of them: what there is of them is rectified.
@@ -35,14 +35,29 @@ const DAMAGED: [(&str, &str); 4] = [
 /// Files without a frame that ffprobe could decode.
 const UNREADABLE: [&str; 3] = ["broken.mp4", "cut-karma.mp4", "empty.avi"];
 
-/// Files that do not come out right yet, with what is wrong. One that does must be taken off the list.
-const NOT_YET: [(&str, &str); 0] = [];
+/// What does not come out right yet: file, property (or `failure`), reason. What does must be taken off the list.
+const NOT_YET: [(&str, &str, &str); 9] = [
+    ("dnxhd-tc.mxf", "failure", "the demuxer of MXF gives up where the file is cut short"),
+    ("wmv3.wmv", "failure", "GStreamer 1.22 does not decode it"),
+    ("mac-screen-vfr.mov", "failure", "frames without a time"),
+    ("mapillary-h265.mp4", "failure", "frames without a time"),
+    ("mpeg1-sar64-45.mpg", "audio 0", "the parser drops a packet that is cut off"),
+    ("mpeg1-sar64-45.mpg", "pixel aspect", "Matroska states the size as shown in whole pixels"),
+    ("pixel-motionphoto-b.mp4", "frames", "a frame outside the edit list is left out"),
+    // Its muxer of Matroska writes texts as GStreamer serialises them.
+    ("h264.avi", "title", "quoted by GStreamer"),
+    ("msmpeg4v2.mkv", "title", "quoted by GStreamer"),
+];
 
 /// Files of which nothing is measured yet, with what is wrong.
-const NOT_YET_MEASURED: [(&str, &str); 0] = [];
+const NOT_YET_MEASURED: [(&str, &str, &str); 1] =
+    [("dnxhd-tc.mxf", "failure", "the demuxer of MXF gives up where the file is cut short")];
 
 /// Files of which nothing can be measured: what `measure` must say.
 const NOT_MEASURED: [(&str, &str); 1] = [("sony-a7m3.mts", "interlaced")];
+
+/// A property, or `failure`, and what is wrong with it.
+type Fault = (String, String);
 
 /// What the program said.
 fn said(output: &Output) -> String {
@@ -80,7 +95,7 @@ fn listed<T: Copy>(list: &[(&str, T)], file: &Path) -> Option<T> {
 }
 
 /// What is wrong with the rectified twin of a file; nothing if all is right.
-fn fix(file: &Path, folder: &Path) -> Vec<String> {
+fn fix(file: &Path, folder: &Path) -> Vec<Fault> {
     std::fs::create_dir_all(folder).unwrap();
     let mut command = rsrectify("fix");
     let output = command.arg(file).args(["--readout-time", "16.7", "--output"]).arg(folder).output().unwrap();
@@ -90,7 +105,7 @@ fn fix(file: &Path, folder: &Path) -> Vec<String> {
     let mut faults = Vec::new();
     let mut check = |is_right: bool, fault: String| {
         if !is_right {
-            faults.push(fault);
+            faults.push(("failure".to_owned(), fault));
         }
     };
     check(rest.is_none(), format!("a file was left behind: {rest:?}"));
@@ -114,27 +129,26 @@ fn fix(file: &Path, folder: &Path) -> Vec<String> {
         return faults;
     };
     for difference in before.differences(&after) {
-        let property = difference.property.as_str();
+        let property = difference.property.clone();
         let allowed =
             LEFT_OUT.iter().find(|(name, listed, _)| *name == name_of(file) && property.starts_with(listed));
         match allowed {
-            Some((_, _, words)) => check(told.contains(words), format!("{property}: no warning: {told}")),
-            None => check(false, format!("{difference:?}")),
+            Some((_, _, words)) if told.contains(words) => {}
+            _ => faults.push((property, format!("{difference:?}: {told}"))),
         }
     }
     faults
 }
 
 /// What is wrong with what is measured of a file.
-fn measure(file: &Path) -> Vec<String> {
+fn measure(file: &Path) -> Vec<Fault> {
     let output = rsrectify("measure").arg(file).args(["--quick", "--json"]).output().unwrap();
     let (told, code) = (said(&output), output.status.code());
     if UNREADABLE.contains(&name_of(file)) {
-        return (code != Some(1)).then_some(told).into_iter().collect();
+        return failure(code == Some(1), told);
     }
     if let Some(words) = listed(&NOT_MEASURED, file) {
-        let is_right = code == Some(1) && told.contains(words);
-        return (!is_right).then(|| format!("{code:?}: {told}")).into_iter().collect();
+        return failure(code == Some(1) && told.contains(words), told);
     }
     let report: Value = serde_json::from_slice(&output.stdout).unwrap_or_default();
     let clip = &report["clips"][0];
@@ -142,20 +156,33 @@ fn measure(file: &Path) -> Vec<String> {
     let is_right = code == Some(0)
         && clip["frames"].as_u64().unwrap_or(0) > 0
         && (clip["certain"] == true || has_reason);
-    (!is_right).then(|| format!("{code:?}: {told}")).into_iter().collect()
+    failure(is_right, told)
+}
+
+fn failure(is_right: bool, told: String) -> Vec<Fault> {
+    (!is_right).then(|| ("failure".to_owned(), told)).into_iter().collect()
 }
 
 /// Fails with all that is wrong, and with what is right although it is listed as wrong.
-fn judge(faults: Vec<(PathBuf, Vec<String>)>, known: &[(&str, &str)]) {
+fn judge(check: impl Fn(&Path) -> Vec<Fault>, known: &[(&str, &str, &str)]) {
     let mut wrong = String::new();
-    for (file, faults) in faults {
-        match (faults.is_empty(), listed(known, &file)) {
-            (false, None) => wrong += &format!("{}:\n  {}\n", name_of(&file), faults.join("\n  ")),
-            (false, Some(reason)) => eprintln!("{}: not yet right: {reason}", name_of(&file)),
-            (true, Some(reason)) => {
-                wrong += &format!("{}: is right now, but listed: {reason}\n", name_of(&file));
+    for file in files() {
+        let name = name_of(&file);
+        let start = std::time::Instant::now();
+        let faults = check(&file);
+        println!("{name}: {:.1} s", start.elapsed().as_secs_f64());
+        let listed: Vec<_> = known.iter().filter(|(listed, ..)| *listed == name).collect();
+        for (property, fault) in &faults {
+            if !listed.iter().any(|(_, listed, _)| listed == property) {
+                wrong += &format!("{name}: {fault}\n");
             }
-            (true, None) => {}
+        }
+        for (_, property, reason) in listed {
+            if faults.iter().any(|(fault, _)| fault == property) {
+                println!("{name}: {property} not yet right: {reason}");
+            } else {
+                wrong += &format!("{name}: {property} is right now, but listed: {reason}\n");
+            }
         }
     }
     assert!(wrong.is_empty(), "\n{wrong}");
@@ -164,18 +191,10 @@ fn judge(faults: Vec<(PathBuf, Vec<String>)>, known: &[(&str, &str)]) {
 #[test]
 fn all_that_real_files_have_is_kept() {
     let folder = Folder::new("zoo");
-    let faults = files().into_iter().map(|file| {
-        let faults = fix(&file, &folder.file(name_of(&file)));
-        (file, faults)
-    });
-    judge(faults.collect(), &NOT_YET);
+    judge(|file| fix(file, &folder.file(name_of(file))), &NOT_YET);
 }
 
 #[test]
 fn real_files_are_measured_or_a_reason_is_given() {
-    let faults = files().into_iter().map(|file| {
-        let faults = measure(&file);
-        (file, faults)
-    });
-    judge(faults.collect(), &NOT_YET_MEASURED);
+    judge(measure, &NOT_YET_MEASURED);
 }

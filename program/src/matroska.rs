@@ -14,6 +14,13 @@ const ENTRY: &[u8] = &[0xae];
 const NUMBER: &[u8] = &[0xd7];
 const CODEC: &[u8] = &[0x86];
 const DELAY: &[u8] = &[0x56, 0xaa];
+const ATTACHMENTS: &[u8] = &[0x19, 0x41, 0xa4, 0x69];
+const TAGS: &[u8] = &[0x12, 0x54, 0xc3, 0x67];
+const TAG: &[u8] = &[0x73, 0x73];
+const SIMPLE_TAG: &[u8] = &[0x67, 0xc8];
+const TAG_NAME: &[u8] = &[0x45, 0xa3];
+/// Tags that say of the file itself, or of its streams, what is no longer so once it is written anew.
+const PASSING: [&str; 5] = ["ENCODER", "DURATION", "BPS", "NUMBER_OF_", "_STATISTICS_"];
 /// The demuxer itself takes this codec's delay into account.
 const OPUS: &[u8] = b"A_OPUS";
 
@@ -47,12 +54,35 @@ impl Delays {
     }
 }
 
-fn delays(file: &[u8]) -> Vec<(u64, i64)> {
-    let Some(segment) = elements(file).find(|(name, _)| *name == SEGMENT).map(|(_, content)| content) else {
+/// What a Matroska file has that the demuxer does not give out, or the muxers do not take, in sentences.
+pub fn losses(clip: &Path) -> Vec<String> {
+    let mut bytes = Vec::new();
+    let read = File::open(clip).and_then(|file| file.take(SEARCHED).read_to_end(&mut bytes));
+    if read.is_err() || !bytes.starts_with(FILE) {
         return Vec::new();
-    };
-    let tracks =
-        elements(segment).filter(|(name, _)| *name == TRACKS).flat_map(|(_, tracks)| elements(tracks));
+    }
+    let mut all = Vec::new();
+    if parts(&bytes, ATTACHMENTS).next().is_some() {
+        all.push("attached files, such as a cover picture or fonts, are left out".to_owned());
+    }
+    let tags = parts(&bytes, TAGS).filter(|(name, _)| *name == TAG).flat_map(|(_, tag)| elements(tag));
+    let entries = tags.filter(|(name, _)| *name == SIMPLE_TAG).flat_map(|(_, entry)| elements(entry));
+    let mut names = entries.filter(|(name, _)| *name == TAG_NAME).map(|(_, name)| name);
+    let is_passing = |name: &[u8]| PASSING.iter().any(|passing| name.starts_with(passing.as_bytes()));
+    if names.any(|name| !is_passing(name)) {
+        all.push("tags, such as place and camera, are left out but for a few".to_owned());
+    }
+    all
+}
+
+/// The elements in those of a name in the segment of a file.
+fn parts<'a>(file: &'a [u8], wanted: &'static [u8]) -> impl Iterator<Item = (&'a [u8], &'a [u8])> {
+    let segment = elements(file).find(|(name, _)| *name == SEGMENT).map_or(&[][..], |(_, content)| content);
+    elements(segment).filter(move |(name, _)| *name == wanted).flat_map(|(_, content)| elements(content))
+}
+
+fn delays(file: &[u8]) -> Vec<(u64, i64)> {
+    let tracks = parts(file, TRACKS);
     let delay = |entry: &[u8]| {
         let field =
             |wanted: &[u8]| elements(entry).find(|(name, _)| *name == wanted).map(|(_, content)| content);

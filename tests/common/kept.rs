@@ -59,7 +59,7 @@ impl Content {
         set("audio tracks", Some(audios.len().to_string()));
         set("subtitle tracks", Some(subtitles.len().to_string()));
         for (number, audio) in audios.iter().enumerate() {
-            set(&format!("audio {number}"), Some(packets(file, audio)));
+            set(&format!("audio {number}"), Some(sound(file, audio)));
         }
         for (number, subtitle) in subtitles.iter().enumerate() {
             set(&format!("subtitles {number}"), Some(cues(file, subtitle)));
@@ -69,7 +69,8 @@ impl Content {
         set("cover", (covers > 0).then(|| covers.to_string()));
         let data = streams.iter().filter(|stream| stream["codec_type"] == "data");
         let tags = data.filter_map(|stream| stream["codec_tag_string"].as_str());
-        let tags: Vec<_> = tags.filter(|tag| *tag != "tmcd" && !BOUND_TO_SAMPLES.contains(tag)).collect();
+        // Timecode and chapters have rows of their own.
+        let tags: Vec<_> = tags.filter(|tag| !["tmcd", "text"].contains(tag) && !BOUND_TO_SAMPLES.contains(tag)).collect();
         set("data tracks", (!tags.is_empty()).then(|| tags.join(", ")));
         let format = &whole["format"];
         // To the second; files that do not know it state the beginning of their era.
@@ -99,7 +100,7 @@ impl Content {
         let mut all: Vec<_> = self
             .properties
             .iter()
-            .filter(|(name, value)| other.properties.get(*name) != Some(*value))
+            .filter(|(name, value)| !other.properties.get(*name).is_some_and(|other| is_same(name, value, other)))
             .map(|(name, value)| Difference {
                 property: name.clone(),
                 before: Some(value.clone()),
@@ -161,9 +162,10 @@ fn picture(stream: &Value, frame: &Value) -> BTreeMap<String, String> {
     };
     let aspect = stated("sample_aspect_ratio").and_then(|ratio| {
         let (one, two) = ratio.split_once(':')?;
-        Some(format!("{:.3}", one.parse::<f64>().ok()? / two.parse::<f64>().ok()?))
+        let ratio = one.parse::<f64>().ok()? / two.parse::<f64>().ok()?;
+        Some(format!("{:.2}", if turn % 180 == 0 { ratio } else { 1.0 / ratio }))
     });
-    all.insert("pixel aspect".into(), aspect.unwrap_or("1.000".into()));
+    all.insert("pixel aspect".into(), aspect.unwrap_or("1.00".into()));
     for field in ["range", "primaries", "transfer", "space"] {
         if let Some(value) = stated(&format!("color_{field}")) {
             // Two names of one matrix.
@@ -209,15 +211,24 @@ fn ratio(value: &Value) -> String {
     format!("{number:.2e}")
 }
 
-/// Codec, number of packets, and what identifies the sound: the packets' digest, else that of the samples.
-///
-/// Containers frame packets of AAC and PCM each in its own way, so that only what is decoded is the same.
-fn packets(file: &Path, audio: &Value) -> String {
+/// Whether two values of a property are alike. Of sound either the packets or what they are decoded to: containers frame
+/// packets of AAC and PCM each in its own way, and may state delays that others cannot.
+fn is_same(property: &str, one: &str, other: &str) -> bool {
+    if !property.starts_with("audio ") || property == "audio tracks" {
+        return one == other;
+    }
+    let words = |text: &str| text.split(' ').map(str::to_owned).collect::<Vec<_>>();
+    let (one, other) = (words(one), words(other));
+    one[0] == other[0] && one[1..].iter().zip(&other[1..]).any(|(one, other)| one == other)
+}
+
+/// Codec and two digests: of the packets, and of the samples that they are decoded to.
+fn sound(file: &Path, audio: &Value) -> String {
     let codec = audio["codec_name"].as_str().unwrap_or("?");
-    // GStreamer writes layers 2 and 3 under one name.
-    let is_framed_otherwise = codec.starts_with("pcm") || codec == "aac";
-    let how = if is_framed_otherwise { ["-c:a", "pcm_s16le"] } else { ["-c:a", "copy"] };
-    format!("{codec} {}", digest(file, audio, &how))
+    // Layers 2 and 3 have one name in GStreamer.
+    let codec = if codec == "mp2" { "mp3" } else { codec };
+    let [packets, samples] = ["copy", "pcm_s16le"].map(|how| digest(file, audio, &["-c:a", how]));
+    format!("{codec} {packets} {samples}")
 }
 
 fn digest(file: &Path, stream: &Value, how: &[&str]) -> String {
@@ -233,7 +244,17 @@ fn cues(file: &Path, subtitle: &Value) -> String {
     let map = format!("0:{}", subtitle["index"]);
     let mut command = Command::new("ffmpeg");
     command.args(["-v", "quiet", "-i"]).arg(file).args(["-map", &map, "-f", "srt", "-"]);
-    text(&mut command)
+    // Without their style: MP4 and MOV have one for all lines.
+    let mut plain = String::new();
+    let mut is_style = false;
+    for letter in text(&mut command).chars() {
+        is_style |= letter == '<';
+        if !is_style {
+            plain.push(letter);
+        }
+        is_style &= letter != '>';
+    }
+    plain
 }
 
 fn chapters(chapters: &Value) -> Option<String> {
@@ -247,7 +268,10 @@ fn chapters(chapters: &Value) -> Option<String> {
 
 fn tag(part: &Value, keys: &[&str]) -> Option<String> {
     let tags = part["tags"].as_object()?;
-    let value = |key: &&str| tags.iter().find(|(name, _)| name.eq_ignore_ascii_case(key));
+    let value = |key: &&str| {
+        let alike = || tags.iter().find(|(name, _)| name.eq_ignore_ascii_case(key));
+        tags.get_key_value(*key).or_else(alike)
+    };
     Some(keys.iter().find_map(value)?.1.as_str()?.to_owned())
 }
 

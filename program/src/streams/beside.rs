@@ -4,6 +4,7 @@
 use super::excerpt::Excerpt;
 use super::label;
 use super::timecode::Timecode;
+use super::unheld;
 use super::{Audio, Destination};
 use crate::colour::Colour;
 use crate::elements::{self, make, named};
@@ -48,6 +49,15 @@ impl Beside {
         let side = Side { path: destination.output.with_extension("side"), ..Side::default() };
         let (audio, excerpt) = (destination.audio, destination.excerpt.clone());
         Some(Self { container, audio, excerpt, film, timecode, side: Arc::new(Mutex::new(side)) })
+    }
+
+    /// What the clip has that the file will not have, in sentences.
+    pub fn losses(&self) -> Vec<String> {
+        // A part of a clip is not the place of all that is said of the whole.
+        let film = self.film.as_ref().filter(|_| self.excerpt.is_none());
+        film.map_or_else(Vec::new, |(film, _)| {
+            unheld::of(film, self.container, |track| self.copies(track))
+        })
     }
 
     /// Whether frames of the clip are shown as they lie in the file, turned by the player.
@@ -170,7 +180,12 @@ impl Drop for Beside {
 /// The running time of what leaves by a pad at a time of its segment, with the pad's offset.
 fn running_time(pad: &gst::Pad, time: gst::ClockTime) -> Option<gst::ClockTime> {
     let segment = pad.sticky_event::<gst::event::Segment>(0)?;
-    let time = segment.segment().downcast_ref::<gst::ClockTime>()?.to_running_time(time)?;
+    let segment = segment.segment().downcast_ref::<gst::ClockTime>()?;
+    // What an edit list passes over of the first packet lies before the start.
+    let time = match segment.to_running_time_full(time)? {
+        gst::Signed::Positive(time) => time,
+        gst::Signed::Negative(_) => gst::ClockTime::ZERO,
+    };
     let offset = pad.offset();
     match u64::try_from(offset) {
         Ok(later) => Some(time + gst::ClockTime::from_nseconds(later)),

@@ -89,6 +89,19 @@ impl Remux {
             Some(beside) => Muxer::Boxes(beside),
             None => Muxer::Whole(Self::muxer(clip, &pipeline, &destination, timecode)?),
         };
+        let mut losses = match &muxer {
+            Muxer::Boxes(beside) => beside.losses(),
+            Muxer::Whole(_) => Film::read(clip).filter(|_| destination.excerpt.is_none()).map_or_else(
+                Vec::new,
+                |film| super::unheld::of(&film, destination.container, |_| false),
+            ),
+        };
+        if destination.excerpt.is_none() {
+            losses.extend(matroska::losses(clip));
+        }
+        for loss in losses {
+            gst::element_warning!(pipeline, gst::StreamError::Format, ("{loss}"));
+        }
         let Destination { container, audio, excerpt, .. } = destination;
         let is_upright = matches!(&muxer, Muxer::Boxes(beside) if beside.keeps_orientation());
         let video = video(is_upright)?;

@@ -7,6 +7,7 @@ pub mod label;
 mod linker;
 mod markup;
 pub mod timecode;
+mod unheld;
 
 use crate::output::codec::Container;
 pub use beside::collect;
