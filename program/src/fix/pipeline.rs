@@ -108,6 +108,12 @@ fn video_branch(
         original.set_property("max-size-buffers", rectifier.property::<u32>("lookahead") + 8);
         original.set_property("max-size-bytes", 0u32);
         original.set_property("max-size-time", 0u64);
+        // A question for buffers waits until the frames before it have gone on, and those wait for their rectified twins, which come from
+        // the thread that asks.
+        pad(&original, "sink")?.add_probe(gst::PadProbeType::QUERY_DOWNSTREAM, |_, info| {
+            let is_allocation = info.query().is_some_and(|query| query.type_() == gst::QueryType::Allocation);
+            if is_allocation { gst::PadProbeReturn::Drop } else { gst::PadProbeReturn::Ok }
+        });
         place_side_by_side(&named(&bin, "side")?)?;
     }
     if let Some(excerpt) = excerpt {
