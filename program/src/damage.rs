@@ -19,7 +19,12 @@ pub fn missing_bytes(clip: &Path) -> Option<u64> {
     let end = match &start[..4] {
         b"RIFF" => u64::from(u32::from_le_bytes(start[4..8].try_into().ok()?)) + 8,
         [0x1a, 0x45, 0xdf, 0xa3] => end_of_segment(&mut file)?,
-        _ if &start[4..8] == b"ftyp" => end_of_boxes(&mut file)?,
+        b"FLV\x01" => end_of_tags(&mut file, number(&start, 5)?.into())?,
+        b"OggS" => end_of_pages(&mut file, size)?,
+        [0x30, 0x26, 0xb2, 0x75] => end_of_objects(&mut file)?,
+        _ if [b"ftyp", b"moov", b"mdat", b"wide"].iter().any(|name| &start[4..8] == *name) => {
+            end_of_boxes(&mut file)?
+        }
         _ => return None,
     };
     end.checked_sub(size).filter(|missing| *missing > 0)
@@ -43,6 +48,52 @@ fn end_of_boxes(file: &mut File) -> Option<u64> {
         };
         end = end.checked_add(length).filter(|_| length >= 8)?;
     }
+}
+
+/// Where the last tag of a Flash video ends that begins inside it (Adobe, *Flash Video File Format*): a header of eleven bytes, content,
+/// and its length once more.
+fn end_of_tags(file: &mut File, header: u64) -> Option<u64> {
+    let mut end = header.checked_add(4)?;
+    loop {
+        let mut tag = [0; 11];
+        file.seek(SeekFrom::Start(end)).ok()?;
+        match file.take(11).read(&mut tag).ok()? {
+            0 => return Some(end),
+            1..11 => return end.checked_add(11),
+            // Its length has three bytes.
+            _ => end = end.checked_add(u64::from(number(&tag, 0)? & 0xff_ffff) + 15)?,
+        }
+    }
+}
+
+/// Where the last object of an ASF file ends that begins inside it: an identifier of 16 bytes, a length of eight, content.
+fn end_of_objects(file: &mut File) -> Option<u64> {
+    let mut end = 0u64;
+    loop {
+        let mut header = [0; 24];
+        file.seek(SeekFrom::Start(end)).ok()?;
+        if file.take(24).read(&mut header).ok()? < 24 {
+            return Some(end);
+        }
+        let length = u64::from_le_bytes(header[16..].try_into().ok()?);
+        // Who writes to a stream does not know how long it becomes.
+        end = end.checked_add(length).filter(|_| length >= 24)?;
+    }
+}
+
+/// Where the last page of an Ogg file ends that begins inside it (RFC 3533).
+fn end_of_pages(file: &mut File, size: u64) -> Option<u64> {
+    /// The longest page: a header, 255 lengths, and as many pieces of 255 bytes.
+    const LONGEST: u64 = 27 + 255 + 255 * 255;
+    let start = size.saturating_sub(LONGEST);
+    let mut bytes = Vec::new();
+    file.seek(SeekFrom::Start(start)).ok()?;
+    file.take(LONGEST).read_to_end(&mut bytes).ok()?;
+    let last = bytes.windows(5).rposition(|window| window == b"OggS\0")?;
+    let page = bytes.get(last..)?;
+    let count = usize::from(*page.get(26)?);
+    let pieces: u64 = page.get(27..27 + count)?.iter().map(|piece| u64::from(*piece)).sum();
+    Some(start + last as u64 + 27 + count as u64 + pieces)
 }
 
 /// Where the segment of a Matroska file ends (RFC 9559): behind the header of the file, where its size is known.
@@ -133,7 +184,17 @@ mod tests {
         // A header of three bytes, a segment of 300.
         let matroska =
             [&[0x1a, 0x45, 0xdf, 0xa3, 0x83, 1, 2, 3, 0x18, 0x53, 0x80, 0x67, 0x41, 0x2c][..], &[0; 300]];
-        for (whole, cut) in [(film, 100), (riff, 30), (matroska.concat(), 299)] {
+        let tag =
+            |length: u8| [&[9, 0, 0, length, 0, 0, 0, 0, 0, 0, 0][..], &vec![1; length.into()], &[0; 4]];
+        let flash = [&b"FLV\x01\x05\0\0\0\x09"[..], &[0; 4], &tag(20).concat(), &tag(200).concat()].concat();
+        let object =
+            |length: u64| [&[7; 16][..], &length.to_le_bytes(), &vec![0; length as usize - 24]].concat();
+        let windows = [&[0x30, 0x26, 0xb2, 0x75][..], &object(60)[4..], &object(400)].concat();
+        let page = [&b"OggS\0"[..], &[0; 21], &[2, 255, 45], &[3; 300]].concat();
+        let ogg = [page.clone(), page].concat();
+        let others = [(flash, 100), (windows, 100), (ogg, 100)];
+        let all = [(film, 100), (riff, 30), (matroska.concat(), 299)].into_iter().chain(others);
+        for (whole, cut) in all {
             assert_eq!(missing(&whole), None);
             assert_eq!(missing(&whole[..whole.len() - cut]), Some(cut as u64));
             for end in 0..whole.len() {

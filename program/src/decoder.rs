@@ -2,22 +2,19 @@
 //! of it that are corrected.
 
 use crate::elements::{drop_all, make, pad};
-use crate::{matroska, short_track};
+use crate::{corrections, matroska};
 use anyhow::{Context, Result};
 use gst::glib;
 use gst::prelude::*;
 use std::fs::File;
 use std::io::Read;
 use std::path::Path;
-use std::sync::{Arc, Mutex, PoisonError};
 
 /// Decoders that also want the transparency of each frame, and fail where a stream only announces it, as those of browsers do.
 /// The plain decoders give out the same picture without it.
 const OF_TRANSPARENCY: [&str; 2] = ["vp8alphadecodebin", "vp9alphadecodebin"];
 /// Bytes from the beginning of a program stream in which the start codes of its video are sought.
 const SEARCHED: u64 = 1 << 20;
-/// What demuxers call streams by their four characters alone, and what decoders call them.
-const UNNAMED: [(&str, &str); 1] = [("video/x-gst-fourcc-AVdh", "video/x-dnxhd")];
 /// What gives a stream another name.
 const RENAMING: &str = "capssetter";
 
@@ -33,48 +30,31 @@ pub fn correct(decoder: &gst::Element, clip: &Path) -> Result<()> {
     // What is read of a pipe is gone.
     let file = Some(clip).filter(|clip| clip.is_file());
     if let Some(file) = file {
-        short_track::keep(file, &pad(decoder, "sink")?);
+        corrections::keep(file, &pad(decoder, "sink")?);
     }
-    let unnamed = file
-        .and_then(unnamed_video)
-        .map(|name| gst::Caps::builder(name).field("stream-format", "byte-stream").build());
-    // What the next element that renames a stream is to make of it.
-    let next = Arc::new(Mutex::new(None));
-    let renamed = next.clone();
+    let unnamed = file.and_then(unnamed_video);
+    let is_unnamed = unnamed.is_some();
     decoder.connect("autoplug-sort", false, move |values| {
         let pad = values.get(1).and_then(|value| value.get::<gst::Pad>().ok());
         let caps = values.get(2).and_then(|value| value.get::<gst::Caps>().ok());
         let factories = values.get(3).and_then(|value| value.get::<glib::ValueArray>().ok());
         let chosen = pad.zip(caps).zip(factories).and_then(|((pad, caps), factories)| {
-            match unnamed.as_ref().filter(|_| is_named_by_demuxer_alone(&pad, &caps)) {
-                Some(name) => renaming(&renamed, name.clone()),
-                None => without_transparency(&factories),
-            }
+            let is_renamed = is_unnamed && is_named_by_demuxer_alone(&pad, &caps);
+            if is_renamed { renaming() } else { without_transparency(&factories) }
         });
         Some(chosen.to_value())
     });
-    let renamed = next.clone();
-    decoder.connect("autoplug-factories", false, move |values| {
-        let caps = values.get(2).and_then(|value| value.get::<gst::Caps>().ok());
-        let name = caps.as_ref().and_then(|caps| caps.structure(0)).map(|format| format.name().as_str());
-        let name = UNNAMED.iter().find(|(unnamed, _)| Some(*unnamed) == name);
-        let chosen = name.and_then(|(_, name)| renaming(&renamed, gst::Caps::new_empty_simple(*name)));
-        Some(chosen.to_value())
-    });
-    let bin = decoder.clone().downcast::<gst::Bin>().ok().context("the decoder is no bin")?;
-    bin.connect_element_added(move |_, element| {
-        let mut next = next.lock().unwrap_or_else(PoisonError::into_inner);
-        let is_renaming = || element.factory().is_some_and(|factory| factory.name() == RENAMING);
-        if next.is_some()
-            && is_renaming()
-            && let Some(caps) = next.take()
-        {
-            element.set_property("join", false);
-            // Of a stream whose format the demuxer took for another, it has stated other things wrong too.
-            element.set_property("replace", caps.structure(0).is_some_and(|format| format.n_fields() > 0));
-            element.set_property("caps", &caps);
-        }
-    });
+    if let Some(name) = unnamed {
+        let caps = gst::Caps::builder(name).field("stream-format", "byte-stream").build();
+        let bin = decoder.clone().downcast::<gst::Bin>().ok().context("the decoder is no bin")?;
+        bin.connect_element_added(move |_, element| {
+            if element.factory().is_some_and(|factory| factory.name() == RENAMING) {
+                element.set_property("join", false);
+                element.set_property("replace", true);
+                element.set_property("caps", &caps);
+            }
+        });
+    }
     Ok(())
 }
 
@@ -135,11 +115,9 @@ fn without_transparency(factories: &glib::ValueArray) -> Option<glib::ValueArray
     (!plain.is_empty() && plain.len() < factories.len()).then(|| glib::ValueArray::new(plain))
 }
 
-/// The element that gives a stream another name, as the only one that may go on with it; noted for when it is there.
-fn renaming(next: &Mutex<Option<gst::Caps>>, name: gst::Caps) -> Option<glib::ValueArray> {
-    let factory = gst::ElementFactory::find(RENAMING)?;
-    *next.lock().unwrap_or_else(PoisonError::into_inner) = Some(name);
-    Some(glib::ValueArray::new([factory.to_value()]))
+/// The element that gives a stream another name, as the only one that may go on with it.
+fn renaming() -> Option<glib::ValueArray> {
+    Some(glib::ValueArray::new([gst::ElementFactory::find(RENAMING)?.to_value()]))
 }
 
 /// Whether it is a program stream's demuxer that calls a stream MPEG video: one without a map of its streams does not state

@@ -55,6 +55,12 @@ impl Film {
         !self.is_fragmented
     }
 
+    /// Whether the times of a track of the file count from its own start, by its tables alone: GStreamer's demuxer lets such a track of
+    /// fragments begin with its first frame, whenever that is.
+    pub fn is_unedited(&self, id: u32) -> bool {
+        self.is_fragmented && self.track(id).is_some_and(|track| child(track.content, &[b"edts"]).is_none())
+    }
+
     /// The track that is played: the first of video that is enabled, else the first of all.
     pub fn main_video(&self) -> Option<u32> {
         let count = |track: &Track<'_>| track.table().and_then(tables::sample_count).unwrap_or(0);

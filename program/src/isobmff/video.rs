@@ -190,13 +190,13 @@ impl VideoTrack<'_> {
     fn colour(&self) -> Option<Vec<u8>> {
         let Colour { primaries, transfer, matrix, full_range } = self.colour;
         let is_full = full_range == Some(true);
-        // QuickTime's own has no range.
-        let states_range = full_range.is_some() && (is_full || !self.is_quicktime);
-        if self.colour.is_untagged() && !states_range {
+        if self.colour == Colour::default() {
             return None;
         }
+        // QuickTime's own has no range; limited is that of the stream too, where it states anything.
+        let is_own = self.is_quicktime && !is_full && !self.colour.is_untagged();
         let points = [0, primaries, 0, transfer, 0, matrix];
-        Some(match self.is_quicktime && !is_full {
+        Some(match is_own {
             true => boxed(b"colr", &[b"nclc", &points[..]].concat()),
             false => boxed(b"colr", &[b"nclx", &points[..], &[u8::from(is_full) << 7]].concat()),
         })

@@ -74,10 +74,6 @@ pub fn x264(picture: &Picture) -> String {
         format!("colormatrix={}", name(&MATRICES, matrix)),
         format!("fullrange={}", if full_range == Some(true) { "on" } else { "off" }),
     ];
-    if picture.colour.is_untagged() && full_range == Some(false) {
-        // It states a limited range only beside something else.
-        options.push("videoformat=component".to_owned());
-    }
     let site = picture.info.as_ref().map(|info| info.chroma_site());
     // Left is meant where nothing is stated.
     if site == Some(VideoChromaSite::JPEG) {

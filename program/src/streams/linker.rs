@@ -64,6 +64,8 @@ struct Linker {
     audio: Audio,
     excerpt: Option<Arc<Excerpt>>,
     is_matroska: bool,
+    /// The clip, where it is a file of boxes.
+    film: Option<Film>,
     delays: Delays,
     has_video: AtomicBool,
     /// The streams of the file by their identifiers, in its order, with what they were before they were decoded.
@@ -125,6 +127,7 @@ impl Remux {
             audio,
             excerpt,
             is_matroska,
+            film: Film::read(clip),
             delays,
             has_video,
             stored,
@@ -279,7 +282,7 @@ impl Linker {
     }
 
     fn link(self: &Arc<Self>, pad: &gst::Pad) -> Result<()> {
-        if self.is_matroska {
+        if self.is_matroska || (self.excerpt.is_none() && self.is_unedited(pad)) {
             matroska::keep_first_time(pad);
         }
         let caps = pad.current_caps().unwrap_or_else(|| pad.query_caps(None));
@@ -342,6 +345,13 @@ impl Linker {
         }
         self.add(&branch, kind, pad)?;
         link_to(pad, &branch)
+    }
+
+    /// Whether a stream of a film counts its times by its tables alone: the demuxer ends its name with its number.
+    fn is_unedited(&self, pad: &gst::Pad) -> bool {
+        let number = |stream: glib::GString| stream.rsplit('/').next()?.parse().ok();
+        let id = pad.stream_id().and_then(number);
+        id.zip(self.film.as_ref()).is_some_and(|(id, film)| film.is_unedited(id))
     }
 
     fn drops_video(&self) -> bool {

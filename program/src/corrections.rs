@@ -1,8 +1,9 @@
-//! MP4 and MOV files that state too short a length of their video.
+//! What is corrected in the index of MP4 and MOV files as it is read, so that GStreamer's demuxer finds their video.
 //!
-//! GStreamer's demuxer passes over a track that is shorter than a fifth of the film, as a preview picture would be. Where all
-//! video would be lost so, it is given these tracks with the film's length; their edit lists and frames stay what they are. It also
-//! passes over what begins at a track's end: the last frame of a phone's clip, where that frame is stated to take no time.
+//! It passes over a track that is shorter than a fifth of the film, as a preview picture would be. Where all video would be lost so, it
+//! is given these tracks with the film's length; their edit lists and frames stay what they are. It also passes over what begins at a
+//! track's end: the last frame of a phone's clip, where that frame is stated to take no time. And it does not have all names of codecs,
+//! although the decoder is there.
 
 use crate::boxes::{child, children, number, read_index};
 use gst::prelude::*;
@@ -11,11 +12,14 @@ use std::io::Seek;
 use std::path::Path;
 
 /// Bytes that replace those at an offset in the file.
-#[derive(Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 struct Patch {
     offset: u64,
     bytes: Vec<u8>,
 }
+
+/// Names of codecs that the demuxer lacks, and those that it has for the same: DNxHR and DNxHD are one.
+const NAMES: [(&[u8; 4], &[u8; 4]); 1] = [(b"AVdh", b"AVdn")];
 
 /// Where the box with a length has it: ticks a second, ticks, the ticks' offset in the box and their number of bytes.
 struct Length {
@@ -45,7 +49,7 @@ pub fn keep(clip: &Path, pad: &gst::Pad) {
     let Some(patches) = File::open(clip).ok().and_then(|mut file| {
         let index = read_index(&mut file)?;
         let start = file.stream_position().ok()?.checked_sub(index.len() as u64)?;
-        Some(patches(&index, start))
+        Some([lengths(&index, start), names(&index, start)].concat())
     }) else {
         return;
     };
@@ -76,8 +80,22 @@ fn apply(patch: &Patch, buffer: &mut gst::Buffer) {
     }
 }
 
-/// What is to be changed in an index that begins at an offset: nothing where any video would be found.
-fn patches(index: &[u8], start: u64) -> Vec<Patch> {
+/// Where the names of codecs are to be changed in an index that begins at an offset.
+fn names(index: &[u8], start: u64) -> Vec<Patch> {
+    let tracks = children(index).filter(|(name, _)| *name == b"trak");
+    let patch = |(_, track)| {
+        let entries = child(track, &[b"mdia", b"minf", b"stbl", b"stsd"])?.get(8..)?;
+        let (name, _) = children(entries).next()?;
+        let (_, known) = NAMES.iter().find(|(unknown, _)| name == *unknown)?;
+        // Both are of one piece of memory.
+        let offset = (name.as_ptr() as usize).checked_sub(index.as_ptr() as usize)?;
+        Some(Patch { offset: start + offset as u64, bytes: known.to_vec() })
+    };
+    tracks.filter_map(patch).collect()
+}
+
+/// What is to be changed in the lengths of an index that begins at an offset: nothing where any video would be found.
+fn lengths(index: &[u8], start: u64) -> Vec<Patch> {
     let Some(film) = child(index, &[b"mvhd"]).and_then(Length::of) else { return Vec::new() };
     let is_video = |track: &[u8]| {
         child(track, &[b"mdia", b"hdlr"]).and_then(|handler| handler.get(8..12)) == Some(b"vide")
@@ -177,7 +195,7 @@ mod tests {
     #[test]
     fn a_short_track_is_given_the_length_of_the_film() {
         let index = index(&[track(b"soun", 500), track(b"vide", 1999)]);
-        let [patch] = &patches(&index, 1000)[..] else { panic!() };
+        let [patch] = &lengths(&index, 1000)[..] else { panic!() };
         assert_eq!(patch.bytes, 10_000u32.to_be_bytes());
         let at = usize::try_from(patch.offset).unwrap() - 1000;
         assert_eq!(index[at..at + 4], 1999u32.to_be_bytes());
@@ -195,6 +213,22 @@ mod tests {
     }
 
     #[test]
+    fn codecs_get_names_that_are_known() {
+        let track = |name: &[u8; 4]| {
+            let entries = [&[0, 0, 0, 0, 0, 0, 0, 1][..], &boxed(name, &[0; 78])].concat();
+            let table = boxed(b"minf", &boxed(b"stbl", &boxed(b"stsd", &entries)));
+            boxed(b"trak", &boxed(b"mdia", &table))
+        };
+        let index = [header(b"mvhd", 10_000), track(b"avc1"), track(b"AVdh")].concat();
+        let [patch] = &names(&index, 1000)[..] else { panic!() };
+        let at = usize::try_from(patch.offset).unwrap() - 1000;
+        assert_eq!((&index[at..at + 4], &patch.bytes[..]), (&b"AVdh"[..], &b"AVdn"[..]));
+        for end in 0..index.len() {
+            let _ = names(&index[..end], 0);
+        }
+    }
+
+    #[test]
     fn previews_stay_previews() {
         for tracks in [
             &[track(b"vide", 100), track(b"vide", 9000)][..],
@@ -202,8 +236,8 @@ mod tests {
             &[track(b"soun", 100)],
             &[],
         ] {
-            assert_eq!(patches(&index(tracks), 0), []);
+            assert_eq!(lengths(&index(tracks), 0), []);
         }
-        assert_eq!(patches(b"nonsense", 0), []);
+        assert_eq!(lengths(b"nonsense", 0), []);
     }
 }
