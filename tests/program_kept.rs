@@ -69,7 +69,10 @@ const CLIPS: [(&str, &str); 3] = [
          -color_range pc -colorspace bt709 -color_primaries bt709 -color_trc bt709 -c:a:0 aac -c:a:1 ac3 -c:s mov_text \
          -movflags use_metadata_tags",
     ),
-    ("edit.mov", "-c:v prores_ks -pix_fmt yuv422p10le -c:a:0 pcm_s16le -c:a:1 aac -c:s mov_text -timecode 01:02:03:04"),
+    (
+        "edit.mov",
+        "-c:v prores_ks -pix_fmt yuv422p10le -c:a:0 pcm_s16le -c:a:1 aac -c:s mov_text -timecode 01:02:03:04",
+    ),
     (
         "film.mkv",
         "-c:v libx265 -pix_fmt yuv420p10le -color_range tv -colorspace bt2020nc -color_primaries bt2020 \
@@ -211,7 +214,8 @@ fn what_is_kept_is_as_the_table_states() {
             columns.push((heading, cells));
         }
     }
-    let mut table = format!("\n| |{}\n|---|", columns.iter().map(|(h, _)| format!(" {h} |")).collect::<String>());
+    let mut table =
+        format!("\n| |{}\n|---|", columns.iter().map(|(h, _)| format!(" {h} |")).collect::<String>());
     table += &"---|".repeat(columns.len());
     for (number, (name, ..)) in ROWS.iter().enumerate() {
         let cells = columns.iter().map(|(_, cells)| format!(" {} |", cells[number])).collect::<String>();

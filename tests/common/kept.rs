@@ -70,12 +70,17 @@ impl Content {
         let data = streams.iter().filter(|stream| stream["codec_type"] == "data");
         let tags = data.filter_map(|stream| stream["codec_tag_string"].as_str());
         // Timecode and chapters have rows of their own.
-        let tags: Vec<_> = tags.filter(|tag| !["tmcd", "text"].contains(tag) && !BOUND_TO_SAMPLES.contains(tag)).collect();
+        let tags: Vec<_> =
+            tags.filter(|tag| !["tmcd", "text"].contains(tag) && !BOUND_TO_SAMPLES.contains(tag)).collect();
         set("data tracks", (!tags.is_empty()).then(|| tags.join(", ")));
         let format = &whole["format"];
         // To the second; files that do not know it state the beginning of their era.
-        let created = tag(format, &["creation_time"]).map(|time| time.replace(' ', "T").chars().take(19).collect());
-        set("creation time", created.filter(|time: &String| !["1904", "1970"].contains(&time.get(..4).unwrap_or(""))));
+        let created =
+            tag(format, &["creation_time"]).map(|time| time.replace(' ', "T").chars().take(19).collect());
+        set(
+            "creation time",
+            created.filter(|time: &String| !["1904", "1970"].contains(&time.get(..4).unwrap_or(""))),
+        );
         for (name, keys) in [
             ("place", &["location", "com.apple.quicktime.location.ISO6709"][..]),
             ("maker", &["make", "com.apple.quicktime.make"]),
@@ -100,7 +105,9 @@ impl Content {
         let mut all: Vec<_> = self
             .properties
             .iter()
-            .filter(|(name, value)| !other.properties.get(*name).is_some_and(|other| is_same(name, value, other)))
+            .filter(|(name, value)| {
+                !other.properties.get(*name).is_some_and(|other| is_same(name, value, other))
+            })
             .map(|(name, value)| Difference {
                 property: name.clone(),
                 before: Some(value.clone()),
@@ -127,14 +134,17 @@ impl Content {
             self.times.iter().zip(&other.times).filter_map(|(one, two)| (*one).zip(*two)).collect();
         let Some(&(first, other_first)) = pairs.first() else { return Vec::new() };
         let moved = |(one, two): &(f64, f64)| (two - other_first) - (one - first);
-        let worst = pairs.iter().map(moved).fold(0.0, |one: f64, two| if two.abs() > one.abs() { two } else { one });
+        let worst =
+            pairs.iter().map(moved).fold(0.0, |one: f64, two| if two.abs() > one.abs() { two } else { one });
         let start = (other_first - other.file_start) - (first - self.file_start);
         let sound = self.audio_start.zip(other.audio_start);
         let sound = sound.map_or(0.0, |(one, two)| (other_first - two) - (first - one));
         let mut all = Vec::new();
-        for (name, shift, limit) in
-            [("times", worst, TIME), ("start of the video", start, SHIFT), ("video against audio", sound, SHIFT)]
-        {
+        for (name, shift, limit) in [
+            ("times", worst, TIME),
+            ("start of the video", start, SHIFT),
+            ("video against audio", sound, SHIFT),
+        ] {
             if shift.abs() > limit {
                 all.push((name, shift));
             }
@@ -147,7 +157,8 @@ impl Content {
 fn picture(stream: &Value, frame: &Value) -> BTreeMap<String, String> {
     let number = |field: &str| stream[field].as_i64().unwrap_or(0);
     let (width, height) = (number("width"), number("height"));
-    let side = |part: &'static str| stream[part].as_array().into_iter().chain(frame[part].as_array()).flatten();
+    let side =
+        |part: &'static str| stream[part].as_array().into_iter().chain(frame[part].as_array()).flatten();
     let side_data: Vec<&Value> = side("side_data_list").collect();
     let turn = side_data.iter().find_map(|data| data["rotation"].as_i64()).unwrap_or(0);
     let (width, height) = if turn % 180 == 0 { (width, height) } else { (height, width) };
@@ -158,7 +169,10 @@ fn picture(stream: &Value, frame: &Value) -> BTreeMap<String, String> {
     }
     let stated = |field: &str| {
         let texts = [&stream[field], &frame[field]].into_iter().filter_map(Value::as_str);
-        texts.into_iter().find(|text| !["unknown", "reserved", "N/A", "0:1"].contains(text)).map(str::to_owned)
+        texts
+            .into_iter()
+            .find(|text| !["unknown", "reserved", "N/A", "0:1"].contains(text))
+            .map(str::to_owned)
     };
     let aspect = stated("sample_aspect_ratio").and_then(|ratio| {
         let (one, two) = ratio.split_once(':')?;
@@ -196,7 +210,8 @@ fn picture(stream: &Value, frame: &Value) -> BTreeMap<String, String> {
 /// Whether a display matrix has a negative determinant.
 fn is_mirrored(matrix: &str) -> bool {
     let rows = matrix.lines().filter_map(|line| line.split_once(':'));
-    let numbers = rows.flat_map(|(_, row)| row.split_whitespace()).filter_map(|text| text.parse::<f64>().ok());
+    let numbers =
+        rows.flat_map(|(_, row)| row.split_whitespace()).filter_map(|text| text.parse::<f64>().ok());
     let numbers: Vec<f64> = numbers.collect();
     numbers.len() == 9 && numbers[0] * numbers[4] < numbers[1] * numbers[3]
 }

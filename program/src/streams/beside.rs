@@ -53,9 +53,7 @@ impl Beside {
     pub fn losses(&self) -> Vec<String> {
         // A part of a clip is not the place of all that is said of the whole.
         let film = self.film.as_ref().filter(|_| self.excerpt.is_none());
-        film.map_or_else(Vec::new, |(film, _)| {
-            unheld::of(film, self.container, |track| self.copies(track))
-        })
+        film.map_or_else(Vec::new, |(film, _)| unheld::of(film, self.container, |track| self.copies(track)))
     }
 
     /// Whether frames of the clip are shown as they lie in the file, turned by the player.

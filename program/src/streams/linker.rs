@@ -91,10 +91,9 @@ impl Remux {
         };
         let mut losses = match &muxer {
             Muxer::Boxes(beside) => beside.losses(),
-            Muxer::Whole(_) => Film::read(clip).filter(|_| destination.excerpt.is_none()).map_or_else(
-                Vec::new,
-                |film| super::unheld::of(&film, destination.container, |_| false),
-            ),
+            Muxer::Whole(_) => Film::read(clip)
+                .filter(|_| destination.excerpt.is_none())
+                .map_or_else(Vec::new, |film| super::unheld::of(&film, destination.container, |_| false)),
         };
         if destination.excerpt.is_none() {
             losses.extend(matroska::losses(clip));

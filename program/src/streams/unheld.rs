@@ -18,7 +18,9 @@ pub fn of(film: &Film, container: Container, copies: impl Fn(&Track<'_>) -> bool
     let kinds: Vec<_> = unheld.map(|track| track.handler.escape_ascii().to_string()).collect();
     if !kinds.is_empty() {
         let kinds = kinds.join(", ");
-        all.push(format!("timed metadata ({kinds}) is left out: it cannot go from here into {container} files"));
+        all.push(format!(
+            "timed metadata ({kinds}) is left out: it cannot go from here into {container} files"
+        ));
     }
     // Of other films, all but the tracks is taken over.
     if container.is_isobmff() {
@@ -27,7 +29,9 @@ pub fn of(film: &Film, container: Container, copies: impl Fn(&Track<'_>) -> bool
     let user_data = film.child(b"udta").unwrap_or_default();
     let refers_to_chapters = |track: &Track<'_>| child(track.content, &[b"tref", b"chap"]).is_some();
     if child(user_data, &[b"chpl"]).is_some() || film.tracks().any(|track| refers_to_chapters(&track)) {
-        all.push(format!("chapters are left out: those of MP4 and MOV cannot go into {container} files here"));
+        all.push(format!(
+            "chapters are left out: those of MP4 and MOV cannot go into {container} files here"
+        ));
     }
     if has_tags(film, user_data) {
         all.push("tags, such as place and camera, are left out but for a few".to_owned());
@@ -40,9 +44,8 @@ fn has_tags(film: &Film, user_data: &[u8]) -> bool {
     let is_tag = |name: &[u8]| !NO_TAGS.iter().any(|other| name == *other);
     // Its header is one of ISO or none.
     let metas = [film.child(b"meta"), child(user_data, &[b"meta"])].into_iter().flatten();
-    let mut lists = metas.filter_map(|meta| {
-        child(meta, &[b"ilst"]).or_else(|| child(meta.get(4..)?, &[b"ilst"]))
-    });
+    let mut lists =
+        metas.filter_map(|meta| child(meta, &[b"ilst"]).or_else(|| child(meta.get(4..)?, &[b"ilst"])));
     children(user_data).any(|(name, _)| is_tag(name))
         || lists.any(|list| children(list).any(|(name, _)| is_tag(name)))
 }
