@@ -46,11 +46,10 @@ const DAMAGED: [(&str, &str); 4] = [
 const UNREADABLE: [&str; 3] = ["broken.mp4", "cut-karma.mp4", "empty.avi"];
 
 /// What does not come out right yet: file, property (or `failure`), reason. What does must be taken off the list.
-const NOT_YET: [(&str, &str, &str); 6] = [
+const NOT_YET: [(&str, &str, &str); 5] = [
     ("dnxhd-tc.mxf", "failure", "the demuxer of MXF gives up where the file is cut short"),
     ("wmv3.wmv", "failure", "GStreamer 1.22 does not decode it"),
     ("mpeg1-sar64-45.mpg", "audio 0", "the parser drops a packet that is cut off"),
-    ("pixel-motionphoto-b.mp4", "frames", "a frame outside the edit list is left out"),
     // Its muxer of Matroska writes texts as GStreamer serialises them.
     ("h264.avi", "title", "quoted by GStreamer"),
     ("msmpeg4v2.mkv", "title", "quoted by GStreamer"),
