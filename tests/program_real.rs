@@ -245,3 +245,19 @@ fn real_files_are_measured() {
         assert_eq!(measure(&clip).0["frames"], frames, "{name}");
     }
 }
+
+#[test]
+fn a_portrait_clip_of_a_phone_is_compared() {
+    let Some(data) = std::env::var_os("RSRECTIFY_DATA") else {
+        eprintln!("skipped: RSRECTIFY_DATA is not set");
+        return;
+    };
+    let folder = Folder::new("compared");
+    let (clip, output) = (Path::new(&data).join("zoo/iphone-gps.mov"), folder.file("compared.mov"));
+    let options = ["--compare", "--readout-time", "16.7"];
+    let fixed = rsrectify("fix").arg(clip).arg("--output").arg(&output).args(options).output().unwrap();
+    assert!(fixed.status.success(), "{}", said(&fixed));
+    let frames = program::buffers(&output, "decodebin ! videoconvert");
+    // Two pictures of 480 x 640, upright.
+    assert!(frames.len() >= 120 && program::size(&frames[0]).0 > program::size(&frames[0]).1, "{}", frames.len());
+}

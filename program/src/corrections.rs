@@ -185,7 +185,7 @@ mod tests {
             let information = boxed(b"minf", &boxed(b"stbl", &durations));
             let handler = boxed(b"hdlr", &[&[0; 8], &b"vide"[..], &[0; 12]].concat());
             let media = [header(b"mdhd", 10_000), handler, information].concat();
-            patches(&index(&[boxed(b"trak", &boxed(b"mdia", &media))]), 0)
+            lengths(&index(&[boxed(b"trak", &boxed(b"mdia", &media))]), 0)
         };
         let ticks: Vec<_> = of(0).into_iter().map(|patch| patch.bytes).collect();
         assert_eq!(ticks, [10_001u32.to_be_bytes(), 10_001u32.to_be_bytes()]);
