@@ -258,6 +258,6 @@ fn a_portrait_clip_of_a_phone_is_compared() {
     let fixed = rsrectify("fix").arg(clip).arg("--output").arg(&output).args(options).output().unwrap();
     assert!(fixed.status.success(), "{}", said(&fixed));
     let frames = program::buffers(&output, "decodebin ! videoconvert");
-    // Two pictures of 480 x 640, upright.
+    // Two pictures of 320 x 568, upright.
     assert!(frames.len() >= 120 && program::size(&frames[0]).0 > program::size(&frames[0]).1, "{}", frames.len());
 }
