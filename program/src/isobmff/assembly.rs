@@ -46,11 +46,14 @@ pub struct Assembly<'a> {
     pub chapters: Vec<u8>,
 }
 
+/// The boxes of a track, given where its chunks begin, and whether that takes 64 bits.
+type Boxes<'a> = Box<dyn Fn(&[u64], bool) -> Result<Vec<u8>> + 'a>;
+
 /// A track to be written: its chunks in a file, and its boxes once it is known where they lie in the new one.
 struct Planned<'a> {
     source: PathBuf,
     chunks: Vec<Chunk>,
-    boxes: Box<dyn Fn(&[u64], bool) -> Result<Vec<u8>> + 'a>,
+    boxes: Boxes<'a>,
     /// From the film's start to the track's end, in seconds.
     end: f64,
 }
