@@ -46,7 +46,7 @@ pub struct Assembly<'a> {
     pub chapters: Vec<u8>,
 }
 
-/// The boxes of a track, given where its chunks begin, and whether that takes 64 bits.
+/// Makes the boxes of a track whose chunks begin at these offsets, which have 64 bits or 32.
 type Boxes<'a> = Box<dyn Fn(&[u64], bool) -> Result<Vec<u8>> + 'a>;
 
 /// A track to be written: its chunks in a file, and its boxes once it is known where they lie in the new one.

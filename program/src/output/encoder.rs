@@ -166,8 +166,8 @@ impl Encoding {
         }
         if lost_chroma(&clip, &coded) > 0 {
             losses.push(format!("the {codec} encoder has less resolution of colour than the clip"));
-        } else if coded.is_yuv() && !clip.is_gray() && chroma(&coded) != chroma(&clip) {
-            let why = match !is_whole(&clip, info) && is_strict(codec) {
+        } else if coded.is_yuv() && !clip.is_gray() && chroma(&coded) != chroma(&clip) && is_strict(codec) {
+            let why = match !is_whole(&clip, info) {
                 true => format!(" for pictures of {} x {} pixels", info.width(), info.height()),
                 false => String::new(),
             };
