@@ -111,7 +111,10 @@ impl Encoding {
             _ => {}
         }
         // Encoders go by the caps, which some decoders leave open.
-        self.on_caps(&pad(&encoder, "sink")?, Self::state_scanning);
+        self.on_caps(&pad(&encoder, "sink")?, |this, caps| {
+            this.state_scanning(caps);
+            mend_aspect(caps);
+        });
         let last = if self.codec.parser().is_some() { named(bin, "parser")? } else { encoder };
         self.on_caps(&pad(&last, "src")?, |this, caps| {
             this.picture.state_in(caps);
@@ -198,6 +201,15 @@ impl Encoding {
     }
 }
 
+/// Has pixels be square whose aspect is none: the demuxer of AVI divides by the negative height of pictures from the bottom up.
+fn mend_aspect(caps: &mut gst::CapsRef) {
+    const FIELD: &str = "pixel-aspect-ratio";
+    let Some(format) = caps.structure_mut(0) else { return };
+    if format.get::<gst::Fraction>(FIELD).is_ok_and(|aspect| aspect.numer() <= 0) {
+        format.set(FIELD, gst::Fraction::new(1, 1));
+    }
+}
+
 /// Whether the codec has no odd sizes where colour is halved.
 fn is_strict(codec: Codec) -> bool {
     matches!(codec, Codec::H264 | Codec::Hevc)
@@ -277,4 +289,22 @@ fn rewrite(pad: &gst::Pad, made: impl Fn(&[u8]) -> Option<Vec<u8>> + Send + Sync
         }
         gst::PadProbeReturn::Ok
     });
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn pixels_without_an_aspect_are_square() {
+        gst::init().unwrap();
+        for (stated, written) in [((-1, 1), (1, 1)), ((4, 3), (4, 3))] {
+            let mut caps = gst::Caps::builder("video/x-raw")
+                .field("pixel-aspect-ratio", gst::Fraction::new(stated.0, stated.1))
+                .build();
+            mend_aspect(caps.make_mut());
+            let aspect = caps.structure(0).unwrap().get::<gst::Fraction>("pixel-aspect-ratio").unwrap();
+            assert_eq!(aspect, gst::Fraction::new(written.0, written.1));
+        }
+    }
 }
