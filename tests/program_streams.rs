@@ -130,15 +130,42 @@ fn audio_is_copied_where_the_container_holds_it() {
         ("avenc_eac3", ["mpeg", "mpeg", "x-eac3"]),
         ("vorbisenc", ["mpeg", "mpeg", "x-vorbis"]),
         ("flacenc", ["mpeg", "mpeg", "x-flac"]),
+        ("avenc_wmav2", ["mpeg", "mpeg", "x-wma"]),
         ("identity", ["mpeg", "x-raw", "x-raw"]),
     ] {
         let streams = format!("{short} {tone} ! audioconvert ! {encoder} ! queue ! mux.");
         let input = folder.clip("in.mkv", "matroskamux", &streams);
         for (file, kind) in [("out.mp4", mp4), ("out.mov", mov), ("out.mkv", mkv)] {
             let output = folder.file(file);
-            assert_eq!(fix(&input, &output, &[]), "", "{encoder}, {file}");
+            let said = fix(&input, &output, &[]);
+            let is_encoded = kind == "mpeg";
+            assert_eq!(said.contains("is encoded to AAC"), is_encoded, "{encoder}, {file}: {said}");
+            assert_eq!(said.lines().count(), usize::from(is_encoded), "{encoder}, {file}: {said}");
             assert_eq!(contents(&output).0, [&format!("audio/{kind}"), "video/x-h264"], "{encoder}, {file}");
         }
+    }
+}
+
+#[test]
+fn video_beside_the_first_is_copied() {
+    let folder = Folder::new("videos");
+    let small = CLIP.replace("width=320,height=240", "width=160,height=120");
+    let input = folder.clip(
+        "in.mkv",
+        "matroskamux",
+        &format!("{CLIP} {small}").replace("! mux.", "! h264parse ! mux."),
+    );
+    for file in ["out.mkv", "out.mp4"] {
+        let output = folder.file(file);
+        assert_eq!(fix(&input, &output, &[]), "", "{file}");
+        assert_eq!(contents(&output).0, ["video/x-h264"; 2], "{file}");
+        let demuxer = if file.ends_with("mkv") { "matroskademux" } else { "qtdemux" };
+        let second = |path: &Path, demuxer: &str| {
+            let read = format!("{demuxer} name=d d.video_0 ! queue ! fakesink async=false d.video_1 ! queue");
+            let bytes = |frame: &gst::Sample| frame.buffer().unwrap().size();
+            buffers(path, &read).iter().map(bytes).collect::<Vec<_>>()
+        };
+        assert_eq!(second(&output, demuxer), second(&input, "matroskademux"), "{file}");
     }
 }
 

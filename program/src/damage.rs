@@ -57,7 +57,8 @@ fn end_of_tags(file: &mut File, header: u64) -> Option<u64> {
     loop {
         let mut tag = [0; 11];
         file.seek(SeekFrom::Start(end)).ok()?;
-        match file.take(11).read(&mut tag).ok()? {
+        let read = file.take(11).read(&mut tag).ok()?;
+        match read {
             0 => return Some(end),
             1..11 => return end.checked_add(11),
             // Its length has three bytes.
@@ -72,7 +73,8 @@ fn end_of_objects(file: &mut File) -> Option<u64> {
     loop {
         let mut header = [0; 24];
         file.seek(SeekFrom::Start(end)).ok()?;
-        if file.take(24).read(&mut header).ok()? < 24 {
+        let read = file.take(24).read(&mut header).ok()?;
+        if read < 24 {
             return Some(end);
         }
         let length = u64::from_le_bytes(header[16..].try_into().ok()?);
@@ -113,7 +115,8 @@ fn end_of_segment(file: &mut File) -> Option<u64> {
 fn element_size(file: &mut File, at: u64) -> Option<(Option<u64>, u64)> {
     let mut bytes = [0; 8];
     file.seek(SeekFrom::Start(at)).ok()?;
-    file.take(8).read(&mut bytes).ok()?;
+    // At the end of the file there may be fewer.
+    let _ = file.take(8).read(&mut bytes).ok()?;
     let length = u64::from(bytes[0].leading_zeros()) + 1;
     if length > 8 {
         return None;
@@ -184,9 +187,10 @@ mod tests {
         // A header of three bytes, a segment of 300.
         let matroska =
             [&[0x1a, 0x45, 0xdf, 0xa3, 0x83, 1, 2, 3, 0x18, 0x53, 0x80, 0x67, 0x41, 0x2c][..], &[0; 300]];
-        let tag =
-            |length: u8| [&[9, 0, 0, length, 0, 0, 0, 0, 0, 0, 0][..], &vec![1; length.into()], &[0; 4]];
-        let flash = [&b"FLV\x01\x05\0\0\0\x09"[..], &[0; 4], &tag(20).concat(), &tag(200).concat()].concat();
+        let tag = |length: u8| {
+            [&[9, 0, 0, length, 0, 0, 0, 0, 0, 0, 0][..], &vec![1; length.into()], &[0; 4]].concat()
+        };
+        let flash = [&b"FLV\x01\x05\0\0\0\x09"[..], &[0; 4], &tag(20), &tag(200)].concat();
         let object =
             |length: u64| [&[7; 16][..], &length.to_le_bytes(), &vec![0; length as usize - 24]].concat();
         let windows = [&[0x30, 0x26, 0xb2, 0x75][..], &object(60)[4..], &object(400)].concat();

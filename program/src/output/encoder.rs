@@ -111,7 +111,10 @@ impl Encoding {
             _ => {}
         }
         // Encoders go by the caps, which some decoders leave open.
-        self.on_caps(&pad(&encoder, "sink")?, Self::state_scanning);
+        self.on_caps(&pad(&encoder, "sink")?, |this, caps| {
+            this.state_scanning(caps);
+            mend_aspect(caps);
+        });
         let last = if self.codec.parser().is_some() { named(bin, "parser")? } else { encoder };
         self.on_caps(&pad(&last, "src")?, |this, caps| {
             this.picture.state_in(caps);
@@ -166,8 +169,8 @@ impl Encoding {
         }
         if lost_chroma(&clip, &coded) > 0 {
             losses.push(format!("the {codec} encoder has less resolution of colour than the clip"));
-        } else if coded.is_yuv() && !clip.is_gray() && chroma(&coded) != chroma(&clip) {
-            let why = match !is_whole(&clip, info) && is_strict(codec) {
+        } else if coded.is_yuv() && !clip.is_gray() && chroma(&coded) != chroma(&clip) && is_strict(codec) {
+            let why = match !is_whole(&clip, info) {
                 true => format!(" for pictures of {} x {} pixels", info.width(), info.height()),
                 false => String::new(),
             };
@@ -195,6 +198,15 @@ impl Encoding {
                 .push(format!("the {codec} encoder cannot mark the clip's fields; --codec h264 keeps them"));
         }
         losses
+    }
+}
+
+/// Has pixels be square whose aspect is none: the demuxer of AVI divides by the negative height of pictures from the bottom up.
+fn mend_aspect(caps: &mut gst::CapsRef) {
+    const FIELD: &str = "pixel-aspect-ratio";
+    let Some(format) = caps.structure_mut(0) else { return };
+    if format.get::<gst::Fraction>(FIELD).is_ok_and(|aspect| aspect.numer() <= 0) {
+        format.set(FIELD, gst::Fraction::new(1, 1));
     }
 }
 
@@ -277,4 +289,22 @@ fn rewrite(pad: &gst::Pad, made: impl Fn(&[u8]) -> Option<Vec<u8>> + Send + Sync
         }
         gst::PadProbeReturn::Ok
     });
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn pixels_without_an_aspect_are_square() {
+        gst::init().unwrap();
+        for (stated, written) in [((-1, 1), (1, 1)), ((4, 3), (4, 3))] {
+            let mut caps = gst::Caps::builder("video/x-raw")
+                .field("pixel-aspect-ratio", gst::Fraction::new(stated.0, stated.1))
+                .build();
+            mend_aspect(caps.make_mut());
+            let aspect = caps.structure(0).unwrap().get::<gst::Fraction>("pixel-aspect-ratio").unwrap();
+            assert_eq!(aspect, gst::Fraction::new(written.0, written.1));
+        }
+    }
 }

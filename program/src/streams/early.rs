@@ -37,3 +37,49 @@ fn begin_earlier(pad: &gst::Pad) {
         gst::PadProbeReturn::Ok
     });
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::sync::{Arc, Mutex};
+
+    #[test]
+    fn a_second_before_the_first_time_is_kept() {
+        gst::init().unwrap();
+        let segments = Arc::new(Mutex::new(Vec::new()));
+        let seen = segments.clone();
+        let sink = gst::Pad::builder(gst::PadDirection::Sink)
+            .event_function(move |_, _, event| {
+                if let gst::EventView::Segment(event) = event.view() {
+                    seen.lock().unwrap().push(event.segment().clone());
+                }
+                true
+            })
+            .build();
+        let source = gst::Pad::new(gst::PadDirection::Src);
+        sink.set_active(true).unwrap();
+        source.set_active(true).unwrap();
+        source.link(&sink).unwrap();
+        begin_earlier(&source);
+        assert!(source.push_event(gst::event::StreamStart::new("stream")));
+        let ms = gst::ClockTime::from_mseconds;
+        for start in [5000, 700] {
+            let mut segment = gst::FormattedSegment::<gst::ClockTime>::new();
+            segment.set_start(ms(start));
+            segment.set_time(ms(0));
+            assert!(source.push_event(gst::event::Segment::new(&segment)));
+        }
+        let segments = segments.lock().unwrap();
+        let running = |number: usize, time| {
+            let segment: &gst::Segment = &segments[number];
+            segment.downcast_ref::<gst::ClockTime>().unwrap().to_running_time(ms(time))
+        };
+        // All come later by as much.
+        assert_eq!(
+            [4000, 4960, 5000].map(|time| running(0, time)),
+            [0, 960, 1000].map(|time| Some(ms(time)))
+        );
+        assert_eq!(running(0, 3999), None);
+        assert_eq!([0, 700].map(|time| running(1, time)), [0, 700].map(|time| Some(ms(time))));
+    }
+}

@@ -4,7 +4,7 @@ use super::beside::Beside;
 use super::early;
 use super::excerpt::Excerpt;
 use super::timecode::Timecode;
-use super::{Audio, Kind, Route, beside_video, is_copied, label, markup, route};
+use super::{Audio, Kind, Route, beside_video, is_copied, label, markup, programs, route};
 use crate::decoder;
 use crate::elements::{self, NO_VIDEO, make, named, parse};
 use crate::interruption::Interruption;
@@ -68,6 +68,7 @@ struct Linker {
     film: Option<Film>,
     delays: Delays,
     has_video: AtomicBool,
+    has_warned_of_files: AtomicBool,
     /// The streams of the file by their identifiers, in its order, with what they were before they were decoded.
     stored: Mutex<Vec<(glib::GString, gst::Caps)>>,
 }
@@ -130,10 +131,18 @@ impl Remux {
             film: Film::read(clip),
             delays,
             has_video,
+            has_warned_of_files: AtomicBool::new(false),
             stored,
         };
         let linker = Arc::new(linker);
         Linker::watch(&linker, &decoder);
+        if let Some(count) = programs::count(clip).filter(|count| *count > 1) {
+            gst::element_warning!(
+                pipeline,
+                gst::StreamError::Format,
+                ("the file has {count} programs: the first is taken, the others are left out")
+            );
+        }
         Ok(Self { pipeline, linker })
     }
 
@@ -241,7 +250,7 @@ impl Linker {
         });
         let on_pad = linker.clone();
         decoder.connect_pad_added(move |_, pad| {
-            on_pad.watch_date(pad);
+            on_pad.watch_tags(pad);
             if let Some(excerpt) = &on_pad.excerpt {
                 excerpt.hold(pad);
             } else if let Err(error) = on_pad.link(pad) {
@@ -261,14 +270,22 @@ impl Linker {
         });
     }
 
-    /// Takes over when the clip was made, once its demuxer has said so.
-    fn watch_date(self: &Arc<Self>, pad: &gst::Pad) {
+    /// Takes over when the clip was made, once its demuxer has said so, and warns of pictures and files beside the streams.
+    fn watch_tags(self: &Arc<Self>, pad: &gst::Pad) {
         let linker = self.clone();
+        let keeps_pictures = matches!(&self.muxer, Muxer::Boxes(_)) && self.film.is_some();
         pad.add_probe(gst::PadProbeType::EVENT_DOWNSTREAM, move |_, info| {
-            if let Some(gst::EventView::Tag(tags)) = info.event().map(|event| event.view())
-                && let Some(date) = tags.tag().get::<gst::tags::DateTime>()
-            {
-                linker.note_date(date.get());
+            if let Some(gst::EventView::Tag(tags)) = info.event().map(|event| event.view()) {
+                let tags = tags.tag();
+                if let Some(date) = tags.get::<gst::tags::DateTime>() {
+                    linker.note_date(date.get());
+                }
+                let has_files = tags.get::<gst::tags::Image>().is_some()
+                    || tags.get::<gst::tags::PreviewImage>().is_some()
+                    || tags.get::<gst::tags::Attachment>().is_some();
+                if has_files && !keeps_pictures && !linker.has_warned_of_files.swap(true, Ordering::Relaxed) {
+                    linker.warn_of("cover pictures and attached files are left out");
+                }
             }
             gst::PadProbeReturn::Ok
         });
@@ -425,12 +442,12 @@ impl Linker {
     /// Warns of what becomes of a stream that the container cannot hold as it is.
     fn warn(&self, caps: &gst::CapsRef, fate: &str) {
         let name = caps.structure(0).map_or("unknown", |format| format.name().as_str());
+        self.warn_of(&format!("a stream of {name} {fate}: it cannot go into {} files", self.container));
+    }
+
+    fn warn_of(&self, loss: &str) {
         if let Some(pipeline) = self.pipeline.upgrade() {
-            gst::element_warning!(
-                pipeline,
-                gst::StreamError::Format,
-                ("a stream of {name} {fate}: it cannot go into {} files", self.container)
-            );
+            gst::element_warning!(pipeline, gst::StreamError::Format, ("{loss}"));
         }
     }
 

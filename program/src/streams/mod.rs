@@ -6,6 +6,7 @@ mod excerpt;
 pub mod label;
 mod linker;
 mod markup;
+mod programs;
 pub mod timecode;
 mod unheld;
 
