@@ -259,5 +259,9 @@ fn a_portrait_clip_of_a_phone_is_compared() {
     assert!(fixed.status.success(), "{}", said(&fixed));
     let frames = program::buffers(&output, "decodebin ! videoconvert");
     // Two pictures of 320 x 568, upright.
-    assert!(frames.len() >= 120 && program::size(&frames[0]).0 > program::size(&frames[0]).1, "{}", frames.len());
+    assert!(
+        frames.len() >= 120 && program::size(&frames[0]).0 > program::size(&frames[0]).1,
+        "{}",
+        frames.len()
+    );
 }
