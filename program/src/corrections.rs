@@ -182,9 +182,10 @@ mod tests {
         let of = |last: u32| {
             let words = |words: &[u32]| words.iter().flat_map(|word| word.to_be_bytes()).collect::<Vec<_>>();
             let durations = boxed(b"stts", &words(&[0, 2, 5, 2000, 1, last]));
+            let whole = 10_000 + last;
             let information = boxed(b"minf", &boxed(b"stbl", &durations));
             let handler = boxed(b"hdlr", &[&[0; 8], &b"vide"[..], &[0; 12]].concat());
-            let media = [header(b"mdhd", 10_000), handler, information].concat();
+            let media = [header(b"mdhd", whole), handler, information].concat();
             lengths(&index(&[boxed(b"trak", &boxed(b"mdia", &media))]), 0)
         };
         let ticks: Vec<_> = of(0).into_iter().map(|patch| patch.bytes).collect();

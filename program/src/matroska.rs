@@ -20,7 +20,7 @@ const TAG: &[u8] = &[0x73, 0x73];
 const SIMPLE_TAG: &[u8] = &[0x67, 0xc8];
 const TAG_NAME: &[u8] = &[0x45, 0xa3];
 /// Tags that say of the file itself, or of its streams, what is no longer so once it is written anew.
-const PASSING: [&str; 5] = ["ENCODER", "DURATION", "BPS", "NUMBER_OF_", "_STATISTICS_"];
+const PASSING: [&str; 6] = ["ENCODER", "DURATION", "BPS", "BITSPS", "NUMBER_OF_", "_STATISTICS_"];
 /// The demuxer itself takes this codec's delay into account.
 const OPUS: &[u8] = b"A_OPUS";
 
