@@ -101,3 +101,16 @@ pub fn replace_caps(info: &mut gst::PadProbeInfo<'_>, caps: &gst::Caps) {
     let new = gst::event::Caps::builder(caps).seqnum(old.seqnum()).build();
     info.data = Some(gst::PadProbeData::Event(new));
 }
+
+/// Whether what gives a stream to the decoder's pad is an element of this class.
+pub fn comes_from(pad: &gst::Pad, class: &str) -> bool {
+    // The decoder's pads stand for those inside.
+    let inner = pad.downcast_ref::<gst::GhostPad>().and_then(|pad| pad.target());
+    inner.and_then(|pad| pad.parent_element()).is_some_and(|element| is_of_class(&element, class))
+}
+
+/// Whether an element is of a class, such as `Decoder`.
+pub fn is_of_class(element: &gst::Element, class: &str) -> bool {
+    let factory = element.factory();
+    factory.is_some_and(|factory| factory.metadata("klass").is_some_and(|klass| klass.contains(class)))
+}

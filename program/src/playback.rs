@@ -1,9 +1,11 @@
 //! Plays a pipeline to its end.
 
 use crate::decoder;
+use crate::elements::is_of_class;
 use crate::interruption::Interruption;
 use anyhow::{Context, Result, bail};
 use gst::prelude::*;
+use std::fmt;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
@@ -24,6 +26,18 @@ pub struct Playback {
     /// What the decoder lacks, once it has said so.
     missing: Option<String>,
 }
+
+/// The error of a decoder of audio.
+#[derive(Debug)]
+pub struct UndecodableAudio(String);
+
+impl fmt::Display for UndecodableAudio {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "the audio cannot be decoded: {}", self.0)
+    }
+}
+
+impl std::error::Error for UndecodableAudio {}
 
 /// What has happened.
 pub enum Event {
@@ -80,6 +94,13 @@ impl Playback {
             gst::MessageView::Application(_) => return Ok(Event::Held),
             gst::MessageView::Toc(toc) if !toc.toc().0.entries().is_empty() => return Ok(Event::Chapters),
             gst::MessageView::Error(error) => {
+                let source = message.src().and_then(|source| source.downcast_ref::<gst::Element>());
+                let is_audio = |element| is_of_class(element, "Decoder") && is_of_class(element, "Audio");
+                if source.is_some_and(is_audio) {
+                    bail!(UndecodableAudio(
+                        one_line(error.error().message()).trim_end_matches('.').to_owned()
+                    ));
+                }
                 bail!("{}", self.missing.take().unwrap_or_else(|| one_line(error.error().message())))
             }
             gst::MessageView::Warning(warning) => {

@@ -11,14 +11,15 @@ use crate::output::codec::Container;
 use crate::output::{self, Unfinished};
 use crate::packets::Packets;
 use crate::part;
-use crate::playback::{Event, Playback};
+use crate::playback::{Event, Playback, UndecodableAudio};
 use crate::progress;
 use crate::readout::{self, Extent};
-use crate::streams::{Excerpt, Remux};
+use crate::streams::{Audio, Excerpt, Remux};
 use anyhow::{Context, Result, anyhow, bail};
 use gst::prelude::*;
 use indicatif::{ProgressBar, ProgressStyle};
 pub use options::FixOptions;
+use pipeline::Recipe;
 use pipeline::{Progress, Rectification};
 use plan::Job;
 use std::path::Path;
@@ -97,9 +98,21 @@ fn one(job: &Job, options: &FixOptions, interruption: &Interruption) -> Result<(
     let excerpt = part.map(|part| Arc::new(Excerpt::new(part)));
     let is_part = excerpt.is_some();
     let expected = excerpt.as_ref().map(|excerpt| excerpt.frames().len());
-    let rectification = Rectification::new(&recipe, excerpt, &job.input, &job.output, &progress)?;
     let complaints = Complaints::listen();
-    play(&rectification.remux, recipe.container, &progress, interruption)?;
+    let start = |recipe: &Recipe| {
+        progress.times().clear();
+        let rectification = Rectification::new(recipe, excerpt.clone(), &job.input, &job.output, &progress)?;
+        let played = play(&rectification.remux, recipe.container, &progress, interruption);
+        played.map(|()| rectification)
+    };
+    let rectification = match start(&recipe) {
+        Err(error) if error.is::<UndecodableAudio>() && recipe.audio != Audio::None => {
+            eprintln!("warning: {}: {error:#}; it is left out", job.input.display());
+            recipe.audio = Audio::None;
+            start(&recipe)?
+        }
+        started => started?,
+    };
     let frames = progress.frames();
     if frames == 0 {
         bail!("no frame could be decoded");

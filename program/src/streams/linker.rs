@@ -6,7 +6,7 @@ use super::excerpt::Excerpt;
 use super::timecode::Timecode;
 use super::{Audio, Kind, Route, beside_video, is_copied, label, markup, programs, route};
 use crate::decoder;
-use crate::elements::{self, NO_VIDEO, make, named, parse};
+use crate::elements::{self, NO_VIDEO, comes_from, make, named, parse};
 use crate::interruption::Interruption;
 use crate::isobmff::{EncodedVideo, Film};
 use crate::matroska::{self, Delays};
@@ -210,7 +210,13 @@ impl Linker {
         // Subtitles that are pictures are no video.
         let is_picture = caps.structure(0).is_some_and(|format| format.name().starts_with("subpicture/"));
         let is_beside = is_demuxed && self.beside_video(pad, caps).is_some();
-        !is_dropped && !is_track && !is_picture && !is_beside && !is_copied(self.container, self.audio, caps)
+        let is_unwanted = is_demuxed && self.audio == Audio::None && Kind::of(caps) == Kind::Audio;
+        !is_dropped
+            && !is_track
+            && !is_picture
+            && !is_beside
+            && !is_unwanted
+            && !is_copied(self.container, self.audio, caps)
     }
 
     /// Notes what a stream is as it lies in the file.
@@ -487,14 +493,6 @@ fn set_date(muxer: &gst::Element, created: Option<glib::DateTime>) {
     if let Some(created) = created.filter(|_| muxer.has_property("creation-time")) {
         muxer.set_property("creation-time", created);
     }
-}
-
-/// Whether what gives a stream to the decoder's pad is an element of this class.
-fn comes_from(pad: &gst::Pad, class: &str) -> bool {
-    // The decoder's pads stand for those inside.
-    let inner = pad.downcast_ref::<gst::GhostPad>().and_then(|pad| pad.target());
-    let owner = inner.and_then(|pad| pad.parent_element()).and_then(|element| element.factory());
-    owner.is_some_and(|factory| factory.metadata("klass").is_some_and(|klass| klass.contains(class)))
 }
 
 fn link_to(pad: &gst::Pad, branch: &gst::Bin) -> Result<()> {
