@@ -207,8 +207,7 @@ fn hide_what_files_state(pipeline: &gst::Pipeline) -> Demuxed {
     let demuxed = Demuxed::default();
     let noted = demuxed.clone();
     pipeline.connect_deep_element_added(move |_, _, element| {
-        let klass = element.factory().and_then(|factory| factory.metadata("klass").map(str::to_owned));
-        if klass.is_some_and(|klass| klass.contains("Demux")) {
+        if elements::is_of_class(element, "Demux") {
             let noted = noted.clone();
             element.connect_pad_added(move |_, pad| hide(pad, noted.clone()));
         }

@@ -4,6 +4,7 @@
 //! the decoder has to wait for later ones, and what is left out there, to wait, would be a gap between the first frames. So a frame is
 //! shown when the packet is decoded that lies as many packets further on as the decoder waits.
 
+use crate::elements::is_of_class;
 use gst::prelude::*;
 use std::collections::HashMap;
 use std::sync::{Arc, Mutex, PoisonError};
@@ -231,8 +232,7 @@ fn on_decoders(
     call: impl Fn(&gst::Element, &gst::Pad, &gst::Pad) + Send + Sync + 'static,
 ) {
     pipeline.connect_deep_element_added(move |_, _, element| {
-        let klass = element.factory().and_then(|factory| factory.metadata("klass").map(str::to_owned));
-        let is_decoder = klass.is_some_and(|klass| klass.contains("Decoder") && !klass.contains("Audio"));
+        let is_decoder = is_of_class(element, "Decoder") && !is_of_class(element, "Audio");
         if let Some((input, output)) = element.static_pad("sink").zip(element.static_pad("src"))
             && is_decoder
         {
