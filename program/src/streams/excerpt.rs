@@ -46,8 +46,11 @@ impl Excerpt {
         if !first.send_event(seek) {
             return Err(anyhow!("{}", part::NO_SEEK));
         }
+        // A muxer takes no more streams once it has data of all that it knows.
+        for (pad, _) in &held {
+            link(pad)?;
+        }
         for (pad, probe) in held {
-            link(&pad)?;
             pad.remove_probe(probe);
         }
         Ok(())
