@@ -60,34 +60,15 @@
 //! whose readout is sought takes up to twenty from each of two starts for each edge, most of them while the lookahead
 //! fills, later ones up to twelve until γ rests.
 
-mod banded;
-mod bank;
 mod camera;
-mod deviation;
-mod dominant;
-mod equations;
-mod evaluated;
-mod evidence;
-mod fitted;
-mod flow;
-mod hypothesis;
-mod normal;
-mod overlay;
-mod pair;
-mod pair_window;
-mod path;
-mod pixels;
-mod prediction;
-mod residuals;
-mod running;
-mod search;
-mod smoothness;
-mod solver;
-mod spline;
-mod stream;
-mod sums;
-mod tracks;
+mod data;
+mod fit;
+mod linear;
+mod output;
+mod prior;
+mod smoother;
+mod trajectory;
 
-pub use camera::Camera;
-pub use fitted::FittedCorrespondence;
-pub use stream::{Continuous, Motion, PairMeasurement};
+pub use camera::given::Camera;
+pub use output::fitted::FittedCorrespondence;
+pub use smoother::{Continuous, Motion, PairMeasurement};

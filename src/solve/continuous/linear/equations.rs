@@ -1,0 +1,269 @@
+//! The normal equations of a pair over the coefficients of the path.
+//!
+//! Each leg of a band is the difference of the path at two *ends*, and the path at an end is a sum of four coefficients
+//! of each generator. So a band's sums, 8 × 8 numbers for two ends, go to 32 × 32 cells, each times two splines'
+//! weights. The coefficients of a pair are sorted into those of turns and the others, knot by knot, so that the
+//! four knots of either lie side by side.
+
+use crate::motion::generators::{GENERATORS, TURNS};
+use crate::solve::continuous::linear::banded::Banded;
+use crate::solve::continuous::linear::bands::{Band, Row, SHARED, SIDES};
+use crate::solve::continuous::trajectory::spline;
+use crate::solve::continuous::trajectory::splines::{BLOCK, SplinePath, ratio};
+
+/// Generators other than the turns.
+const OTHERS: usize = GENERATORS - TURNS;
+/// Coefficients that have a say at an instant: four knots of the turns, then four of the others.
+const SAY: usize = 4 * GENERATORS;
+/// Those of the turns.
+const TURNING: usize = 4 * TURNS;
+/// Two ends of a band, 0 the first end of the leg before, and by what the sums of the own leg, those across,
+/// and those of the leg before count for them. Half of what an end has with itself, as the transposed is
+/// added in the end.
+const ENDS: [([usize; 2], [f64; 3]); 6] = [
+    ([2, 2], [0.5, 0.0, 0.0]),
+    ([2, 1], [-1.0, 1.0, 0.0]),
+    ([2, 0], [0.0, -1.0, 0.0]),
+    ([1, 1], [0.5, -1.0, 0.5]),
+    ([1, 0], [0.0, 1.0, -1.0]),
+    ([0, 0], [0.0, 0.0, 0.5]),
+];
+/// How either leg counts for the right side of an end.
+const LEGS: [[f64; 2]; 3] = [[0.0, -1.0], [-1.0, 1.0], [1.0, 0.0]];
+
+/// Numbers for two ends' coefficients, row by row.
+type Tile = [[f64; SAY]; SAY];
+
+/// An end of a band.
+#[derive(Clone, Copy, Debug)]
+struct End {
+    /// Where its coefficients begin among the pair's: those of the turns, those of the others.
+    places: [usize; 2],
+    /// Weights of the turns' knots and of the others'.
+    turns: [f64; 4],
+    others: [f64; 4],
+}
+
+impl End {
+    /// A number for each generator, times the weights of its coefficients.
+    #[inline(always)]
+    fn spread(&self, values: &Row) -> [f64; SAY] {
+        let mut all = [0.0; SAY];
+        let (turns, others) = all.split_at_mut(TURNING);
+        for (cells, weight) in turns.as_chunks_mut::<TURNS>().0.iter_mut().zip(self.turns) {
+            cells.iter_mut().zip(&values[..TURNS]).for_each(|(cell, value)| *cell = weight * value);
+        }
+        for (cells, weight) in others.as_chunks_mut::<OTHERS>().0.iter_mut().zip(self.others) {
+            cells.iter_mut().zip(&values[TURNS..]).for_each(|(cell, value)| *cell = weight * value);
+        }
+        all
+    }
+
+    /// Generator and weight of each coefficient.
+    #[inline(always)]
+    fn coefficients(&self) -> impl Iterator<Item = (usize, f64)> {
+        let turns = self.turns.into_iter().flat_map(|weight| (0..TURNS).map(move |j| (j, weight)));
+        turns.chain(self.others.into_iter().flat_map(|weight| (TURNS..GENERATORS).map(move |j| (j, weight))))
+    }
+
+    /// Adds to what is kept for each of a pair's coefficients.
+    #[inline(always)]
+    fn add(&self, to: &mut [f64], values: &[f64; SAY]) {
+        let (turns, others) = values.split_at(TURNING);
+        for (place, values) in self.places.into_iter().zip([turns, others]) {
+            to[place..].iter_mut().zip(values).for_each(|(sum, value)| *sum += value);
+        }
+    }
+}
+
+/// The normal equations of a pair.
+#[derive(Clone, Debug, Default)]
+pub struct Equations {
+    /// Place of each coefficient that the pair depends on among those of the path: those of turns, then the others.
+    pub places: Vec<usize>,
+    /// Right side, and columns of the shared unknowns.
+    pub sides: [Vec<f64>; SIDES],
+    /// Rows of a matrix that is the one of the equations when its transposed is added.
+    half: Vec<f64>,
+    /// The first knot of the turns, the first of the others.
+    first: [i64; 2],
+    /// Coefficients of turns.
+    turns: usize,
+    ends: Vec<[Option<End>; 3]>,
+}
+
+/// Adds what a band's sums, by their factors, say of two ends.
+#[inline(always)]
+fn add_sums(tile: &mut Tile, band: &Band, [own, across, before]: [f64; 3], rows: &End, columns: &End) {
+    let mut wide = [[0.0; SAY]; GENERATORS];
+    for (j, wide) in wide.iter_mut().enumerate() {
+        let mut sums = band.own[j];
+        for (sum, (one, other)) in sums.iter_mut().zip(band.across[j].iter().zip(&band.before[j])) {
+            *sum = own * *sum + across * one + before * other;
+        }
+        *wide = columns.spread(&sums);
+    }
+    for (cells, (j, weight)) in tile.iter_mut().zip(rows.coefficients()) {
+        add_scaled(cells, &wide[j], weight);
+    }
+}
+
+/// Adds `factor` times the values.
+#[inline(always)]
+fn add_scaled(cells: &mut [f64; SAY], values: &[f64; SAY], factor: f64) {
+    cells.iter_mut().zip(values).for_each(|(cell, value)| *cell += factor * value);
+}
+
+/// Blocks at which a band's ends are exposed, within what the path covers.
+fn times<'a>(band: &'a Band, path: &SplinePath) -> impl Iterator<Item = (usize, f64)> + 'a {
+    let blocks = (path.coefficients.len() / BLOCK) as i64;
+    let (low, high) = (path.base as f64, (path.base + blocks - 3) as f64);
+    let weights = [band.linked, band.weight, band.weight];
+    let weights = weights.map(|weight| if blocks < 4 { 0.0 } else { weight });
+    let ends = weights.into_iter().zip(band.times).enumerate().filter(|(_, (weight, _))| *weight > 0.0);
+    ends.map(move |(end, (weight, sum))| (end, (sum / weight).min(high.next_down()).max(low)))
+}
+
+impl Equations {
+    /// Makes these the equations of a path that nothing is known of.
+    fn reset(&mut self, bands: &[Band], path: &SplinePath) {
+        let times = bands.iter().flat_map(|band| times(band, path)).map(|(_, time)| time);
+        let [low, high] =
+            times.fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], t| [low.min(t), high.max(t)]);
+        self.places.clear();
+        for (kind, generators) in [0..TURNS, TURNS..GENERATORS].into_iter().enumerate() {
+            let [first, last] =
+                [low, high].map(|time| spline::values(time * ratio(generators.start) as f64).first);
+            self.first[kind] = first;
+            self.turns = if kind == 0 { 0 } else { self.places.len() };
+            let knots = first..last.saturating_add(4);
+            let places = knots.flat_map(|knot| generators.clone().map(move |j| path.place(j, knot)));
+            self.places.extend(places.filter_map(|place| usize::try_from(place).ok()));
+        }
+        let size = self.places.len();
+        for (values, len) in
+            self.sides.iter_mut().map(|side| (side, size)).chain([(&mut self.half, size * size)])
+        {
+            values.clear();
+            values.resize(len, 0.0);
+        }
+    }
+
+    /// Makes these the equations of bands.
+    #[inline(always)]
+    pub fn fill(&mut self, bands: &[Band], path: &SplinePath) {
+        self.reset(bands, path);
+        let mut ends = std::mem::take(&mut self.ends);
+        ends.clear();
+        ends.extend(bands.iter().map(|band| {
+            let mut ends = [None; 3];
+            times(band, path).for_each(|(end, time)| ends[end] = Some(self.end(time)));
+            ends
+        }));
+        for (band, ends) in bands.iter().zip(&ends) {
+            self.add_sides(band, ends);
+        }
+        for (pair, factors) in ENDS {
+            self.add_tiles(bands, &ends, pair, factors);
+        }
+        self.ends = ends;
+    }
+
+    fn end(&self, time: f64) -> End {
+        let [turns, others] = [0, TURNS].map(|generator| spline::values(time * ratio(generator) as f64));
+        let knot =
+            |first: i64, support: &spline::Support| usize::try_from(support.first - first).unwrap_or(0);
+        End {
+            places: [knot(self.first[0], &turns) * TURNS, self.turns + knot(self.first[1], &others) * OTHERS],
+            turns: turns.weights,
+            others: others.weights,
+        }
+    }
+
+    /// Adds the right sides of a band.
+    #[inline(always)]
+    fn add_sides(&mut self, band: &Band, ends: &[Option<End>; 3]) {
+        for (end, legs) in ends.iter().zip(LEGS).filter_map(|(end, legs)| Some((end.as_ref()?, legs))) {
+            for (index, side) in self.sides.iter_mut().enumerate() {
+                let [own, before]: [&Row; 2] = [0, 1].map(|leg| &band.sides[leg][index]);
+                let sums: Row = std::array::from_fn(|j| legs[0] * own[j] + legs[1] * before[j]);
+                end.add(side, &end.spread(&sums));
+            }
+        }
+    }
+
+    /// Adds what bands say of two of their ends. Bands that have the same coefficients there are added up before.
+    #[inline(always)]
+    fn add_tiles(
+        &mut self,
+        bands: &[Band],
+        ends: &[[Option<End>; 3]],
+        [row, column]: [usize; 2],
+        factors: [f64; 3],
+    ) {
+        let mut tile = [[0.0; SAY]; SAY];
+        let mut last: Option<[&End; 2]> = None;
+        for (band, ends) in bands.iter().zip(ends) {
+            let (Some(rows), Some(columns)) = (&ends[row], &ends[column]) else { continue };
+            if let Some(last) =
+                last.filter(|last| last.map(|end| end.places) != [rows.places, columns.places])
+            {
+                self.add_tile(&tile, last);
+                tile = [[0.0; SAY]; SAY];
+            }
+            add_sums(&mut tile, band, factors, rows, columns);
+            last = Some([rows, columns]);
+        }
+        last.into_iter().for_each(|last| self.add_tile(&tile, last));
+    }
+
+    #[inline(always)]
+    fn add_tile(&mut self, tile: &Tile, [rows, columns]: [&End; 2]) {
+        let size = self.places.len();
+        let (turns, others) = tile.split_at(TURNING);
+        for (place, tile) in rows.places.into_iter().zip([turns, others]) {
+            let cells = self.half[place * size..].chunks_exact_mut(size);
+            cells.zip(tile).for_each(|(cells, values)| columns.add(cells, values));
+        }
+    }
+
+    /// Goes on with a path that begins so many blocks later; whether it has all the coefficients.
+    pub fn shift(&mut self, blocks: i64, path: &SplinePath) -> bool {
+        let by = blocks.saturating_mul(BLOCK as i64);
+        let moved = |place: &usize| usize::try_from(*place as i64 - by).unwrap_or(usize::MAX);
+        self.places.iter_mut().for_each(|place| *place = moved(place));
+        self.places.iter().all(|place| *place < path.coefficients.len())
+    }
+
+    /// An entry of the symmetric matrix.
+    pub fn entry(&self, i: usize, j: usize) -> f64 {
+        let size = self.places.len();
+        self.half[i * size + j] + self.half[j * size + i]
+    }
+
+    /// Moves the columns at which the rows of a matrix begin back to where these equations need them.
+    pub fn reach(&self, first: &mut [usize]) {
+        let least = self.places.iter().copied().min().unwrap_or(0);
+        self.places.iter().for_each(|place| first[*place] = first[*place].min(least));
+    }
+
+    /// Adds them to those of the path.
+    pub fn add_to(&self, matrix: &mut Banded, right: &mut [f64], border: &mut [Vec<f64>; SHARED]) {
+        for (i, row) in self.places.iter().enumerate() {
+            for (j, column) in self.places[..=i].iter().enumerate() {
+                matrix.add(*row, *column, self.entry(i, j));
+            }
+            right[*row] += self.sides[0][i];
+            border.iter_mut().zip(&self.sides[1..]).for_each(|(border, side)| border[*row] += side[i]);
+        }
+    }
+
+    /// The square of a step of all coefficients of the path, weighed by the matrix.
+    pub fn square(&self, step: &[f64]) -> f64 {
+        let step: Vec<f64> = self.places.iter().map(|place| step[*place]).collect();
+        let rows = self.half.chunks_exact(step.len().max(1)).zip(&step);
+        let half: f64 =
+            rows.map(|(row, own)| own * row.iter().zip(&step).map(|(a, b)| a * b).sum::<f64>()).sum();
+        2.0 * half
+    }
+}

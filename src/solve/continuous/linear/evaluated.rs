@@ -1,0 +1,200 @@
+//! The pairs of a window, evaluated against the path.
+//!
+//! Residuals and normal equations of a pair are kept as long as nothing that they depend on changes: where the evidence of
+//! a window was asked for, the next window, a frame later, finds all but its first and last pairs done.
+
+use crate::parallel::*;
+use crate::solve::continuous::data::pair::Pair;
+use crate::solve::continuous::linear::normal::Normal;
+use crate::solve::continuous::linear::pair_residuals::PairResiduals;
+use crate::solve::continuous::linear::residual::View;
+use crate::solve::continuous::trajectory::splines::SplinePath;
+use nalgebra::Vector2;
+
+/// On what the normal equations of a pair depend, beside the path.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Seen {
+    stamps: [f64; 2],
+    /// Where the first match arrives, as timestamps may come twice.
+    first: Option<Vector2<f64>>,
+    readout: f64,
+    kappa: f64,
+    /// Whether the path reaches to the pair before.
+    tracks: bool,
+}
+
+/// A pair that was evaluated against the path.
+#[derive(Clone, Debug, Default)]
+pub struct EvaluatedPair {
+    pub residuals: PairResiduals,
+    pub normal: Normal,
+    /// `None` where the path has changed since.
+    seen: Option<Seen>,
+    /// First block of the path at that time.
+    base: i64,
+}
+
+/// Marks all as done before the path changed.
+pub fn invalidate(evaluated: &mut [EvaluatedPair]) {
+    evaluated.iter_mut().for_each(|evaluated| evaluated.seen = None);
+}
+
+/// Evaluates pairs that follow one another against a path; those that were are not again.
+pub fn evaluate(evaluated: &mut Vec<EvaluatedPair>, pairs: &[&Pair], view: &View<'_>) {
+    let wanted = |(index, pair): (usize, &&Pair)| Seen {
+        stamps: pair.stamps,
+        first: pair.matches.first().map(|m| m.to),
+        readout: view.readout,
+        kappa: view.path.kappa,
+        tracks: index > 0,
+    };
+    let wanted: Vec<Seen> = pairs.iter().enumerate().map(wanted).collect();
+    evaluated.iter_mut().for_each(|evaluated| evaluated.move_to(view.path));
+    // Each pair that is wanted in its place, the others behind.
+    evaluated.resize_with(pairs.len().max(evaluated.len()), EvaluatedPair::default);
+    for (index, wanted) in wanted.iter().enumerate() {
+        if let Some(found) =
+            evaluated.iter().skip(index).position(|evaluated| evaluated.seen == Some(*wanted))
+        {
+            evaluated.swap(index, index + found);
+        }
+    }
+    evaluated.truncate(pairs.len());
+    let mut changed: Vec<bool> =
+        evaluated.iter().zip(&wanted).map(|(evaluated, wanted)| evaluated.seen != Some(*wanted)).collect();
+    evaluated.par_iter_mut().zip(pairs).zip(&wanted).zip(&changed).for_each(
+        |(((evaluated, pair), wanted), is_changed)| {
+            if *is_changed {
+                view.residuals(pair, wanted.tracks, &mut evaluated.residuals);
+                evaluated.normal.estimate_scatter(&evaluated.residuals, view.noise);
+                (evaluated.seen, evaluated.base) = (Some(*wanted), view.path.base);
+            }
+        },
+    );
+    // Noise is told from parallax over two pairs only: the first one, which follows none, is as noisy as the second.
+    if let ([first, second, ..], [is_changed, ..]) = (evaluated.as_mut_slice(), changed.as_mut_slice()) {
+        *is_changed |= first.normal.scatter != second.normal.scatter;
+        first.normal.scatter = second.normal.scatter;
+    }
+    evaluated.par_iter_mut().zip(&changed).for_each(|(evaluated, is_changed)| {
+        if *is_changed {
+            view.normal(&evaluated.residuals, &mut evaluated.normal);
+        }
+    });
+}
+
+impl EvaluatedPair {
+    /// Goes on with a path that begins at another block.
+    fn move_to(&mut self, path: &SplinePath) {
+        if self.base != path.base && !self.normal.equations.shift(path.base - self.base, path) {
+            self.seen = None;
+        }
+        self.base = path.base;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::correspond::Correspondence;
+    use crate::cpu::CpuLevel;
+    use crate::motion::generators::GENERATORS;
+    use crate::solve::continuous::data::matches::ScanAxis;
+    use crate::solve::continuous::trajectory::homographies::Flow;
+    use crate::solve::continuous::trajectory::splines::{BLOCK, ratio};
+    use nalgebra::Matrix2;
+
+    const RADIUS: f64 = 320.0;
+
+    /// A path over 9 blocks that goes to and fro by this many pixels, the same for the same instants.
+    fn path(base: i64, pixels: f64) -> SplinePath {
+        let mut path = SplinePath { base, coefficients: vec![0.0; 9 * BLOCK], kappa: 0.3 };
+        for j in 0..GENERATORS {
+            for knot in path.knots(j) {
+                let place = path.place(j, knot) as usize;
+                path.coefficients[place] = pixels * (knot as f64 / ratio(j) as f64 + j as f64).sin();
+            }
+        }
+        path
+    }
+
+    /// A hundred points that move by up to two pixels.
+    fn pair(stamp: f64) -> Pair {
+        let found: Vec<Correspondence> = (0..100)
+            .map(|k| {
+                let from = Vector2::new(-300.0 + 60.0 * (k % 10) as f64, -225.0 + 45.0 * (k / 10) as f64);
+                let phase = k as f64 + stamp;
+                let to = from + Vector2::new((1.7 * phase).sin(), (2.9 * phase).cos()) * 2.0;
+                Correspondence { from, to, texture: 1.0, residual: 0.0, covariance: Matrix2::zeros() }
+            })
+            .collect();
+        Pair::new(&found, Vector2::zeros(), RADIUS, [stamp, stamp + 1.0], None).unwrap()
+    }
+
+    fn evaluate_against(evaluated: &mut Vec<EvaluatedPair>, pairs: &[&Pair], path: &SplinePath) {
+        let mut flow = Flow::default();
+        flow.follow(path, [path.base as f64, path.base as f64 + 6.0], RADIUS);
+        let scan_axis = ScanAxis { by_rows: true, length: 1.5 };
+        evaluate(
+            evaluated,
+            pairs,
+            &View {
+                cpu: CpuLevel::detect(),
+                path,
+                flow: &flow,
+                scan_axis,
+                density: 1.0,
+                readout: 0.7,
+                radius: RADIUS,
+                noise: 0.1,
+            },
+        );
+    }
+
+    /// Place and value of all entries of a pair's matrix, and what is left of the pair.
+    fn sums(evaluated: &EvaluatedPair) -> (Vec<usize>, Vec<f64>, f64) {
+        let equations = &evaluated.normal.equations;
+        let size = equations.places.len();
+        let entries = (0..size * size).map(|k| equations.entry(k / size, k % size)).collect();
+        (equations.places.clone(), entries, evaluated.residuals.sigma)
+    }
+
+    fn assert_same(evaluated: &[EvaluatedPair], fresh: &[EvaluatedPair]) {
+        assert_eq!(evaluated.len(), fresh.len());
+        for (evaluated, fresh) in evaluated.iter().map(sums).zip(fresh.iter().map(sums)) {
+            assert_eq!(evaluated.0, fresh.0);
+            let largest = fresh.1.iter().fold(0.0, |most: f64, value| most.max(value.abs()));
+            assert!(
+                evaluated.1.iter().zip(&fresh.1).all(|(a, b)| (a - b).abs() < 1e-9 * largest)
+                    && largest > 0.0
+            );
+            assert!((evaluated.2 - fresh.2).abs() < 1e-9);
+        }
+    }
+
+    #[test]
+    fn the_next_window_finds_what_the_one_before_left() {
+        let pairs: Vec<Pair> = [0.0, 1.0, 2.0, 3.0, 4.0].map(pair).into();
+        let windows: [Vec<&Pair>; 2] = [pairs[..4].iter().collect(), pairs[1..].iter().collect()];
+        let (mut evaluated, mut fresh) = (Vec::new(), Vec::new());
+        evaluate_against(&mut evaluated, &windows[0], &path(-1, 2.0));
+        evaluate_against(&mut evaluated, &windows[1], &path(0, 2.0));
+        evaluate_against(&mut fresh, &windows[1], &path(0, 2.0));
+        assert_same(&evaluated, &fresh);
+    }
+
+    #[test]
+    fn nothing_is_done_again_before_the_path_changes() {
+        let pairs: Vec<Pair> = [0.0, 1.0, 2.0].map(pair).into();
+        let pairs: Vec<&Pair> = pairs.iter().collect();
+        let (mut evaluated, mut fresh) = (Vec::new(), Vec::new());
+        evaluate_against(&mut evaluated, &pairs, &path(-1, 2.0));
+        evaluate_against(&mut fresh, &pairs, &path(-1, 5.0));
+        let before: Vec<_> = evaluated.iter().map(sums).collect();
+        evaluate_against(&mut evaluated, &pairs, &path(-1, 5.0));
+        assert_eq!(evaluated.iter().map(sums).collect::<Vec<_>>(), before);
+        invalidate(&mut evaluated);
+        evaluate_against(&mut evaluated, &pairs, &path(-1, 5.0));
+        assert_same(&evaluated, &fresh);
+    }
+}

@@ -1,0 +1,359 @@
+//! The normal equations of a pair against differences of its residuals.
+
+use super::*;
+use crate::correspond::Correspondence;
+use crate::cpu::CpuLevel;
+use crate::motion::generators::GENERATORS;
+use crate::solve::continuous::data::matches::{Match, ScanAxis};
+use crate::solve::continuous::data::pair::{Pair, Track};
+use crate::solve::continuous::trajectory::homographies::Flow;
+use crate::solve::continuous::trajectory::splines::{BLOCK, SplinePath, ratio};
+use nalgebra::{Matrix2, Vector2};
+
+const RADIUS: f64 = 320.0;
+const NOISE: f64 = 0.5;
+const STEP: f64 = 1e-4;
+
+/// A camera's path, shutter and κ, as numbers that can be varied.
+#[derive(Clone)]
+struct Setting {
+    path: SplinePath,
+    by_rows: bool,
+    readout: f64,
+    density: f64,
+}
+
+impl Setting {
+    /// Up to a pixel a frame of everything: the slopes are those of small motions.
+    fn new(by_rows: bool, readout: f64, density: f64) -> Self {
+        let blocks = 10;
+        let mut path = SplinePath { base: -2, coefficients: vec![0.0; blocks * BLOCK], kappa: 0.35 };
+        for j in 0..GENERATORS {
+            for knot in path.knots(j) {
+                let place = path.place(j, knot) as usize;
+                let time = knot as f64 / ratio(j) as f64;
+                path.coefficients[place] = 0.4 * (1.3 * time + 0.7 * j as f64).sin() + 0.2 * time;
+            }
+        }
+        Self { path, by_rows, readout, density }
+    }
+
+    /// Hands out the estimate at which a pair is evaluated.
+    fn view<T>(&self, with: impl FnOnce(&View<'_>) -> T) -> T {
+        let mut flow = Flow::default();
+        flow.follow(&self.path, [-1.0, 5.0], RADIUS);
+        let length = if self.by_rows { 1.5 } else { 2.0 };
+        with(&View {
+            cpu: CpuLevel::detect(),
+            path: &self.path,
+            flow: &flow,
+            scan_axis: ScanAxis { by_rows: self.by_rows, length },
+            density: self.density,
+            readout: self.readout,
+            radius: RADIUS,
+            noise: NOISE,
+        })
+    }
+
+    /// What is left of a pair, tracks and all, and what it says.
+    fn sums(&self, pair: &Pair) -> (PairResiduals, Normal) {
+        let (mut residuals, mut normal) = (PairResiduals::default(), Normal::default());
+        self.view(|view| {
+            view.residuals(pair, true, &mut residuals);
+            normal.estimate_scatter(&residuals, view.noise);
+            view.normal(&residuals, &mut normal);
+        });
+        (residuals, normal)
+    }
+
+    /// Residuals in pixels.
+    fn residuals(&self, pair: &Pair) -> Vec<Vector2<f64>> {
+        self.view(|view| {
+            let residual = |m: &Match| {
+                let [from, to] = view.times(pair.stamps, m);
+                (m.to - view.flow.carry(m.from, from, to)) * RADIUS
+            };
+            pair.matches.iter().map(residual).collect()
+        })
+    }
+
+    /// A pair that the path explains but for what is known in closed form: up to so many pixels.
+    fn pair(&self, most: f64) -> Pair {
+        let nodes = (0..300).map(|node| (node % 20, node / 20));
+        let from = nodes.map(|(i, j)| Vector2::new(-0.95 + 0.1 * i as f64, -0.7 + 0.1 * j as f64));
+        let pixel = |point: Vector2<f64>| point * RADIUS;
+        let found: Vec<Correspondence> = from
+            .map(|from| Correspondence {
+                from: pixel(from),
+                to: pixel(from),
+                texture: 1.0,
+                residual: 0.0,
+                covariance: Matrix2::zeros(),
+            })
+            .collect();
+        let mut pair = Pair::new(&found, Vector2::zeros(), RADIUS, [0.2, 1.2], None).unwrap();
+        self.view(|view| {
+            for (k, m) in pair.matches.clone().iter().enumerate() {
+                let off = Vector2::new((k as f64 * 1.7).sin(), (k as f64 * 2.9).cos()) * (most / RADIUS);
+                let mut to = m.from;
+                for _ in 0..20 {
+                    let [before, after] =
+                        view.times(pair.stamps, &Match { from: m.from, to, covariance: Matrix2::zeros() });
+                    to = view.flow.carry(m.from, before, after) + off;
+                }
+                pair.matches[k].to = to;
+            }
+        });
+        pair
+    }
+
+    /// The setting with `by` added to a direction in the space of unknowns.
+    fn moved(&self, direction: Direction, by: f64) -> Self {
+        let mut moved = self.clone();
+        match direction {
+            Direction::Path(seed) => {
+                let steps = self.wobble(seed);
+                moved.path.coefficients.iter_mut().zip(steps).for_each(|(value, step)| *value += by * step);
+            }
+            Direction::Readout => moved.readout += by,
+            Direction::Kappa => moved.path.kappa += by,
+        }
+        moved
+    }
+
+    /// A change of all coefficients, up to about a cycle in two blocks.
+    fn wobble(&self, seed: usize) -> Vec<f64> {
+        let mut wobble = vec![0.0; self.path.coefficients.len()];
+        for j in 0..GENERATORS {
+            for knot in self.path.knots(j) {
+                let time = knot as f64 / ratio(j) as f64;
+                wobble[self.path.place(j, knot) as usize] =
+                    ((2.0 + seed as f64) * time + (j * j) as f64).sin();
+            }
+        }
+        wobble
+    }
+
+    /// What a direction changes of the residuals, negative: the slope of what the path predicts.
+    fn slopes(&self, pair: &Pair, direction: Direction) -> Vec<Vector2<f64>> {
+        let [less, more] = [-STEP, STEP].map(|by| self.moved(direction, by).residuals(pair));
+        less.iter().zip(&more).map(|(less, more)| (less - more) / (2.0 * STEP)).collect()
+    }
+}
+
+#[derive(Clone, Copy, Debug)]
+enum Direction {
+    Path(usize),
+    Readout,
+    Kappa,
+}
+
+const DIRECTIONS: [Direction; 4] =
+    [Direction::Path(0), Direction::Path(1), Direction::Readout, Direction::Kappa];
+
+/// Product of the normal equations' matrix with two directions, and of their right side with one.
+fn forms(setting: &Setting, normal: &Normal, a: Direction, b: Direction) -> (f64, f64) {
+    let equations = &normal.equations;
+    let own = |seed: usize| -> Vec<f64> {
+        let wobble = setting.wobble(seed);
+        equations.places.iter().map(|place| wobble[*place]).collect()
+    };
+    let dot = |a: &[f64], b: &[f64]| -> f64 { a.iter().zip(b).map(|(a, b)| a * b).sum() };
+    let index = |direction: Direction| usize::from(matches!(direction, Direction::Kappa));
+    let matrix = match (a, b) {
+        (Direction::Path(a), Direction::Path(b)) => {
+            let (a, b) = (own(a), own(b));
+            let cells = (0..a.len()).flat_map(|i| (0..a.len()).map(move |j| (i, j)));
+            cells.map(|(i, j)| a[i] * equations.entry(i, j) * b[j]).sum()
+        }
+        (Direction::Path(seed), other) | (other, Direction::Path(seed)) => {
+            dot(&equations.sides[1 + index(other)], &own(seed))
+        }
+        (a, b) => normal.shared[(index(a), index(b))],
+    };
+    let right = match a {
+        Direction::Path(seed) => dot(&equations.sides[0], &own(seed)),
+        other => normal.shared_right[index(other)],
+    };
+    (matrix, right)
+}
+
+#[test]
+fn the_normal_equations_are_those_of_the_residuals() {
+    for (by_rows, readout, density) in [(true, 0.8, 1.0), (false, -0.6, 1.0), (true, 0.9, 2.0)] {
+        let setting = Setting::new(by_rows, readout, density);
+        let pair = setting.pair(1.0);
+        let (evaluated, normal) = setting.sums(&pair);
+        let residuals = setting.residuals(&pair);
+        // Student's t with four degrees of freedom: weight (4 + 2)/(4 + r²/σ²)/σ², a pair being worth 25, times the
+        // probability that a match shows the scene.
+        let variance = evaluated.sigma * evaluated.sigma;
+        let weight = |r: &Vector2<f64>| {
+            let square = r.norm_squared() / variance;
+            let [scene, other] = densities(0.9, square, variance.recip(), evaluated.others);
+            25.0 / 300.0 / variance * 6.0 / (4.0 + square) * scene / (scene + other)
+        };
+        let sum = |a: &[Vector2<f64>], b: &[Vector2<f64>]| -> f64 {
+            residuals.iter().zip(a.iter().zip(b)).map(|(r, (a, b))| weight(r) * a.dot(b)).sum()
+        };
+        for a in DIRECTIONS {
+            let along = setting.slopes(&pair, a);
+            let size = sum(&along, &along).sqrt();
+            let norm = sum(&residuals, &residuals).sqrt();
+            for b in DIRECTIONS {
+                let other = setting.slopes(&pair, b);
+                let scale = size * sum(&other, &other).sqrt();
+                let (matrix, _) = forms(&setting, &normal, a, b);
+                let off = (matrix - sum(&along, &other)) / scale;
+                // Slopes are rounded to the middle of a band and to half a step of the flow.
+                assert!(off.abs() < 0.04, "{by_rows} {readout} {density}: {a:?} {b:?} {off}");
+            }
+            let (_, right) = forms(&setting, &normal, a, a);
+            let off = (right - sum(&along, &residuals)) / (size * norm);
+            assert!(off.abs() < 0.02, "{by_rows} {readout} {density}: {a:?} {off}");
+        }
+    }
+}
+
+#[test]
+fn all_instructions_add_up_the_same() {
+    let setting = Setting::new(true, 0.8, 1.0);
+    let (residuals, normal) = setting.sums(&setting.pair(1.0));
+    let found: Vec<_> = CpuLevel::supported()
+        .map(|cpu| {
+            let mut normal = normal.clone();
+            setting.view(|view| View { cpu, ..*view }.normal(&residuals, &mut normal));
+            let size = normal.equations.places.len();
+            let entries: Vec<f64> =
+                (0..size * size).map(|k| normal.equations.entry(k / size, k % size)).collect();
+            (entries, normal.equations.sides, normal.shared, normal.shared_right)
+        })
+        .collect();
+    assert!(found.windows(2).all(|two| two[0] == two[1]) && found[0].0.iter().any(|entry| *entry != 0.0));
+}
+
+#[test]
+fn the_normal_equations_of_tracks_are_those_of_what_is_new() {
+    let setting = Setting::new(true, 0.8, 1.0);
+    let mut pair = setting.pair(0.01);
+    // The points came to where they set out from where the path has them one frame before.
+    setting.view(|view| {
+        for index in 0..pair.matches.len() {
+            let to = pair.matches[index].from;
+            let (mut before, stamps) = (Match { from: to, to, covariance: Matrix2::zeros() }, [-0.8, 0.2]);
+            for _ in 0..20 {
+                let [start, end] = view.times(stamps, &before);
+                before.from = view.flow.carry(to, end, start);
+            }
+            pair.tracks[index] = Some(Track { before, stamps, is_scene: true });
+        }
+    });
+    let (mut residuals, mut normal) = setting.sums(&pair);
+    let scatter = Scatter { noise: 0.25, depths: 0.25 };
+    setting.view(|view| {
+        // So little is left that they would have no say.
+        view.legs_before(&pair, &mut residuals);
+        normal.scatter = scatter;
+        view.normal(&residuals, &mut normal);
+    });
+    let innovations: Vec<Innovation> = residuals
+        .legs
+        .iter()
+        .zip(&residuals.before)
+        .map(|(leg, before)| scatter.innovation(leg, before.as_ref()))
+        .collect();
+    assert!(innovations.iter().any(|new| new.share.norm() > 0.2), "the residual before has a say");
+    let mut old = pair.clone();
+    old.matches = pair.tracks.iter().flatten().map(|track| track.before).collect();
+    old.stamps = [-0.8, 0.2];
+    let slopes = |direction: Direction| -> Vec<Vector2<f64>> {
+        let both = setting.slopes(&pair, direction).into_iter().zip(setting.slopes(&old, direction));
+        both.zip(&innovations).map(|((now, before), new)| now - new.share * before).collect()
+    };
+    let weighted = |a: &[Vector2<f64>], b: &[Vector2<f64>]| -> f64 {
+        // All residuals are next to nothing: 6/4 of Student's t, a pair being worth 25.
+        let probable = |new: &Innovation, leg: &Leg| {
+            let [scene, other] = densities_of(new, leg, residuals.others);
+            scene / (scene + other)
+        };
+        let weighted =
+            innovations.iter().zip(&residuals.legs).map(|(new, leg)| new.weight * probable(new, leg));
+        let terms = a.iter().zip(b).zip(weighted).map(|((a, b), weight)| a.dot(&(weight * b)));
+        25.0 / 300.0 * 1.5 * terms.sum::<f64>()
+    };
+    for a in DIRECTIONS {
+        let along = slopes(a);
+        for b in DIRECTIONS {
+            let other = slopes(b);
+            let scale = (weighted(&along, &along) * weighted(&other, &other)).sqrt();
+            let (matrix, _) = forms(&setting, &normal, a, b);
+            let off = (matrix - weighted(&along, &other)) / scale;
+            assert!(off.abs() < 0.04, "{a:?} {b:?} {off}");
+        }
+        let errors: Vec<Vector2<f64>> = innovations.iter().map(|new| new.error).collect();
+        let (_, right) = forms(&setting, &normal, a, a);
+        let scale = (weighted(&along, &along) * weighted(&errors, &errors)).sqrt();
+        let off = (right - weighted(&along, &errors)) / scale;
+        assert!(off.abs() < 0.02, "{a:?} {off}");
+    }
+}
+
+#[test]
+fn sigma_is_that_of_a_coordinate_and_the_wild_are_told_apart() {
+    let setting = Setting::new(true, 0.7, 1.0);
+    let mut pair = setting.pair(1.0);
+    // Squares of residuals are sin² + cos² with a median of 1: variance 1/(2 ln 2).
+    let (residuals, _) = setting.sums(&pair);
+    assert!((residuals.sigma - 0.849).abs() < 0.03 && residuals.inliers == 300, "{}", residuals.sigma);
+    for m in pair.matches.iter_mut().step_by(3) {
+        m.to.x += 0.2;
+    }
+    let (residuals, _) = setting.sums(&pair);
+    assert!(residuals.sigma < 1.3 && residuals.inliers == 200, "{} {}", residuals.sigma, residuals.inliers);
+}
+
+#[test]
+fn thinned_out_matches_are_counted_all_the_same() {
+    let at = |k: usize| Vector2::new((k % 40) as f64 * 16.0, (k / 40) as f64 * 12.0);
+    let found = |count: usize| -> Vec<Correspondence> {
+        let found = |k| Correspondence {
+            from: at(k),
+            to: at(k),
+            texture: 1.0,
+            residual: 0.0,
+            covariance: Matrix2::zeros(),
+        };
+        (0..count).map(found).collect()
+    };
+    let pair = |count| Pair::new(&found(count), Vector2::new(319.5, 239.5), RADIUS, [0.0, 1.0], None);
+    assert!(pair(15).is_none() && pair(16).is_some());
+    let many = pair(1600).unwrap();
+    assert_eq!((many.matches.len(), many.count()), (400, 1600));
+    assert_eq!(many.moved(), 0.0);
+    let mut still = Setting::new(true, 0.7, 1.0);
+    still.path.coefficients.fill(0.0);
+    let (residuals, _) = still.sums(&many);
+    assert_eq!((residuals.inliers, residuals.sigma), (1600, NOISE));
+}
+
+#[test]
+fn a_place_along_the_axis_is_its_line_s_share_of_the_readout() {
+    // Pixel row 0 of 480 lies at −239.5 pixels from the centre.
+    let rows = ScanAxis { by_rows: true, length: 480.0 / RADIUS };
+    let columns = ScanAxis { by_rows: false, length: 640.0 / RADIUS };
+    let first = Vector2::new(-319.5, -239.5) / RADIUS;
+    assert!(
+        (rows.place(first) - 0.5 / 480.0).abs() < 1e-12 && (columns.place(first) - 0.5 / 640.0).abs() < 1e-12
+    );
+    assert_eq!(rows.place(Vector2::zeros()), 0.5);
+}
+
+#[test]
+fn to_fit_two_thirds_of_the_matches_well_is_likelier_than_to_fit_all_badly() {
+    let log = |distance: f64, sigma: f64| {
+        densities(0.9, (distance / sigma).powi(2), sigma.powi(-2), 100.0).iter().sum::<f64>().ln()
+    };
+    // Two thirds of them within 0.2 px, the others 20 px off; or all of them 3 px off.
+    let two_thirds = (2.0 * log(0.2, 0.2) + log(20.0, 0.2)) / 3.0;
+    assert!(two_thirds > log(3.0, 3.0) + 0.5, "{two_thirds}");
+}

@@ -1,0 +1,4 @@
+//! What is given out of a frame.
+
+pub mod expected_error;
+pub mod fitted;

@@ -1,0 +1,88 @@
+//! Cameras of which nothing is known at first, or of which little can be.
+
+use super::film::*;
+use super::*;
+use crate::solve::continuous::fit::multistart::TOLD;
+
+#[test]
+fn a_camera_at_rest_is_left_alone() {
+    let film = Film { rest: Some(40.0 * PERIOD), ..Film::new(0.8, true) };
+    // The last frame to be settled has only still ones ahead.
+    let (motions, continuous) = film.solved(UNKNOWN, &regular(40), 5);
+    for motion in motions {
+        let motion = motion.expect("what is still is measured");
+        let error = film.error(&motion.homographies, 0.0);
+        assert!(motion.confidence == 0.0 && error < 0.01, "{}, {error} px", motion.confidence);
+        assert!(motion.readout_deviation > 0.49, "{}", motion.readout_deviation);
+    }
+    let (_, deviation) = continuous.belief();
+    assert!(deviation > 0.49, "{deviation}");
+}
+
+#[test]
+fn a_camera_that_moves_after_a_rest_is_found_as_if_it_had_moved_at_once() {
+    let pan = [[(0.0, 0.0); 2], [(0.2, 0.8), (0.0, 0.0)], [(0.0, 0.0); 2]];
+    let shake = Film::new(0.8, true).swings;
+    for (gamma, swings, rest) in [(0.8, shake, 40), (-0.6, shake, 40), (0.8, pan, 30)] {
+        let film = Film { swings, rest: Some(rest as f64 * PERIOD), ..Film::new(gamma, true) };
+        let stamps = regular(rest + 36);
+        let (motions, continuous) = film.solved(UNKNOWN, &stamps, 5);
+        let (readout, deviation) = continuous.belief();
+        let miss = (readout.time / PERIOD - gamma.abs()).abs();
+        assert!(
+            miss < 0.1 && readout.direction == film.direction(),
+            "γ = {gamma}: {readout:?} ± {deviation}"
+        );
+        let later = rest + 10;
+        let left = film.share_left(&motions[later..], &stamps[later..]);
+        assert!(left < 0.1, "γ = {gamma}: {left} of the distortion is left");
+    }
+}
+
+#[test]
+fn errors_are_no_larger_than_expected_and_not_far_below() {
+    let films = [(0.1, 0.0, true), (0.5, 0.0, true), (0.1, 0.05, true), (0.1, 0.0, false), (0.5, 0.0, false)];
+    for (noise, sway, is_known) in films {
+        let film = Film { noise, sway, ..Film::new(0.8, true) };
+        let stamps = regular(30);
+        let camera = if is_known { film.camera() } else { UNKNOWN };
+        let (motions, _) = film.solved(camera, &stamps, 7);
+        let frames = motions.iter().flatten().zip(&stamps).skip(LOOKAHEAD);
+        let squares = frames.map(|(motion, stamp)| {
+            let expected = motion.errors.iter().map(|error| error * error).sum::<f64>();
+            [film.error(&motion.homographies, *stamp).powi(2), expected / motion.errors.len() as f64]
+        });
+        let [left, expected] = squares.fold([0.0; 2], |[a, b], [left, expected]| [a + left, b + expected]);
+        let ratio = (left / expected).sqrt();
+        // All that the path does not explain is taken for errors that neighbours share, so that pure noise makes for
+        // errors of a fifth of what is expected.
+        assert!((0.1..1.3).contains(&ratio), "noise {noise}, sway {sway}, known {is_known}: {ratio}");
+    }
+}
+
+#[test]
+fn a_hypothesis_takes_a_smoothness_that_explains_more_and_no_other() {
+    let film = Film::new(0.8, true);
+    let (_, mut continuous) = film.solved(film.camera(), &regular(20), 5);
+    let pairs: Vec<&Pair> = continuous.frames.iter().filter_map(|entry| entry.to_next.as_ref()).collect();
+    let window = PairWindow { pairs: &pairs[pairs.len() - 6..], past: 4 };
+    let bank = &mut continuous.bank;
+    bank.settle(window, Break::Gap);
+    // What was learnt while the camera stood still.
+    let mut still = bank.leading().clone();
+    still.solver.restart();
+    still.solver.smoothness = still.solver.smoothness.started(1e-7);
+    let most = bank.hypotheses[0].solver.evidence(window.pairs).unwrap();
+    let least = still.solver.evidence(window.pairs).unwrap();
+    assert!(least < most - TOLD, "{least} {most}");
+    let learnt = still.solver.smoothness.clone();
+    bank.hypotheses[0].try_smoothness(&learnt, most, window);
+    assert!(bank.hypotheses[0].solver.evidence(window.pairs).unwrap() >= most);
+    bank.hypotheses.push(still);
+    bank.settle(window, Break::None);
+    let [least, most] = [f64::min, f64::max].map(|of| {
+        let evidence = bank.hypotheses.iter_mut().map(|one| one.solver.evidence(window.pairs).unwrap());
+        evidence.reduce(of).unwrap()
+    });
+    assert!(bank.hypotheses.len() == 2 && least > most - TOLD, "{least} of {most}");
+}

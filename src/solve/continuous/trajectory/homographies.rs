@@ -1,0 +1,259 @@
+//! Where points go along a motion path.
+//!
+//! The generators' velocities make ẋ = A(t)·x on homogeneous points, so the motion from one instant
+//! to another is a homography: H(t) from the first instant of the window on, H(t′)·H(t)⁻¹ between
+//! two. H is computed at nodes by Magnus's series to the fourth order and interpolated by cubics that
+//! have its slopes A·H: with steps of length h, H ← exp(Ω)·H, Ω = (A₁ + A₂)·h/2 + (√3/12)·h²·(A₂·A₁ − A₁·A₂), A₁ and
+//! A₂ at the two nodes of Gauss's quadrature. Against Runge–Kutta with 400 steps, shake of 180 px a block on a frame of
+//! 640 px is followed to 0.03 px; a turn about one axis, whose points have a closed form, to 0.001 px.
+
+use crate::motion::generators::{GENERATORS, flow_matrix};
+use crate::solve::continuous::trajectory::splines::SplinePath;
+use nalgebra::{Matrix3, Vector2};
+
+/// Blocks between nodes: half a knot spacing of the turns.
+const STEP: f64 = 0.125;
+
+#[derive(Clone, Debug)]
+struct Node {
+    /// H and its slope per step.
+    forward: [Matrix3<f64>; 2],
+    /// H⁻¹ and its slope.
+    back: [Matrix3<f64>; 2],
+    /// Rates of the generators in pixels a block.
+    rates: [f64; GENERATORS],
+    /// Paths of the generators in pixels, up to constants.
+    values: [f64; GENERATORS],
+}
+
+/// The path at an instant: the nodes before and after it, and how far it lies after the first, in steps; beyond the
+/// last node or before the first one where it lies there.
+#[derive(Clone, Copy, Debug)]
+pub struct Instant<'a> {
+    nodes: &'a [Node; 2],
+    step: f64,
+}
+
+impl Instant<'_> {
+    /// The homography from the first instant of all to this one.
+    fn until(self) -> Matrix3<f64> {
+        hermite(&self.nodes[0].forward, &self.nodes[1].forward, self.step)
+    }
+
+    /// The homography from this instant back to the first.
+    fn back(self) -> Matrix3<f64> {
+        hermite(&self.nodes[0].back, &self.nodes[1].back, self.step)
+    }
+
+    /// Where a point seen now is at another instant.
+    pub fn carry(self, point: Vector2<f64>, to: Self) -> Vector2<f64> {
+        let seen = to.until() * (self.back() * point.push(1.0));
+        seen.xy() / seen.z
+    }
+
+    /// Rates of the generators in pixels a block.
+    pub fn rates(self) -> [f64; GENERATORS] {
+        self.between(|node| &node.rates)
+    }
+
+    /// Paths of the generators in pixels, up to constants.
+    pub fn values(self) -> [f64; GENERATORS] {
+        self.between(|node| &node.values)
+    }
+
+    /// What lies on the line through what the two nodes have.
+    fn between(self, of: impl Fn(&Node) -> &[f64; GENERATORS]) -> [f64; GENERATORS] {
+        let [a, b] = [of(&self.nodes[0]), of(&self.nodes[1])];
+        std::array::from_fn(|j| a[j] + (b[j] - a[j]) * self.step)
+    }
+}
+
+/// The homographies of a path between two instants, in units of the radius.
+#[derive(Clone, Debug, Default)]
+pub struct Flow {
+    /// Time of the first node, in steps.
+    first: f64,
+    nodes: Vec<Node>,
+}
+
+impl Flow {
+    /// Follows a path whose points are in units of `radius` pixels from block `from` to block `to`.
+    pub fn follow(&mut self, path: &SplinePath, [from, to]: [f64; 2], radius: f64) {
+        self.first = (from / STEP).floor();
+        let count = ((to / STEP).ceil() - self.first).max(1.0) as usize;
+        let rates = |steps: f64| path.rates(STEP * (self.first + steps));
+        let matrix =
+            |rates: [f64; GENERATORS]| flow_matrix(&rates.map(|rate| rate / radius * STEP), path.kappa);
+        let mut h = Matrix3::identity();
+        let mut inverse = h;
+        self.nodes.clear();
+        for k in 0..=count {
+            let steps = k as f64;
+            let here = rates(steps);
+            let a = matrix(here);
+            let time = STEP * (self.first + steps);
+            self.nodes.push(Node {
+                forward: [h, a * h],
+                back: [inverse, -inverse * a],
+                rates: here,
+                values: path.values(time),
+            });
+            let [p, q] = [0.5 - GAUSS, 0.5 + GAUSS].map(|offset| matrix(rates(steps + offset)));
+            let omega = (p + q) / 2.0 + (q * p - p * q) * (GAUSS / 2.0);
+            h = exponential(omega) * h;
+            inverse *= exponential(-omega);
+        }
+    }
+
+    /// Whether an instant lies within what was followed.
+    pub fn covers(&self, time: f64) -> bool {
+        let at = time / STEP - self.first;
+        at >= 0.0 && at <= self.nodes.len() as f64 - 1.0
+    }
+
+    /// The path at an instant; `None` where none was followed.
+    pub fn at(&self, time: f64) -> Option<Instant<'_>> {
+        let at = time / STEP - self.first;
+        let last = self.nodes.len().checked_sub(2)?;
+        let index = (at.max(0.0) as usize).min(last);
+        let nodes = self.nodes.get(index..index + 2)?.first_chunk::<2>()?;
+        Some(Instant { nodes, step: at - index as f64 })
+    }
+
+    /// The homography from the first instant to `time`.
+    pub fn until(&self, time: f64) -> Matrix3<f64> {
+        self.at(time).map_or_else(Matrix3::identity, Instant::until)
+    }
+
+    /// The homography from `time` back to the first instant.
+    pub fn back(&self, time: f64) -> Matrix3<f64> {
+        self.at(time).map_or_else(Matrix3::identity, Instant::back)
+    }
+
+    /// Where a point seen at `from` is at `to`.
+    pub fn carry(&self, point: Vector2<f64>, from: f64, to: f64) -> Vector2<f64> {
+        self.at(from).zip(self.at(to)).map_or(point, |(from, to)| from.carry(point, to))
+    }
+}
+
+/// Half the distance between the two nodes of Gauss's quadrature on an interval of length 1: √3/6.
+const GAUSS: f64 = 0.288_675_134_594_812_9;
+
+/// The cubic with these values and slopes at 0 and 1.
+fn hermite(a: &[Matrix3<f64>; 2], b: &[Matrix3<f64>; 2], s: f64) -> Matrix3<f64> {
+    let (s2, s3) = (s * s, s * s * s);
+    let weights = [1.0 - 3.0 * s2 + 2.0 * s3, s - 2.0 * s2 + s3, 3.0 * s2 - 2.0 * s3, s3 - s2];
+    let mut sum = Matrix3::zeros();
+    for (k, cell) in sum.iter_mut().enumerate() {
+        *cell = weights[0] * a[0][k] + weights[1] * a[1][k] + weights[2] * b[0][k] + weights[3] * b[1][k];
+    }
+    sum
+}
+
+/// The exponential of a small matrix, to the fourth order.
+fn exponential(a: Matrix3<f64>) -> Matrix3<f64> {
+    let a2 = a * a;
+    Matrix3::identity() + a + a2 / 2.0 + a2 * a / 6.0 + a2 * a2 / 24.0
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::motion::generators::fields;
+    use crate::solve::continuous::trajectory::splines::BLOCK;
+    use nalgebra::{Rotation3, SVector, Vector3};
+
+    const RADIUS: f64 = 320.0;
+    const POINTS: [[f64; 2]; 4] = [[0.0, 0.0], [0.9, -0.6], [-0.8, 0.7], [0.3, 0.5]];
+
+    /// A path over blocks −1 to 5 whose coefficient of generator j at time t is `coefficient(j, t)`.
+    fn path(kappa: f64, coefficient: impl Fn(usize, f64) -> f64) -> SplinePath {
+        let mut path = SplinePath { base: -1, coefficients: vec![0.0; 9 * BLOCK], kappa };
+        for j in 0..GENERATORS {
+            for knot in path.knots(j) {
+                let spacing = if path.knots(j).end > 8 { 0.25 } else { 1.0 };
+                let place = path.place(j, knot) as usize;
+                // Coefficient i is centred one knot before it: see the splines.
+                path.coefficients[place] = coefficient(j, (knot - 1) as f64 * spacing);
+            }
+        }
+        path
+    }
+
+    /// Runge and Kutta's method on ẋ = Σⱼ φⱼ(x)·rateⱼ.
+    fn integrate(path: &SplinePath, mut x: Vector2<f64>, from: f64, to: f64) -> Vector2<f64> {
+        let steps = 400;
+        let h = (to - from) / steps as f64;
+        let velocity =
+            |x: Vector2<f64>, t: f64| fields(x, path.kappa) * SVector::from(path.rates(t)) / RADIUS;
+        for step in 0..steps {
+            let t = from + h * step as f64;
+            let a = velocity(x, t);
+            let b = velocity(x + a * (h / 2.0), t + h / 2.0);
+            let c = velocity(x + b * (h / 2.0), t + h / 2.0);
+            let d = velocity(x + c * h, t + h);
+            x += (a + (b + c) * 2.0 + d) * (h / 6.0);
+        }
+        x
+    }
+
+    fn worst(
+        path: &SplinePath,
+        times: &[[f64; 2]],
+        expected: impl Fn(Vector2<f64>, f64, f64) -> Vector2<f64>,
+    ) -> f64 {
+        let mut flow = Flow::default();
+        flow.follow(path, [0.0, 4.0], RADIUS);
+        let off = |[from, to]: [f64; 2], x: Vector2<f64>| flow.carry(x, from, to) - expected(x, from, to);
+        let all = times.iter().flat_map(|times| POINTS.map(|x| off(*times, x.into()).norm() * RADIUS));
+        all.fold(0.0, f64::max)
+    }
+
+    #[test]
+    fn rates_between_nodes_are_those_of_the_path() {
+        // A swing whose rate turns round within a block.
+        let path = path(0.3, |j, t| if j == 1 { 10.0 * (4.0 * t).sin() } else { 0.0 });
+        let mut flow = Flow::default();
+        flow.follow(&path, [0.0, 4.0], RADIUS);
+        for time in [0.3, 1.07, 2.94] {
+            let off = flow.at(time).unwrap().rates()[1] - path.rates(time)[1];
+            // A chord is off by an eighth of the step squared times the second derivative, 640.
+            assert!(off.abs() < STEP * STEP / 8.0 * 640.0, "{time}: {off}");
+        }
+    }
+
+    #[test]
+    fn points_go_where_the_velocity_fields_take_them() {
+        // 30 px to and fro, about once in a block for the turns, in two for the rest: up to 180 px a block.
+        let shaken =
+            path(0.3, |j, t| (30.0 - 3.0 * j as f64) * (t * if j < 3 { 6.0 } else { 3.0 } + j as f64).sin());
+        let times = [[0.0, 1.0], [0.13, 2.71], [3.9, 0.2], [1.5, 1.8], [2.0, 2.0]];
+        let off = worst(&shaken, &times, |x, from, to| integrate(&shaken, x, from, to));
+        assert!(off < 0.03, "{off} px");
+    }
+
+    #[test]
+    fn turns_take_points_where_a_turning_camera_sees_them() {
+        // About one axis all the time: f = 1.25 radii, 80 px a block of yaw, −50 of pitch, 30 of roll.
+        let (focal, rates) = (1.25, [80.0, -50.0, 30.0]);
+        let even = path(1.0 / (focal * focal), |j, t| rates.get(j).map_or(0.0, |rate| rate * t));
+        let axis = Vector3::new(-rates[1] / focal, rates[0] / focal, rates[2]) / RADIUS;
+        let seen = |x: Vector2<f64>, from: f64, to: f64| {
+            let ray = Rotation3::new(axis * (to - from)) * x.push(focal);
+            ray.xy() * (focal / ray.z)
+        };
+        let off = worst(&even, &[[0.1, 1.2], [0.5, 3.7], [3.0, 0.4]], seen);
+        assert!(off < 1e-3, "{off} px");
+    }
+
+    #[test]
+    fn beyond_what_was_followed_nothing_breaks() {
+        let mut flow = Flow::default();
+        let point = Vector2::new(0.4, -0.2);
+        assert_eq!(flow.carry(point, 0.0, 1.0), point);
+        assert!(!flow.covers(0.0) && flow.at(0.0).is_none());
+        flow.follow(&path(0.3, |j, t| t * (j + 1) as f64), [0.0, 4.0], RADIUS);
+        assert!(flow.covers(0.0) && flow.covers(4.0) && !flow.covers(-0.01) && !flow.covers(4.01));
+        assert!(flow.carry(point, -0.3, 4.3).iter().all(|coordinate| coordinate.is_finite()));
+    }
+}

@@ -1,0 +1,182 @@
+//! The motion path of a window: a spline for the path of each generator.
+//!
+//! Time is in *blocks*, about a frame period each. What a turning camera does may change four times
+//! as fast as the rest: rotation has little inertia, a translation before the scene has much.
+
+use crate::motion::generators::{GENERATORS, TURNS};
+use crate::solve::continuous::trajectory::spline::{self, Support};
+
+/// Knots of a turn to a block; the other generators have one.
+const RATIO: i64 = 4;
+/// Coefficients to a block.
+pub const BLOCK: usize = RATIO as usize * TURNS + (GENERATORS - TURNS);
+
+/// Paths of the generators over the blocks from `base` on.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct SplinePath {
+    /// Number of the first block.
+    pub base: i64,
+    /// Coefficients in pixels at the radius, block by block: those of the turns knot by knot, then
+    /// one for each other generator.
+    pub coefficients: Vec<f64>,
+    /// κ = (r/f)².
+    pub kappa: f64,
+}
+
+/// Knots of a generator to a block.
+pub const fn ratio(generator: usize) -> i64 {
+    if generator < TURNS { RATIO } else { 1 }
+}
+
+impl SplinePath {
+    /// Place of a coefficient among `coefficients`, which may be before the first or past the last.
+    pub fn place(&self, generator: usize, knot: i64) -> i64 {
+        let block = knot.div_euclid(ratio(generator)) - self.base;
+        let within = if generator < TURNS {
+            knot.rem_euclid(RATIO) * TURNS as i64 + generator as i64
+        } else {
+            RATIO * TURNS as i64 + (generator - TURNS) as i64
+        };
+        block * BLOCK as i64 + within
+    }
+
+    /// Places of a generator's coefficients, in the order of their knots.
+    pub fn places(&self, generator: usize) -> Places {
+        let blocks = self.coefficients.len() / BLOCK;
+        Places { generator, count: blocks * ratio(generator) as usize }
+    }
+
+    /// The coefficient of a generator at one of its knots; 0 outside.
+    pub fn coefficient(&self, generator: usize, knot: i64) -> f64 {
+        let place = usize::try_from(self.place(generator, knot)).ok();
+        place.and_then(|place| self.coefficients.get(place)).copied().unwrap_or(0.0)
+    }
+
+    /// Knots of a generator.
+    pub fn knots(&self, generator: usize) -> std::ops::Range<i64> {
+        let blocks = (self.coefficients.len() / BLOCK) as i64;
+        self.base * ratio(generator)..(self.base + blocks) * ratio(generator)
+    }
+
+    /// Sums of the coefficients of all generators, by these weights of the turns' and of the others' knots.
+    fn sums(&self, turns: Support, others: Support) -> [f64; GENERATORS] {
+        let mut sums = [0.0; GENERATORS];
+        for (support, generators) in [(turns, 0..TURNS), (others, TURNS..GENERATORS)] {
+            for (knot, weight) in (support.first..).zip(support.weights) {
+                // The generators of a kind lie side by side; none do outside.
+                let place = usize::try_from(self.place(generators.start, knot)).unwrap_or(usize::MAX);
+                let coefficients = self.coefficients.get(place..).unwrap_or_default();
+                sums[generators.clone()].iter_mut().zip(coefficients).for_each(|(sum, c)| *sum += c * weight);
+            }
+        }
+        sums
+    }
+
+    /// Paths of all generators in pixels, up to constants.
+    pub fn values(&self, time: f64) -> [f64; GENERATORS] {
+        self.sums(spline::values(time * RATIO as f64), spline::values(time))
+    }
+
+    /// Rates of all generators in pixels a block.
+    pub fn rates(&self, time: f64) -> [f64; GENERATORS] {
+        let mut turns = spline::slopes(time * RATIO as f64);
+        turns.weights = turns.weights.map(|weight| RATIO as f64 * weight);
+        self.sums(turns, spline::slopes(time))
+    }
+
+    /// Moves on to the blocks from `base` on. What is new goes on at the rate of what was last.
+    pub fn shift(&mut self, base: i64, blocks: usize) {
+        let mut moved = Self { base, coefficients: vec![0.0; blocks * BLOCK], kappa: self.kappa };
+        for j in 0..GENERATORS {
+            let known = self.knots(j);
+            let (mut last, mut rate) = (0.0, 0.0);
+            for knot in moved.knots(j) {
+                if known.contains(&knot) {
+                    last = self.coefficient(j, knot);
+                    rate =
+                        if known.contains(&(knot - 1)) { last - self.coefficient(j, knot - 1) } else { 0.0 };
+                } else {
+                    last += rate;
+                }
+                let place = moved.place(j, knot);
+                if let Some(value) =
+                    usize::try_from(place).ok().and_then(|place| moved.coefficients.get_mut(place))
+                {
+                    *value = last;
+                }
+            }
+        }
+        *self = moved;
+    }
+}
+
+/// Places of a generator's coefficients among those of a path.
+#[derive(Clone, Copy, Debug)]
+pub struct Places {
+    generator: usize,
+    /// How many there are.
+    pub count: usize,
+}
+
+impl Places {
+    /// That of the coefficient at a knot, the first one being 0.
+    pub fn at(self, knot: usize) -> usize {
+        let ratio = ratio(self.generator) as usize;
+        let (block, within) = (knot / ratio, knot % ratio);
+        let first = if self.generator < TURNS { within * TURNS } else { (RATIO as usize - 1) * TURNS };
+        block * BLOCK + first + self.generator
+    }
+
+    /// Each of so many in a row.
+    pub fn runs(self, length: usize) -> impl Iterator<Item = impl Fn(usize) -> usize> {
+        let starts = 0..(self.count + 1).saturating_sub(length);
+        starts.map(move |start| move |index| self.at(start + index))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_coefficient_has_a_place_of_its_own() {
+        let path = SplinePath { base: -3, coefficients: vec![0.0; 5 * BLOCK], kappa: 0.0 };
+        let mut places: Vec<i64> = (0..GENERATORS)
+            .flat_map(|j| path.knots(j).map(|knot| path.place(j, knot)).collect::<Vec<_>>())
+            .collect();
+        places.sort_unstable();
+        assert_eq!(places, (0..5 * BLOCK as i64).collect::<Vec<_>>());
+        for j in 0..GENERATORS {
+            let expected: Vec<usize> = path.knots(j).map(|knot| path.place(j, knot) as usize).collect();
+            let places = path.places(j);
+            assert_eq!((0..places.count).map(|knot| places.at(knot)).collect::<Vec<_>>(), expected);
+            let runs: Vec<[usize; 2]> = places.runs(3).map(|at| [at(0), at(2)]).collect();
+            assert!(runs.iter().copied().eq(expected.windows(3).map(|run| [run[0], run[2]])));
+            assert_eq!(places.runs(places.count + 1).count(), 0);
+        }
+    }
+
+    #[test]
+    fn a_shift_keeps_what_it_can_and_goes_on_evenly() {
+        let mut path = SplinePath { base: 10, coefficients: vec![0.0; 4 * BLOCK], kappa: 0.2 };
+        for j in 0..GENERATORS {
+            for knot in path.knots(j) {
+                let place = path.place(j, knot) as usize;
+                // A line in time, steeper for each generator.
+                path.coefficients[place] = (j + 1) as f64 * knot as f64 / ratio(j) as f64;
+            }
+        }
+        // At block 10 the splines depend on blocks 10 to 13: all there are.
+        let before = path.rates(10.0);
+        path.shift(12, 6);
+        assert_eq!((path.base, path.coefficients.len()), (12, 6 * BLOCK));
+        for time in [12.0, 13.5, 14.9] {
+            for (j, (rate, old)) in path.rates(time).into_iter().zip(before).enumerate() {
+                assert!(
+                    (rate - old).abs() < 1e-9 && (rate - (j + 1) as f64).abs() < 1e-9,
+                    "{j} {time}: {rate}"
+                );
+            }
+        }
+    }
+}
