@@ -13,16 +13,15 @@ use crate::correspond::{Correspondence, Pyramid, Sampler};
 use crate::motion::{FrameMotion, Model, MotionPath};
 use crate::plane::Luma;
 use crate::readout::{Readout, ReadoutDirection, ReadoutPosterior, ReadoutPrior, ReadoutTime};
-use crate::solve::continuous::{Camera, PairMeasurement};
+use crate::solve::continuous::Camera;
 use clock::Clock;
 use duplicates::Duplicates;
-use engine::{Engine, Settled, Step};
+use engine::{Engine, Step};
 use std::collections::VecDeque;
 use std::time::{Duration, Instant};
 
-pub use crate::solve::Origin;
-pub use crate::solve::continuous::FittedCorrespondence;
 pub use crate::solve::residual::REGIONS;
+pub use crate::solve::{FittedCorrespondence, FocalLength, FrameSolution, Origin};
 pub use error::{PushError, SettingsError};
 
 /// How motion is estimated.
@@ -97,55 +96,6 @@ impl Default for Settings {
     }
 }
 
-/// The motion of one frame and how far it is to be trusted.
-#[derive(Clone, Debug, PartialEq)]
-#[non_exhaustive]
-pub struct FrameSolution {
-    /// What the frame is rectified by: the motion through its readout, the shutter it was solved with, and how much
-    /// of the correction is applied: less where a continuous path is uncertain.
-    pub motion: FrameMotion,
-    /// Trust in the motion, 0 (untouched) to 1: the share of the correction that is expected to be right.
-    pub confidence: f64,
-    /// Root mean square distance in pixels at which the points of the frame, rectified as far as [`motion`](Self::motion)
-    /// says, are expected to lie from where they belong; `None` where it cannot be told: of a frame without a motion and
-    /// from the sequential estimator.
-    pub expected_error: Option<f64>,
-    /// The same in each of [`REGIONS`], row by row; empty where it cannot be told.
-    pub region_errors: Vec<f64>,
-    /// Where the motion comes from.
-    pub origin: Origin,
-    /// Correspondences measured in the pair of frames over which the motion was solved. Of a frame without a motion,
-    /// those with the frame before it: 0 for the first, after a gap in time and for a duplicate.
-    pub correspondences: usize,
-    /// Those of them that follow the motion.
-    pub inliers: usize,
-    /// Root mean square residual of an inlier in pixels: √E of 25.4, or a coordinate's deviation from
-    /// the continuous path.
-    pub residual: f64,
-    /// Standard deviation of the readout ratio that was found; 0 where it was given.
-    pub readout_deviation: f64,
-    /// Whether hardly a point of the frame before was found again in it, as where another shot begins; never by the
-    /// sequential estimator.
-    pub begins_shot: bool,
-    /// The focal length; `None` where nothing is known of it: of a frame without a motion, from the sequential estimator,
-    /// and of a model without perspective.
-    pub focal_length: Option<FocalLength>,
-    /// Correspondences of the frame and how they fit the motion, at most one a point of the sampling grid; those with the
-    /// next frame where there is one. Empty unless [`Settings::keep_correspondences`] asks for them, of a frame without a
-    /// motion, and from the sequential estimator.
-    pub fitted: Vec<FittedCorrespondence>,
-}
-
-/// A focal length, given or found.
-#[derive(Clone, Copy, Debug, PartialEq)]
-#[non_exhaustive]
-pub struct FocalLength {
-    /// In frame widths.
-    pub widths: f64,
-    /// Standard deviation in frame widths; 0 where it was given.
-    pub deviation: f64,
-}
-
 /// Time spent so far.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[non_exhaustive]
@@ -186,7 +136,7 @@ pub struct Rectifier {
     waiting: VecDeque<Waiting>,
     solved: VecDeque<FrameSolution>,
     /// The motion given out last, for the duplicates that follow it.
-    last: Option<Settled>,
+    last: Option<FrameSolution>,
     timings: Timings,
 }
 
@@ -351,7 +301,7 @@ impl Rectifier {
         self.engine.push(&Step {
             found: interval.map(|_| {
                 let flow = self.sampler.flow();
-                PairMeasurement { grid: &self.correspondences, flow: Some([flow.forward(), flow.backward()]) }
+                (self.correspondences.as_slice(), [flow.forward(), flow.backward()])
             }),
             time,
             interval: interval.unwrap_or(0.0),
@@ -375,7 +325,11 @@ impl Rectifier {
             self.last = self.engine.settle();
         }
         let solution = match &self.last {
-            Some(settled) => self.solution(&frame, settled),
+            Some(last) => FrameSolution {
+                origin: if frame.repeats { Origin::Repeated } else { last.origin },
+                begins_shot: frame.begins_shot,
+                ..last.clone()
+            },
             None => self.untouched(&frame),
         };
         self.solved.push_back(solution);
@@ -397,25 +351,6 @@ impl Rectifier {
             begins_shot: frame.begins_shot,
             focal_length: None,
             fitted: Vec::new(),
-        }
-    }
-
-    fn solution(&self, frame: &Waiting, settled: &Settled) -> FrameSolution {
-        let confidence = settled.confidence;
-        let weight = if settled.origin == Origin::Continuous { confidence } else { 1.0 };
-        FrameSolution {
-            motion: FrameMotion::new(settled.readout, settled.path.clone()).with_weight(weight),
-            confidence,
-            expected_error: crate::solve::root_mean_square(&settled.errors),
-            region_errors: settled.errors.clone(),
-            origin: if frame.repeats { Origin::Repeated } else { settled.origin },
-            correspondences: settled.correspondences,
-            inliers: settled.inliers,
-            residual: settled.residual,
-            readout_deviation: settled.readout_deviation,
-            begins_shot: frame.begins_shot,
-            focal_length: settled.focal_length.map(|(widths, deviation)| FocalLength { widths, deviation }),
-            fitted: settled.fitted.clone(),
         }
     }
 }

@@ -70,5 +70,4 @@ mod smoother;
 mod trajectory;
 
 pub use camera::given::Camera;
-pub use output::fitted::FittedCorrespondence;
-pub use smoother::{Continuous, Motion, PairMeasurement};
+pub use smoother::Continuous;

@@ -19,11 +19,13 @@
 //! decide.
 
 mod diffuse;
+mod local;
 mod velocity;
 
 use crate::flow::FlowField;
 use crate::readout::Readout;
 use diffuse::{Field, Known};
+pub use local::{LocalMotion, LocalMotions};
 use nalgebra::{Matrix3, Vector2};
 use velocity::{FASTEST, Side, joined};
 

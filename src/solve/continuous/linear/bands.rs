@@ -4,10 +4,9 @@
 //! generator here, and spread over the coefficients once (`equations`).
 
 use crate::motion::generators::GENERATORS;
+use crate::solve::continuous::linear::shared::SHARED;
 use nalgebra::{Matrix2, SMatrix, Vector2};
 
-/// Unknowns of the camera that all frames share: γ and κ.
-pub const SHARED: usize = 2;
 /// Right sides of a band: what is new, and the columns of the shared unknowns.
 pub const SIDES: usize = 1 + SHARED;
 

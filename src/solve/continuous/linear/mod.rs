@@ -8,3 +8,5 @@ pub mod normal;
 pub mod pair_residuals;
 pub mod parallax;
 pub mod residual;
+pub mod shared;
+pub mod system;

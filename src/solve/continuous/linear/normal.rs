@@ -13,11 +13,12 @@
 
 use crate::cpu::for_each_cpu;
 use crate::motion::generators::{TURNS, fields};
-use crate::solve::continuous::linear::bands::{Band, SHARED, Slopes, mixed};
+use crate::solve::continuous::linear::bands::{Band, Slopes, mixed};
 use crate::solve::continuous::linear::equations::Equations;
 use crate::solve::continuous::linear::pair_residuals::PairResiduals;
 use crate::solve::continuous::linear::parallax::{Innovation, Scatter};
-use crate::solve::continuous::linear::residual::{Leg, View};
+use crate::solve::continuous::linear::residual::{Evaluator, Leg};
+use crate::solve::continuous::linear::shared::SHARED;
 use nalgebra::{Matrix2, SMatrix, SVector};
 
 /// Bands to a pair.
@@ -98,12 +99,12 @@ fn independent_share(residuals: &PairResiduals) -> f64 {
 }
 
 for_each_cpu! {
-    fn add_up(view: &View<'_>, residuals: &PairResiduals, out: &mut Normal) {
+    fn add_up(view: &Evaluator<'_>, residuals: &PairResiduals, out: &mut Normal) {
         view.add_up(residuals, out);
     }
 }
 
-impl View<'_> {
+impl Evaluator<'_> {
     /// Adds up what a pair says, given the one before and the variances of its residuals.
     pub fn normal(&self, residuals: &PairResiduals, out: &mut Normal) {
         add_up(self.cpu, self, residuals, out);
@@ -125,14 +126,14 @@ impl View<'_> {
             if !new.weight.iter().all(|weight| weight.is_finite()) {
                 continue;
             }
-            let band =
-                (self.scan_axis.place(leg.m.from).clamp(0.0, 1.0) * (BANDS - 1) as f64).round() as usize;
+            let band = (self.shutter.scan_axis.place(leg.m.from).clamp(0.0, 1.0) * (BANDS - 1) as f64).round()
+                as usize;
             let shared = self.add(&new, leg, before.as_ref(), &mut out.bands[band]);
             out.shared += shared.transpose() * new.weight * shared;
             out.shared_right += shared.transpose() * new.weight * new.error;
         }
         out.weight = out.bands.iter().map(|band| band.weight).sum();
-        out.equations.fill(&out.bands, self.path);
+        out.equations.fill(&out.bands, &self.trajectory.splines);
     }
 
     /// Adds what is new in a match to its band; what the shared unknowns change of it.
@@ -164,7 +165,7 @@ impl View<'_> {
     /// inverse depth `depth`.
     #[inline(always)]
     fn slopes(&self, leg: &Leg, depth: f64) -> (Slopes, SMatrix<f64, 2, SHARED>) {
-        let phi = fields((leg.m.from + leg.m.to) / 2.0, self.path.kappa);
+        let phi = fields((leg.m.from + leg.m.to) / 2.0, self.trajectory.splines.kappa);
         let by_readout = leg.by_readout[0] + leg.by_readout[1] * depth;
         let depth = |j: usize| if j < TURNS { 1.0 } else { depth };
         let slopes = [0, 1].map(|end| std::array::from_fn(|j| phi[(end, j)] * depth(j)));

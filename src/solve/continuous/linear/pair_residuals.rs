@@ -1,8 +1,8 @@
 //! The residuals of a pair: what a path does not explain of its matches.
 
 use crate::solve::continuous::data::matches::ScanAxis;
-use crate::solve::continuous::data::pair::{Pair, Track};
-use crate::solve::continuous::linear::residual::{Leg, View};
+use crate::solve::continuous::data::pair::{FramePair, Track};
+use crate::solve::continuous::linear::residual::{Evaluator, Leg};
 use crate::solve::median::{MEDIAN_TO_VARIANCE, weighted_median};
 use nalgebra::Vector2;
 
@@ -125,17 +125,17 @@ pub fn parallax<'a, T>(
     known.then_some(parallax)
 }
 
-impl View<'_> {
+impl Evaluator<'_> {
     /// Follows the path along a pair, and along the tracks that it continues if that is wanted and they may
     /// tell its parallax from its noise.
-    pub fn residuals(&self, pair: &Pair, tracks: bool, out: &mut PairResiduals) {
+    pub fn residuals(&self, pair: &FramePair, tracks: bool, out: &mut PairResiduals) {
         out.legs.clear();
         let matches = pair.matches.iter().zip(&pair.scene);
         out.legs.extend(matches.filter_map(|(m, prior)| self.leg(pair.stamps, m, *prior)));
         let least = self.noise * self.noise;
         let variance = out.misfit(least);
         out.sigma = variance.sqrt();
-        out.others = variance + 0.5 * pair.moved() * self.radius * self.radius;
+        out.others = variance + 0.5 * pair.moved() * self.trajectory.radius() * self.trajectory.radius();
         out.legs.iter_mut().for_each(|leg| leg.whiten(variance));
         let near = out.legs.iter().filter(|leg| leg.residual.norm_squared() < 2.0 * 9.0 * variance).count();
         out.inliers = near * pair.count() / pair.matches.len().max(1);
@@ -150,7 +150,7 @@ impl View<'_> {
     }
 
     /// Follows the path along the tracks that a pair continues.
-    pub fn legs_before(&self, pair: &Pair, out: &mut PairResiduals) {
+    pub fn legs_before(&self, pair: &FramePair, out: &mut PairResiduals) {
         let variance = out.sigma * out.sigma;
         let leg = |track: &Track| {
             let mut leg = self.leg(track.stamps, &track.before, 1.0)?;
