@@ -19,12 +19,17 @@
 //! decide.
 
 mod diffuse;
+mod frame_flow;
+mod path;
 mod velocity;
+
+pub use frame_flow::FrameFlow;
+pub use path::{Path, Still};
 
 use crate::flow::FlowField;
 use crate::readout::Readout;
 use diffuse::{Field, Known};
-use nalgebra::{Matrix3, Vector2};
+use nalgebra::Vector2;
 use velocity::{FASTEST, Side, joined};
 
 /// Variance in squared cells of the step from one cell's velocity to the next: a tenth of a pixel of eight, squared.
@@ -36,38 +41,6 @@ const LEAST_VARIANCE: f32 = 0.00016;
 
 /// Columns and rows of the regions of a frame for which an error is told.
 pub const REGIONS: [usize; 2] = [6, 5];
-
-/// The flow from a frame to a neighbour in time.
-#[derive(Clone, Copy, Debug)]
-pub struct FrameFlow<'a> {
-    /// On the cells of the frame.
-    pub field: &'a FlowField,
-    /// From the frame's timestamp to the neighbour's in seconds: negative for the frame before.
-    pub interval: f64,
-}
-
-/// The global path, in frame pixels; times are seconds after the frame's timestamp.
-pub trait Path: Sync {
-    /// The homography from the path's first instant to a time.
-    fn until(&self, time: f64) -> Matrix3<f64>;
-
-    /// The homography from a time back to the path's first instant.
-    fn back(&self, time: f64) -> Matrix3<f64>;
-}
-
-/// A path that stands still.
-#[derive(Clone, Copy, Debug, Default)]
-pub struct Still;
-
-impl Path for Still {
-    fn until(&self, _: f64) -> Matrix3<f64> {
-        Matrix3::identity()
-    }
-
-    fn back(&self, _: f64) -> Matrix3<f64> {
-        Matrix3::identity()
-    }
-}
 
 /// Residual velocities at the centres of the flow's cells, row by row.
 #[derive(Clone, Debug, Default, PartialEq)]

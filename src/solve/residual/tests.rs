@@ -3,7 +3,7 @@
 use super::*;
 use crate::flow::Cell;
 use crate::readout::{ReadoutDirection, ReadoutTime};
-use nalgebra::Vector2;
+use nalgebra::{Matrix3, Vector2};
 
 /// A path that is no path.
 struct Nowhere;
