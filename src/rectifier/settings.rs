@@ -44,7 +44,7 @@ pub struct Settings {
     /// What is expected of the readout where it is not known; one that contradicts `direction` is not heeded, nor is any by
     /// the sequential estimator.
     pub readout_prior: Option<ReadoutPrior>,
-    /// Whether [`FrameSolution::fitted`] is filled, which takes memory for each frame.
+    /// Whether [`FrameSolution::fitted`](super::FrameSolution::fitted) is filled, which takes memory for each frame.
     pub keep_correspondences: bool,
 }
 
