@@ -1,6 +1,6 @@
 //! Which correspondences are certain enough for solvers that know one noise for all.
 
-use super::Correspondence;
+use super::correspondence::Correspondence;
 
 /// Those whose deviation is so many times the usual one are left out …
 const UNSURE: f64 = 2.0;

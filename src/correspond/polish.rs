@@ -9,10 +9,9 @@
 //! Along an edge H′ vanishes and C tends to the flow's variance. κ and σ₀ stand for what is no white noise: the
 //! residual of interpolation, blur and compression is correlated from pixel to pixel.
 
-use super::Correspondence;
+use super::correspondence::{Correspondence, to_full};
 use super::patch::FINE;
 use super::template::{Effort, Template};
-use super::to_full;
 use crate::cpu::for_each_cpu;
 use crate::pyramid::Level;
 use nalgebra::{Matrix2, Vector2};

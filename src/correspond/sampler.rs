@@ -1,9 +1,9 @@
 //! Correspondences sampled from dense flow at the grid.
 
+use super::correspondence::{Correspondence, to_full};
 use super::field::{Motion, Slopes};
 use super::grid::{Grid, centre};
 use super::polish::{Start, polish};
-use super::{Correspondence, to_full};
 use crate::cpu::CpuLevel;
 use crate::flow::{DenseFlow, FlowField};
 use crate::parallel::*;

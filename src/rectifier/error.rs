@@ -1,6 +1,6 @@
 //! What a rectifier refuses.
 
-use super::Settings;
+use super::settings::Settings;
 use crate::readout::ReadoutError;
 use thiserror::Error;
 

@@ -2,6 +2,7 @@
 
 use super::*;
 use crate::plane::{Plane, PlaneLayout, SampleFormat};
+use crate::readout::{ReadoutDirection, ReadoutTime};
 use nalgebra::Vector2;
 use proptest::prelude::*;
 

@@ -31,9 +31,10 @@
 //! 1080p: 23 × 100 nodes, or 125 × 100 with a field on nodes 16 px apart; some 90 ns a node on one core:
 //! 0.2 and 1.1 ms, spread by lines of nodes.
 
-use super::WarpSettings;
+use super::axis::Axis;
 use super::correction::Correction;
 use super::monotone::{Inverse, limit_slopes};
+use super::settings::WarpSettings;
 use crate::motion::{FrameMotion, IntervalMotion, MotionPath};
 use crate::parallel::*;
 use crate::readout::Readout;
@@ -49,31 +50,6 @@ const MAX_SLOPE: f64 = 0.8;
 /// A frame's picture is squeezed into at least this share of its height, where it folds, and drawn out
 /// by at most its inverse, where it gapes; it would be the inverse of zero.
 const LEAST_STRETCH: f64 = 0.25;
-
-/// Equidistant places along one axis of the frame.
-#[derive(Clone, Copy, Debug, Default)]
-pub(super) struct Axis {
-    /// Frame pixel of the first.
-    pub first: f64,
-    /// Frame pixels from one to the next.
-    pub spacing: f64,
-    /// How many there are.
-    pub count: usize,
-}
-
-impl Axis {
-    /// Places from `from` to `to` with at least one to spare on each side.
-    fn over(from: f64, to: f64, spacing: f64) -> Self {
-        let first = ((from / spacing).floor() - 1.0) * spacing;
-        let count = (((to - first) / spacing).ceil() as usize + 2).max(4);
-        Self { first, spacing, count }
-    }
-
-    /// Frame pixel of a place.
-    pub fn at(&self, index: usize) -> f64 {
-        self.first + index as f64 * self.spacing
-    }
-}
 
 /// A scalar field sampled at nodes.
 #[derive(Debug, Default)]

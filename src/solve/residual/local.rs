@@ -1,6 +1,8 @@
 //! The local motions of one frame after another.
 
-use super::{FrameFlow, Path, Region, ResidualSolver};
+use super::frame_flow::FrameFlow;
+use super::path::Path;
+use super::solver::{Region, ResidualSolver};
 use crate::flow::FlowField;
 use crate::motion::{ResidualField, ResidualMesh, image_centre};
 use crate::readout::Readout;

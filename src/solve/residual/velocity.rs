@@ -1,7 +1,8 @@
 //! Flow less path: the residual velocity of each cell, and how well it is known.
 
 use super::diffuse::Known;
-use super::{FrameFlow, Path};
+use super::frame_flow::FrameFlow;
+use super::path::Path;
 use crate::flow::FlowField;
 use crate::parallel::*;
 use crate::readout::Readout;

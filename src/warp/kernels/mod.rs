@@ -25,98 +25,18 @@
 mod avx2;
 #[cfg(target_arch = "x86_64")]
 mod avx2_words;
+mod passes;
 mod scalar;
+mod task;
 mod window;
 
-use super::BorderMode;
-use super::Interpolation;
-use super::blocks::Block;
+use super::settings::Interpolation;
 use super::weights::{Cubic, Kernel, Lanczos, Linear, Nearest};
-#[cfg(target_arch = "x86_64")]
-use crate::cpu::Avx2;
 use crate::cpu::CpuLevel;
-use crate::plane::Plane;
-use scalar::Arithmetic;
+pub(super) use passes::Passes;
+use passes::with_kernel;
 pub(super) use scalar::{Fixed, Float};
-
-/// One output row of the vertical pass.
-#[derive(Clone, Copy)]
-pub(super) struct Vertical<'a> {
-    /// The plane that is read.
-    pub plane: Plane<'a>,
-    /// What lies around it.
-    pub border: BorderMode,
-    /// Value outside for [`BorderMode::Constant`], one a channel.
-    pub fill: [u16; 4],
-    /// The output row.
-    pub row: isize,
-    /// The first column, a multiple of 16.
-    pub column: isize,
-    /// Displacements of the columns.
-    pub blocks: &'a [Block],
-}
-
-/// One output row of the horizontal pass.
-#[derive(Clone, Copy)]
-pub(super) struct Horizontal<'a, M> {
-    /// Samples from the vertical pass, `step` a pixel.
-    pub middle: &'a [M],
-    /// The column of the first of them.
-    pub column: isize,
-    /// Samples from one pixel to the next in `middle`.
-    pub step: usize,
-    /// Displacements of the pixels.
-    pub blocks: &'a [Block],
-    /// Pixels in the row.
-    pub width: usize,
-    /// How the output row is stored.
-    pub output: Output,
-}
-
-/// How the output row is stored.
-#[derive(Clone, Copy)]
-pub(super) struct Output {
-    /// Bytes a sample: 1 or 2.
-    pub bytes: usize,
-    /// Samples of a pixel that are written.
-    pub channels: usize,
-    /// Samples from one pixel to the next.
-    pub step: usize,
-    /// The largest value, before the shift.
-    pub max: u16,
-    /// The format's shift.
-    pub shift: u32,
-}
-
-/// `$body` with `$kernel` bound to the type of an interpolation; another expression may stand for
-/// the kernel that is no vector kernel.
-macro_rules! with_kernel {
-    ($interpolation:expr, $kernel:ident => $body:expr) => {
-        with_kernel!($interpolation, $kernel => $body, Lanczos => {
-            type $kernel = Lanczos;
-            $body
-        })
-    };
-    ($interpolation:expr, $kernel:ident => $body:expr, Lanczos => $lanczos:expr) => {
-        match $interpolation {
-            Interpolation::Nearest => {
-                type $kernel = Nearest;
-                $body
-            }
-            Interpolation::Linear => {
-                type $kernel = Linear;
-                $body
-            }
-            Interpolation::Cubic => {
-                type $kernel = Cubic;
-                $body
-            }
-            Interpolation::Lanczos => $lanczos,
-        }
-    };
-}
-#[cfg(target_arch = "x86_64")]
-use with_kernel;
+pub(super) use task::{Horizontal, Output, Vertical};
 
 /// First and last tap, counted from the whole position, and the rounding of positions.
 pub(super) fn reach(interpolation: Interpolation) -> (isize, isize, i32) {
@@ -132,31 +52,6 @@ pub(super) fn knots(level: CpuLevel, nodes: &[f32], weights: [f32; 4], round: f3
     let _ = level;
     scalar::knots(nodes, weights, round, knots);
 }
-
-/// Arithmetic whose passes may have vector kernels.
-pub(super) trait Passes: Arithmetic {
-    /// The vertical pass; false, with nothing done, where there is no kernel for it.
-    #[cfg(target_arch = "x86_64")]
-    fn vertical_avx2(
-        avx2: Avx2,
-        interpolation: Interpolation,
-        task: &Vertical<'_>,
-        patch: &mut Vec<u8>,
-        middle: &mut Vec<Self::Number>,
-    ) -> bool;
-
-    /// The horizontal pass; false, with nothing done, where there is no kernel for it.
-    #[cfg(target_arch = "x86_64")]
-    fn horizontal_avx2(
-        avx2: Avx2,
-        interpolation: Interpolation,
-        task: &Horizontal<'_, Self::Number>,
-        row: &mut [u8],
-    ) -> bool;
-}
-
-#[cfg(not(target_arch = "x86_64"))]
-impl<A: Arithmetic> Passes for A {}
 
 /// Vertical pass of a row; `middle` is given the size it needs.
 pub(super) fn vertical<A: Passes>(

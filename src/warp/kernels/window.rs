@@ -2,10 +2,10 @@
 //! the plane's border. Counted for a cubic, the mean of all blocks that reach over an edge: 580 instructions where the
 //! picture moves by 12 px, 290 where it moves by 90 px and most of them lie wholly outside.
 
-use super::Vertical;
-use crate::warp::BorderMode;
+use super::task::Vertical;
 use crate::warp::blocks::BLOCK;
 use crate::warp::border::resolve;
+use crate::warp::settings::BorderMode;
 use crate::warp::weights::Kernel;
 
 /// The samples that one block of the vertical pass reads.

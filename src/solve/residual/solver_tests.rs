@@ -1,9 +1,11 @@
 //! The field against motions written down in closed form.
 
+use super::super::path::Still;
 use super::*;
+
 use crate::flow::Cell;
 use crate::readout::{ReadoutDirection, ReadoutTime};
-use nalgebra::Vector2;
+use nalgebra::{Matrix3, Vector2};
 
 /// A path that is no path.
 struct Nowhere;
