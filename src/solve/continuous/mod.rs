@@ -69,5 +69,5 @@ mod prior;
 mod smoother;
 mod trajectory;
 
-pub use camera::given::Camera;
+pub use camera::Camera;
 pub use smoother::Continuous;

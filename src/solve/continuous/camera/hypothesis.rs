@@ -3,17 +3,12 @@
 use super::evidence::EvidenceRecord;
 use super::schedule::Schedule;
 use crate::readout::ReadoutDirection;
-use crate::solve::continuous::data::window::{PairWindow, breadth};
-use crate::solve::continuous::fit::multistart::{
-    DECISIVE_LOG_BAYES_FACTOR, MAX_READOUT_DEVIATION, Multistart, STEPS,
+use crate::solve::continuous::data::{PairWindow, breadth};
+use crate::solve::continuous::fit::{
+    DECISIVE_LOG_BAYES_FACTOR, MAX_READOUT_DEVIATION, Multistart, Posterior, STEPS, Setup, Summary, fit,
 };
-use crate::solve::continuous::fit::posterior::Posterior;
-use crate::solve::continuous::fit::problem::Problem;
-use crate::solve::continuous::fit::{Summary, fit};
-use crate::solve::continuous::prior::belief::Belief;
-use crate::solve::continuous::prior::camera_belief::CameraBelief;
-use crate::solve::continuous::prior::smoothness::Smoothness;
-use crate::solve::continuous::trajectory::knots::KnotDensity;
+use crate::solve::continuous::prior::{Belief, Smoothness};
+use crate::solve::continuous::trajectory::KnotDensity;
 
 /// Logarithm of the odds that a camera vibrates faster than the usual knots follow.
 const VIBRATION_LOG_ODDS: f64 = -5.0;
@@ -68,9 +63,7 @@ pub struct Hypothesis {
     pub direction: ReadoutDirection,
     /// The least and the greatest γ, in intervals between frames.
     signs: [f64; 2],
-    pub problem: Problem,
-    /// What is believed of γ and κ.
-    pub camera: CameraBelief,
+    pub setup: Setup,
     /// Of the last window.
     pub posterior: Posterior,
     /// Logarithms of its prior probability and of the posterior one, up to a constant.
@@ -96,16 +89,14 @@ impl Hypothesis {
     pub fn new(
         direction: ReadoutDirection,
         signs: [f64; 2],
-        problem: Problem,
-        camera: CameraBelief,
+        setup: Setup,
         posterior: Posterior,
         log_prior: f64,
     ) -> Self {
         Self {
             direction,
             signs,
-            problem,
-            camera,
+            setup,
             posterior,
             log_prior,
             log_probability: log_prior,
@@ -140,7 +131,7 @@ impl Hypothesis {
 
     /// Whether γ is known; it may be zero.
     pub fn knows_readout(&self) -> bool {
-        let deviation = self.camera.gamma_deviation();
+        let deviation = self.setup.camera.gamma_deviation();
         deviation < SIGNIFICANT_DEVIATION || self.gamma().abs() > SIGNIFICANCE * deviation
     }
 
@@ -151,7 +142,7 @@ impl Hypothesis {
 
     /// Whether γ is too uncertain to be reached from any start.
     pub fn is_vague(&self) -> bool {
-        self.camera.gamma_deviation() > MAX_READOUT_DEVIATION
+        self.setup.camera.gamma_deviation() > MAX_READOUT_DEVIATION
     }
 
     /// Whether it has come to the same answer as another one; never, where only the edge is to be found.
@@ -159,31 +150,31 @@ impl Hypothesis {
         let is_same_axis = self.direction.is_by_rows() == other.direction.is_by_rows();
         let distance = (self.gamma() - other.gamma()).abs();
         let is_same = is_same_axis && distance < MAX_READOUT_DEVIATION && self.density() == other.density();
-        is_same && !self.camera.is_gamma_given()
+        is_same && !self.setup.camera.is_gamma_given()
     }
 
     /// Takes γ as known.
     pub fn give_readout(&mut self, belief: Belief) {
         self.posterior.shared.gamma = belief.mean;
-        self.camera.give_gamma(belief);
+        self.setup.camera.give_gamma(belief);
     }
 
     /// Takes γ as expected.
     pub fn expect_readout(&mut self, belief: Belief) {
         self.posterior.shared.gamma = belief.mean;
-        self.camera.expect_gamma(belief);
+        self.setup.camera.expect_gamma(belief);
     }
 
     /// Continues with frame periods that are shorter by `factor`; the path begins anew.
     pub fn scale_time(&mut self, factor: f64) {
-        self.camera.scale_time(factor);
+        self.setup.camera.scale_time(factor);
         self.posterior.scale_time(factor);
         self.drop_searches();
     }
 
     /// Continues with frame periods that are shorter by `factor`, before a new stretch of frames.
     pub fn scale_readout(&mut self, factor: f64) {
-        self.camera.scale_time(factor);
+        self.setup.camera.scale_time(factor);
         self.posterior.shared.gamma *= factor;
     }
 
@@ -202,7 +193,7 @@ impl Hypothesis {
     /// Fits the posterior further, to a window; whether γ came to rest.
     fn iterate(&mut self, window: PairWindow<'_>, steps: usize) -> bool {
         let start = std::mem::take(&mut self.posterior);
-        let (posterior, Summary { converged, .. }) = fit(window, start, &self.camera, &self.problem, steps);
+        let (posterior, Summary { converged, .. }) = fit(window, start, &self.setup, steps);
         self.posterior = posterior;
         converged
     }
@@ -214,9 +205,9 @@ impl Hypothesis {
             return;
         }
         let starts = self.starts(self.is_vague());
-        let Self { posterior, camera, problem, searches, .. } = self;
-        let search = searches.ahead.get_or_insert_with(|| Multistart::new(posterior, camera, &starts));
-        search.prepare(window, prepared_steps(window), camera, problem);
+        let Self { posterior, setup, searches, .. } = self;
+        let search = searches.ahead.get_or_insert_with(|| Multistart::new(posterior, setup, &starts));
+        search.prepare(window, prepared_steps(window), setup);
     }
 
     /// Drops the fits beside the current one.
@@ -228,7 +219,7 @@ impl Hypothesis {
     /// unknown.
     pub fn settle(&mut self, window: PairWindow<'_>, starts: bool, longest: Option<f64>) {
         if let Some(longest) = longest {
-            self.camera.limit_gamma(self.signs.map(|sign| sign * longest));
+            self.setup.camera.limit_gamma(self.signs.map(|sign| sign * longest));
         }
         if starts {
             self.posterior.restart();
@@ -247,10 +238,10 @@ impl Hypothesis {
         if self.is_too_short(window) {
             if window.pairs.len() >= LEAST_PAIRS {
                 let starts = self.starts(true);
-                let Self { posterior, camera, problem, searches, .. } = self;
+                let Self { posterior, setup, searches, .. } = self;
                 let search =
-                    searches.readout.get_or_insert_with(|| Multistart::new(posterior, camera, &starts));
-                search.prepare(window, prepared_steps(window), camera, problem);
+                    searches.readout.get_or_insert_with(|| Multistart::new(posterior, setup, &starts));
+                search.prepare(window, prepared_steps(window), setup);
             }
             self.iterate(window, STEPS[usize::from(!starts)]);
             return;
@@ -266,8 +257,8 @@ impl Hypothesis {
             return;
         }
         let start = Posterior { smoothness: smoothness.clone(), ..self.posterior.clone() };
-        let (mut tried, summary) = fit(window, start, &self.camera, &self.problem, STEPS[1]);
-        let found = tried.log_evidence(window.pairs, &self.camera, &self.problem);
+        let (mut tried, summary) = fit(window, start, &self.setup, STEPS[1]);
+        let found = tried.log_evidence(window.pairs, &self.setup);
         if found.is_some_and(|found| found > evidence) {
             self.posterior = tried;
             self.has_converged &= summary.converged;
@@ -283,13 +274,13 @@ impl Hypothesis {
         self.explains_little = self.explains_little(window);
         if self.has_converged && !window.pairs.is_empty() && !self.is_too_short(window) {
             let share = self.weight(window) / window.pairs.len() as f64;
-            self.camera.add(&self.posterior.observed, share);
+            self.setup.camera.add(&self.posterior.observed, share);
         }
     }
 
     /// Continues along the current path; whether γ came to rest.
     fn follow(&mut self, window: PairWindow<'_>) -> bool {
-        let steps = if self.posterior.is_predicting(&self.camera) {
+        let steps = if self.posterior.is_predicting(&self.setup) {
             self.em_steps(false)
         } else {
             self.em_steps = 0;
@@ -319,10 +310,10 @@ impl Hypothesis {
         let is_due = is_time && self.is_vague() && self.moves(window);
         if self.searches.readout.is_none() && (starts || is_due) {
             let starts = self.starts(is_due);
-            self.searches.readout = Some(Multistart::new(&self.posterior, &self.camera, &starts));
+            self.searches.readout = Some(Multistart::new(&self.posterior, &self.setup, &starts));
         }
         let search = self.searches.readout.as_mut()?;
-        search.advance(window, search.pace(window, at_once), &self.camera, &self.problem);
+        search.advance(window, search.pace(window, at_once), &self.setup);
         let search = self.searches.readout.take_if(|search| at_once || search.is_done())?;
         if self.phase == Phase::AwaitsSearch {
             self.phase = Phase::Established;
@@ -332,18 +323,18 @@ impl Hypothesis {
 
     /// Whether the readout is unknown and the window too short to constrain it.
     pub fn is_too_short(&self, window: PairWindow<'_>) -> bool {
-        !self.camera.is_gamma_given() && window.is_short()
+        !self.setup.camera.is_gamma_given() && window.is_short()
     }
 
     /// Whether anything moves at the frame of a window that may constrain a readout or a knot density.
     pub fn moves(&self, window: PairWindow<'_>) -> bool {
         let moved = window.moved().sqrt() * self.posterior.trajectory.radius();
-        moved > NOTICEABLE * self.problem.noise && self.breadth(window) > 0.0
+        moved > NOTICEABLE * self.setup.noise && self.breadth(window) > 0.0
     }
 
     /// Whether the pairs of the frame show enough of the lines, 0 to 1.
     fn breadth(&self, window: PairWindow<'_>) -> f64 {
-        window.own_pairs().map(|pair| breadth(pair, self.problem.scan_axis)).fold(1.0, f64::min)
+        window.own_pairs().map(|pair| breadth(pair, self.setup.scan_axis)).fold(1.0, f64::min)
     }
 
     /// Standard deviation in pixels of a coordinate's innovation in the pairs that the frame is in.
@@ -362,12 +353,12 @@ impl Hypothesis {
     /// show anything that an object with a motion of its own may be all that moves.
     pub fn weight(&self, window: PairWindow<'_>) -> f64 {
         let sigma = self.innovation_deviation(window);
-        self.breadth(window) * self.posterior.explained(sigma, window.moved(), &self.problem)
+        self.breadth(window) * self.posterior.explained(sigma, window.moved(), &self.setup)
     }
 
     /// Logarithm of the evidence of a window, up to a constant.
     pub fn log_evidence(&mut self, window: PairWindow<'_>) -> Option<f64> {
-        self.posterior.log_evidence(window.pairs, &self.camera, &self.problem)
+        self.posterior.log_evidence(window.pairs, &self.setup)
     }
 
     /// Continues from the likeliest of the fits; whether γ came to rest where no other one is nearly as likely. Later
@@ -377,7 +368,7 @@ impl Hypothesis {
         if self.moves(window) {
             self.schedule.restart_search();
         }
-        let mut ranked = search.ranked(window, &self.camera, &self.problem).into_iter();
+        let mut ranked = search.ranked(window, &self.setup).into_iter();
         let Some((_, best)) = ranked.next() else { return false };
         self.posterior = best;
         self.is_at_rest = self.iterate(window, steps);
@@ -409,10 +400,10 @@ impl Hypothesis {
     fn wants_other_density(&self, window: PairWindow<'_>) -> bool {
         let own = window.own();
         let deviation = self.posterior.innovation_deviation(own);
-        let is_noticed = deviation.is_some_and(|sigma| sigma >= NOTICEABLE * self.problem.noise);
+        let is_noticed = deviation.is_some_and(|sigma| sigma >= NOTICEABLE * self.setup.noise);
         let is_wanted = || {
             self.density() == KnotDensity::Vibrating
-                || self.posterior.share_by_line(own, &self.problem) > BY_LINE
+                || self.posterior.share_by_line(own, &self.setup) > BY_LINE
         };
         is_noticed && self.moves(window) && is_wanted()
     }
@@ -429,25 +420,24 @@ impl Hypothesis {
             let is_unknown = density == KnotDensity::Vibrating && self.is_vague();
             let starts = VIBRATION_STARTS.map(|start| self.signed(start));
             let starts = if is_unknown { &starts[..] } else { &[] };
-            let trial = Multistart::with_density(&self.posterior, &self.camera, density, starts);
+            let trial = Multistart::with_density(&self.posterior, &self.setup, density, starts);
             self.searches.density = Some(trial);
         }
         let trial = self.searches.density.as_mut()?;
         let steps = if starts { STEPS[0] } else { trial.pace(window, false) };
-        trial.advance(window, steps, &self.camera, &self.problem);
+        trial.advance(window, steps, &self.setup);
         let trial = self.searches.density.take_if(|trial| trial.is_done())?;
-        let (_, mut posterior) = trial.ranked(window, &self.camera, &self.problem).into_iter().next()?;
+        let (_, mut posterior) = trial.ranked(window, &self.setup).into_iter().next()?;
         let is_vibrating = posterior.trajectory.density() == KnotDensity::Vibrating;
         // A window that only has a past constrains the prediction too little.
         posterior.predicts = is_vibrating && window.pairs.len() > window.past;
         let log_odds = if is_vibrating { VIBRATION_LOG_ODDS } else { -VIBRATION_LOG_ODDS };
         let log_prior = self.log_prior + log_odds;
-        let mut other =
-            Self::new(self.direction, self.signs, self.problem, self.camera, posterior, log_prior);
+        let mut other = Self::new(self.direction, self.signs, self.setup, posterior, log_prior);
         other.phase = Phase::OnTrial;
         other.schedule.search = self.schedule.search;
         other.schedule.density.restart();
-        let steps = match (other.posterior.is_predicting(&other.camera), starts) {
+        let steps = match (other.posterior.is_predicting(&other.setup), starts) {
             (true, _) => other.em_steps(starts),
             (false, true) => EM_STEPS[0],
             (false, false) => STEPS[0],

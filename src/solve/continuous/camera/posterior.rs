@@ -12,17 +12,11 @@ use super::schedule::{Timer, other_camera};
 use crate::cpu::CpuLevel;
 use crate::parallel::*;
 use crate::readout::{Readout, ReadoutDirection};
-use crate::solve::continuous::data::matches::ScanAxis;
-use crate::solve::continuous::data::window::PairWindow;
-use crate::solve::continuous::fit::multistart::DECISIVE_LOG_BAYES_FACTOR;
-use crate::solve::continuous::fit::posterior::Posterior;
-use crate::solve::continuous::fit::problem::Problem;
-use crate::solve::continuous::linear::shared::Shared;
-use crate::solve::continuous::prior::belief::Belief;
-use crate::solve::continuous::prior::camera_belief::CameraBelief;
-use crate::solve::continuous::prior::smoothness::Smoothness;
-use crate::solve::continuous::trajectory::Trajectory;
-use crate::solve::continuous::trajectory::knots::KnotDensity;
+use crate::solve::continuous::data::{PairWindow, ScanAxis};
+use crate::solve::continuous::fit::{DECISIVE_LOG_BAYES_FACTOR, Posterior, Setup};
+use crate::solve::continuous::linear::Shared;
+use crate::solve::continuous::prior::{Belief, CameraBelief, Smoothness};
+use crate::solve::continuous::trajectory::{KnotDensity, Trajectory};
 use nalgebra::Vector2;
 
 /// A hypothesis that is less likely than another one by a factor of e to this power is given up.
@@ -112,11 +106,11 @@ impl CameraPosterior {
         let beliefs = Shared { gamma: READOUT_BELIEF, kappa: camera.kappa_belief() };
         let beliefs = beliefs.map(|(mean, deviation)| Belief::new(mean, deviation));
         let belief = CameraBelief::new(beliefs, Shared { gamma: signs, kappa: KAPPA_LIMITS });
-        let problem = Problem { cpu: CpuLevel::detect(), scan_axis, noise: self.noise };
+        let setup = Setup { cpu: CpuLevel::detect(), scan_axis, noise: self.noise, camera: belief };
         let trajectory = Trajectory::new(density, self.radius);
         let posterior = Posterior::new(trajectory, smoothness, belief.means());
         let log_prior = Camera::log_prior(direction, width, height);
-        Hypothesis::new(direction, signs, problem, belief, posterior, log_prior)
+        Hypothesis::new(direction, signs, setup, posterior, log_prior)
     }
 
     /// Begins a stretch of frames this far apart, in seconds; `before` is the distance of those of the stretch before it.
@@ -303,7 +297,7 @@ impl CameraPosterior {
         }
         let hypotheses = &mut self.hypotheses;
         let weight = hypotheses.iter().map(|one| one.weight(window)).fold(0.0, f64::max);
-        let design_effects = hypotheses.iter().map(|one| one.posterior.design_effect(&one.problem));
+        let design_effects = hypotheses.iter().map(|one| one.posterior.design_effect(&one.setup));
         let design_effect = design_effects.fold(f64::INFINITY, f64::min);
         let evidence: Option<Vec<f64>> =
             hypotheses.par_iter_mut().map(|one| one.log_evidence(window)).collect();
@@ -386,7 +380,7 @@ impl CameraPosterior {
         };
         let own = gradient(self.leading());
         let variance = |hypothesis: &Hypothesis| {
-            (gradient(hypothesis) - own).norm_squared() + hypothesis.camera.gamma_deviation().powi(2)
+            (gradient(hypothesis) - own).norm_squared() + hypothesis.setup.camera.gamma_deviation().powi(2)
         };
         self.hypotheses().map(|(probability, one)| probability * variance(one)).sum::<f64>().sqrt()
     }
@@ -400,7 +394,7 @@ impl CameraPosterior {
     /// perspective, or none shows.
     pub fn focal_length(&self) -> Option<(f64, f64)> {
         let leading = self.leading();
-        let (kappa, deviation) = (leading.posterior.shared.kappa, leading.camera.kappa_deviation());
+        let (kappa, deviation) = (leading.posterior.shared.kappa, leading.setup.camera.kappa_deviation());
         if !self.camera.model.has_perspective() || kappa <= 0.0 {
             return None;
         }
@@ -476,7 +470,7 @@ mod tests {
     fn one_on_trial_gives_up_nothing() {
         let mut posterior = posterior_with_trial(1, 2.0 * DECISIVE);
         posterior.hypotheses.iter_mut().for_each(|one| one.posterior.shared.gamma = 0.5);
-        posterior.hypotheses[1].camera.give_gamma(Belief::new(0.5, 0.001));
+        posterior.hypotheses[1].setup.camera.give_gamma(Belief::new(0.5, 0.001));
         posterior.prune();
         assert_eq!(posterior.hypotheses.len(), 2);
         posterior.hypotheses[0].phase = Phase::Established;

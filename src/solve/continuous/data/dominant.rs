@@ -10,7 +10,7 @@
 //! The scene goes round what moves in it: a match counts by its squared distance from the image centre. And
 //! what did not belong to the scene in the pair before has no vote in this one.
 
-use crate::solve::continuous::data::matches::Match;
+use super::matches::Match;
 use crate::solve::median::{MEDIAN_TO_VARIANCE, median};
 use nalgebra::{Matrix3, SMatrix, SVector, Vector2, Vector3};
 

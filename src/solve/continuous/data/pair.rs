@@ -1,8 +1,8 @@
 //! One pair of frames: its correspondences, and the tracks that they continue.
 
+use super::dominant::Dominant;
+use super::matches::Match;
 use crate::correspond::Correspondence;
-use crate::solve::continuous::data::dominant::Dominant;
-use crate::solve::continuous::data::matches::Match;
 use nalgebra::Vector2;
 
 /// How probable it is that a match shows the scene if it shares the dominant motion, and that it does not if it does not.

@@ -1,7 +1,7 @@
 //! The pairs that a path is fitted to.
 
-use crate::solve::continuous::data::matches::ScanAxis;
-use crate::solve::continuous::data::pair::FramePair;
+use super::matches::ScanAxis;
+use super::pair::FramePair;
 use crate::solve::median::median;
 
 /// Pairs that tell one readout from another.

@@ -3,13 +3,12 @@
 //! A start costs as many steps as a window has iterations, and there are several of them. They go on with each frame that comes,
 //! so that no frame takes much longer than another: what was fitted to a few pairs is near the path of one more.
 
-use super::fit;
+use super::gauss_newton::fit;
 use super::posterior::Posterior;
-use super::problem::Problem;
+use super::setup::Setup;
 use crate::parallel::*;
-use crate::solve::continuous::data::window::PairWindow;
-use crate::solve::continuous::prior::camera_belief::CameraBelief;
-use crate::solve::continuous::trajectory::knots::KnotDensity;
+use crate::solve::continuous::data::PairWindow;
+use crate::solve::continuous::trajectory::KnotDensity;
 
 /// Steps to the first path, and to each one after it, at most. As many as to the first where γ has not come to rest: while it is
 /// far off, the splines bend to imitate the shutter, and become straight again only as it comes nearer. Not all at once, for a
@@ -45,20 +44,15 @@ pub struct Multistart {
 
 impl Multistart {
     /// For the knot density and smoothness of a posterior, from several readout ratios.
-    pub fn new(posterior: &Posterior, camera: &CameraBelief, starts: &[f64]) -> Self {
+    pub fn new(posterior: &Posterior, setup: &Setup, starts: &[f64]) -> Self {
         let mut fresh = posterior.clone();
         fresh.restart();
-        Self::of(&fresh, clamped(camera, starts))
+        Self::of(&fresh, clamped(setup, starts))
     }
 
     /// For another knot density, from these readout ratios and from that of the posterior.
-    pub fn with_density(
-        posterior: &Posterior,
-        camera: &CameraBelief,
-        density: KnotDensity,
-        starts: &[f64],
-    ) -> Self {
-        let starts = clamped(camera, starts).chain([posterior.shared.gamma]);
+    pub fn with_density(posterior: &Posterior, setup: &Setup, density: KnotDensity, starts: &[f64]) -> Self {
+        let starts = clamped(setup, starts).chain([posterior.shared.gamma]);
         Self::of(&posterior.with_density(density), starts)
     }
 
@@ -94,45 +88,36 @@ impl Multistart {
     }
 
     /// Takes so many more steps with each, on a window that grows.
-    pub fn prepare(
-        &mut self,
-        window: PairWindow<'_>,
-        steps: usize,
-        camera: &CameraBelief,
-        problem: &Problem,
-    ) {
-        self.advance(window, steps, camera, problem);
+    pub fn prepare(&mut self, window: PairWindow<'_>, steps: usize, setup: &Setup) {
+        self.advance(window, steps, setup);
         if window.is_short() {
             // A pair or two do not tell which generators are needed.
             self.candidates.iter_mut().for_each(|one| one.posterior.smoothness.restart());
         }
         if window.pairs.len() >= SHOWN_PAIRS && !self.is_narrowed {
             self.is_narrowed = true;
-            self.narrow(window, camera, problem);
+            self.narrow(window, setup);
         }
     }
 
     /// Takes so many more steps with each.
-    pub fn advance(
-        &mut self,
-        window: PairWindow<'_>,
-        steps: usize,
-        camera: &CameraBelief,
-        problem: &Problem,
-    ) {
+    pub fn advance(&mut self, window: PairWindow<'_>, steps: usize, setup: &Setup) {
         let is_short = window.is_short();
         self.candidates.par_iter_mut().for_each(|candidate| {
-            let camera = if is_short { camera.with_gamma_held(candidate.start) } else { *camera };
+            let mut setup = *setup;
+            if is_short {
+                setup.camera.hold_gamma(candidate.start);
+            }
             let start = std::mem::take(&mut candidate.posterior);
-            (candidate.posterior, _) = fit(window, start, &camera, problem, steps);
+            (candidate.posterior, _) = fit(window, start, &setup, steps);
             candidate.steps += if is_short { 0 } else { steps };
         });
     }
 
     /// Keeps only the likeliest, and those that have found another γ and are nearly as likely.
-    fn narrow(&mut self, window: PairWindow<'_>, camera: &CameraBelief, problem: &Problem) {
+    fn narrow(&mut self, window: PairWindow<'_>, setup: &Setup) {
         let evidence = |candidate: &mut Candidate| {
-            let evidence = candidate.posterior.log_evidence(window.pairs, camera, problem);
+            let evidence = candidate.posterior.log_evidence(window.pairs, setup);
             (evidence.unwrap_or(f64::NEG_INFINITY), candidate.posterior.shared.gamma)
         };
         let seen: Vec<(f64, f64)> = self.candidates.par_iter_mut().map(evidence).collect();
@@ -147,14 +132,9 @@ impl Multistart {
     }
 
     /// The posteriors with the logarithm of their evidence, the likeliest first.
-    pub fn ranked(
-        self,
-        window: PairWindow<'_>,
-        camera: &CameraBelief,
-        problem: &Problem,
-    ) -> Vec<(f64, Posterior)> {
+    pub fn ranked(self, window: PairWindow<'_>, setup: &Setup) -> Vec<(f64, Posterior)> {
         let ranked = self.candidates.into_par_iter().filter_map(|Candidate { mut posterior, .. }| {
-            let evidence = posterior.log_evidence(window.pairs, camera, problem)?;
+            let evidence = posterior.log_evidence(window.pairs, setup)?;
             Some((evidence, posterior))
         });
         let mut ranked: Vec<(f64, Posterior)> = ranked.collect();
@@ -164,6 +144,6 @@ impl Multistart {
 }
 
 /// Readout ratios within what the camera may have.
-fn clamped(camera: &CameraBelief, starts: &[f64]) -> impl Iterator<Item = f64> {
-    starts.iter().map(|start| camera.clamp_gamma(*start))
+fn clamped(setup: &Setup, starts: &[f64]) -> impl Iterator<Item = f64> {
+    starts.iter().map(|start| setup.camera.clamp_gamma(*start))
 }

@@ -1,17 +1,12 @@
 //! The posterior of a window: path, γ and κ, their covariance, and how the pairs fit them.
 
-use super::problem::Problem;
-use crate::solve::continuous::data::matches::Shutter;
-use crate::solve::continuous::data::pair::FramePair;
-use crate::solve::continuous::linear::banded::Banded;
-use crate::solve::continuous::linear::evaluated::{self, EvaluatedPair};
-use crate::solve::continuous::linear::residual::Evaluator;
-use crate::solve::continuous::linear::shared::Shared;
-use crate::solve::continuous::linear::system::{SharedEquations, System};
-use crate::solve::continuous::prior::camera_belief::{CameraBelief, Observation};
-use crate::solve::continuous::prior::smoothness::Smoothness;
-use crate::solve::continuous::trajectory::Trajectory;
-use crate::solve::continuous::trajectory::knots::KnotDensity;
+use super::setup::Setup;
+use crate::solve::continuous::data::{FramePair, Shutter};
+use crate::solve::continuous::linear::{
+    Banded, EvaluatedPair, Evaluator, Shared, SharedEquations, System, evaluated,
+};
+use crate::solve::continuous::prior::{Observation, Smoothness};
+use crate::solve::continuous::trajectory::{KnotDensity, Trajectory};
 
 /// Correlation of residuals beyond the noise with the derivatives by γ and κ, at most.
 const ERROR_CORRELATION: f64 = 0.12;
@@ -89,19 +84,19 @@ impl Posterior {
     }
 
     /// Evaluates the pairs against the path.
-    pub fn evaluate(&mut self, pairs: &[&FramePair], problem: &Problem) {
+    pub fn evaluate(&mut self, pairs: &[&FramePair], setup: &Setup) {
         self.cover(pairs);
-        let shutter = Shutter { scan_axis: problem.scan_axis, gamma: self.shared.gamma };
+        let shutter = Shutter { scan_axis: setup.scan_axis, gamma: self.shared.gamma };
         let evaluator =
-            Evaluator { cpu: problem.cpu, trajectory: &self.trajectory, shutter, noise: problem.noise };
+            Evaluator { cpu: setup.cpu, trajectory: &self.trajectory, shutter, noise: setup.noise };
         evaluated::evaluate(&mut self.evaluated, pairs, &evaluator);
     }
 
     /// Adds up the normal equations of the pairs and of the prior of the path; those of γ and κ.
-    pub fn assemble(&mut self, camera: &CameraBelief) -> SharedEquations {
+    pub fn assemble(&mut self, setup: &Setup) -> SharedEquations {
         let splines = &self.trajectory.splines;
         let mut first: Vec<usize> = (0..splines.coefficients.len()).collect();
-        self.smoothness.reach(splines, self.order(camera), &mut first);
+        self.smoothness.reach(splines, self.order(setup), &mut first);
         self.evaluated.iter().for_each(|pair| pair.normal.equations.reach(&mut first));
         let shared = self.system.assemble(first, self.evaluated.iter().map(|pair| &pair.normal));
         let System { matrix, right, .. } = &mut self.system;
@@ -110,33 +105,28 @@ impl Posterior {
     }
 
     /// Moves the path by the step of the system that was solved, and finds the covariance.
-    pub fn apply_step(&mut self, problem: &Problem) {
+    pub fn apply_step(&mut self, setup: &Setup) {
         let splines = &mut self.trajectory.splines;
         splines.coefficients.iter_mut().zip(&self.system.right).for_each(|(value, step)| *value += step);
         evaluated::invalidate(&mut self.evaluated);
-        self.system.matrix.inverse_band(problem.cpu, &mut self.covariance.matrix);
+        self.system.matrix.inverse_band(setup.cpu, &mut self.covariance.matrix);
         self.covariance.base = splines.base;
     }
 
     /// Estimates the variances of the prior from the path and its covariance.
-    pub fn learn_smoothness(&mut self, camera: &CameraBelief, problem: &Problem) {
-        let order = self.order(camera);
+    pub fn learn_smoothness(&mut self, setup: &Setup) {
+        let order = self.order(setup);
         let splines = &self.trajectory.splines;
-        self.smoothness.learn(splines, &self.covariance.matrix, order, problem.noise);
+        self.smoothness.learn(splines, &self.covariance.matrix, order, setup.noise);
     }
 
     /// Logarithm of the *evidence*, up to a constant: how likely the pairs are to any path as smooth as this one, by
     /// Laplace's method (MacKay, as in [`Smoothness`]): ln p(pairs | path) − ½·cᵀPc + ½·ln|P| − ½·ln|N|, c being the path's
     /// coefficients, P the matrix of the prior and N all of it. A path that bends to imitate another shutter pays for it.
     /// `None` where it cannot be computed.
-    pub fn log_evidence(
-        &mut self,
-        pairs: &[&FramePair],
-        camera: &CameraBelief,
-        problem: &Problem,
-    ) -> Option<f64> {
-        self.evaluate(pairs, problem);
-        self.assemble(camera);
+    pub fn log_evidence(&mut self, pairs: &[&FramePair], setup: &Setup) -> Option<f64> {
+        self.evaluate(pairs, setup);
+        self.assemble(setup);
         let splines = &self.trajectory.splines;
         let mut prior = Banded::default();
         let size = splines.coefficients.len();
@@ -146,7 +136,7 @@ impl Posterior {
         let mut right = vec![0.0; size];
         self.smoothness.add(splines, known_share(&self.evaluated), &mut prior, &mut right);
         let matrix = &mut self.system.matrix;
-        if !(matrix.factorise(problem.cpu) && prior.factorise(problem.cpu)) {
+        if !(matrix.factorise(setup.cpu) && prior.factorise(setup.cpu)) {
             return None;
         }
         let likelihood: f64 =
@@ -168,8 +158,8 @@ impl Posterior {
     }
 
     /// Share of the residuals of pair `index` that is a function of the line alone, 0 to 1.
-    pub fn share_by_line(&self, index: usize, problem: &Problem) -> f64 {
-        self.evaluated.get(index).map_or(0.0, |pair| pair.residuals.share_by_line(problem.scan_axis))
+    pub fn share_by_line(&self, index: usize, setup: &Setup) -> f64 {
+        self.evaluated.get(index).map_or(0.0, |pair| pair.residuals.share_by_line(setup.scan_axis))
     }
 
     /// Matches of pair `index` within three deviations of the path, including those thinned out.
@@ -184,17 +174,17 @@ impl Posterior {
 
     /// Share of displacements of this size (mean square, squared radii) that is explained where `sigma` is left of a
     /// coordinate in pixels, 0 to 1.
-    pub fn explained(&self, sigma: f64, moved: f64, problem: &Problem) -> f64 {
+    pub fn explained(&self, sigma: f64, moved: f64, setup: &Setup) -> f64 {
         let radius = self.trajectory.radius();
-        let allowed = (3.0 * problem.noise).powi(2) + 0.25 * moved * radius * radius;
+        let allowed = (3.0 * setup.noise).powi(2) + 0.25 * moved * radius * radius;
         (1.0 - 2.0 * sigma * sigma / allowed).clamp(0.0, 1.0)
     }
 
     /// Share of the covariance that remains where errors of matches are independent as far as they are noise of measurement.
     /// Of what the path does not explain few are independent, and the fit takes all for that.
-    pub fn noise_share(&self, problem: &Problem) -> f64 {
+    pub fn noise_share(&self, setup: &Setup) -> f64 {
         let shares = self.evaluated.iter().map(|EvaluatedPair { normal, residuals, .. }| {
-            let noise = (problem.noise * problem.noise / normal.scatter.noise).min(1.0);
+            let noise = (setup.noise * setup.noise / normal.scatter.noise).min(1.0);
             let counted = normal.independent / (2.0 * residuals.legs.len().max(1) as f64);
             1.0 - noise + noise * counted.min(1.0)
         });
@@ -204,9 +194,9 @@ impl Posterior {
     /// By how much greater than by chance the variances of γ and κ are, the *design effect* (L. Kish, *Survey
     /// Sampling*, 1965): errors of the model are alike from match to match and from pair to pair. With the correlation ρ, an
     /// error of n coordinates, of variance σ² each, adds ρ²·n·σ² to the σ² of chance.
-    pub fn design_effect(&self, problem: &Problem) -> f64 {
+    pub fn design_effect(&self, setup: &Setup) -> f64 {
         let errors_of_model = |EvaluatedPair { normal, .. }: &EvaluatedPair| {
-            normal.independent * (1.0 - problem.noise * problem.noise / normal.scatter.noise)
+            normal.independent * (1.0 - setup.noise * setup.noise / normal.scatter.noise)
         };
         1.0 + ERROR_CORRELATION.powi(2) * self.evaluated.iter().map(errors_of_model).sum::<f64>()
     }
@@ -217,13 +207,13 @@ impl Posterior {
     }
 
     /// Whether it is learnt how a vibration goes on.
-    pub fn is_predicting(&self, camera: &CameraBelief) -> bool {
-        self.predicts && (camera.is_gamma_given() || camera.gamma_deviation() < PREDICTED)
+    pub fn is_predicting(&self, setup: &Setup) -> bool {
+        self.predicts && (setup.camera.is_gamma_given() || setup.camera.gamma_deviation() < PREDICTED)
     }
 
     /// Steps of the turns from which the next one is predicted, at most.
-    pub fn order(&self, camera: &CameraBelief) -> usize {
-        if self.is_predicting(camera) { ORDER } else { 1 }
+    pub fn order(&self, setup: &Setup) -> usize {
+        if self.is_predicting(setup) { ORDER } else { 1 }
     }
 }
 

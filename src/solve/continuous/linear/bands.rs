@@ -3,8 +3,8 @@
 //! A band's matches are exposed at about the same time, so that they share the splines' weights: they are added up by
 //! generator here, and spread over the coefficients once (`equations`).
 
+use super::shared::SHARED;
 use crate::motion::generators::GENERATORS;
-use crate::solve::continuous::linear::shared::SHARED;
 use nalgebra::{Matrix2, SMatrix, Vector2};
 
 /// Right sides of a band: what is new, and the columns of the shared unknowns.

@@ -5,12 +5,11 @@
 //! weights. The coefficients of a pair are sorted into those of turns and the others, knot by knot, so that the
 //! four knots of either lie side by side.
 
+use super::banded::Banded;
+use super::bands::{Band, Row, SIDES};
+use super::shared::Shared;
 use crate::motion::generators::{GENERATORS, TURNS};
-use crate::solve::continuous::linear::banded::Banded;
-use crate::solve::continuous::linear::bands::{Band, Row, SIDES};
-use crate::solve::continuous::linear::shared::Shared;
-use crate::solve::continuous::trajectory::spline;
-use crate::solve::continuous::trajectory::splines::{BLOCK, Splines, ratio};
+use crate::solve::continuous::trajectory::{BLOCK, Splines, ratio, spline};
 
 /// Generators other than the turns.
 const OTHERS: usize = GENERATORS - TURNS;

@@ -3,12 +3,12 @@
 //! Residuals and normal equations of a pair are kept as long as nothing that they depend on changes: where the evidence of
 //! a window was asked for, the next window, a frame later, finds all but its first and last pairs done.
 
+use super::normal::Normal;
+use super::pair_residuals::PairResiduals;
+use super::residual::Evaluator;
 use crate::parallel::*;
-use crate::solve::continuous::data::pair::FramePair;
-use crate::solve::continuous::linear::normal::Normal;
-use crate::solve::continuous::linear::pair_residuals::PairResiduals;
-use crate::solve::continuous::linear::residual::Evaluator;
-use crate::solve::continuous::trajectory::splines::Splines;
+use crate::solve::continuous::data::FramePair;
+use crate::solve::continuous::trajectory::Splines;
 use nalgebra::Vector2;
 
 /// On what the normal equations of a pair depend, beside the path.
@@ -100,10 +100,8 @@ mod tests {
     use crate::correspond::Correspondence;
     use crate::cpu::CpuLevel;
     use crate::motion::generators::GENERATORS;
-    use crate::solve::continuous::data::matches::{ScanAxis, Shutter};
-    use crate::solve::continuous::trajectory::Trajectory;
-    use crate::solve::continuous::trajectory::knots::KnotDensity;
-    use crate::solve::continuous::trajectory::splines::{BLOCK, ratio};
+    use crate::solve::continuous::data::{ScanAxis, Shutter};
+    use crate::solve::continuous::trajectory::{BLOCK, KnotDensity, Trajectory, ratio};
     use nalgebra::Matrix2;
 
     const RADIUS: f64 = 320.0;

@@ -11,14 +11,14 @@
 //! The splines are evaluated once for a *band* of correspondences exposed at about the same time.
 //! That rounds the slopes, never the residuals.
 
+use super::bands::{Band, Slopes, mixed};
+use super::equations::Equations;
+use super::pair_residuals::PairResiduals;
+use super::parallax::{Innovation, Scatter};
+use super::residual::{Evaluator, Leg};
+use super::shared::SHARED;
 use crate::cpu::for_each_cpu;
 use crate::motion::generators::{TURNS, fields};
-use crate::solve::continuous::linear::bands::{Band, Slopes, mixed};
-use crate::solve::continuous::linear::equations::Equations;
-use crate::solve::continuous::linear::pair_residuals::PairResiduals;
-use crate::solve::continuous::linear::parallax::{Innovation, Scatter};
-use crate::solve::continuous::linear::residual::{Evaluator, Leg};
-use crate::solve::continuous::linear::shared::SHARED;
 use nalgebra::{Matrix2, SMatrix, SVector};
 
 /// Bands to a pair.

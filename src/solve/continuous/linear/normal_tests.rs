@@ -4,11 +4,8 @@ use super::*;
 use crate::correspond::Correspondence;
 use crate::cpu::CpuLevel;
 use crate::motion::generators::GENERATORS;
-use crate::solve::continuous::data::matches::{Match, ScanAxis, Shutter};
-use crate::solve::continuous::data::pair::{FramePair, Track};
-use crate::solve::continuous::trajectory::Trajectory;
-use crate::solve::continuous::trajectory::knots::KnotDensity;
-use crate::solve::continuous::trajectory::splines::{BLOCK, Splines, ratio};
+use crate::solve::continuous::data::{FramePair, Match, ScanAxis, Shutter, Track};
+use crate::solve::continuous::trajectory::{BLOCK, KnotDensity, Splines, Trajectory, ratio};
 use nalgebra::{Matrix2, Vector2};
 
 const RADIUS: f64 = 320.0;

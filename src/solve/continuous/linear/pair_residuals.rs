@@ -1,8 +1,7 @@
 //! The residuals of a pair: what a path does not explain of its matches.
 
-use crate::solve::continuous::data::matches::ScanAxis;
-use crate::solve::continuous::data::pair::{FramePair, Track};
-use crate::solve::continuous::linear::residual::{Evaluator, Leg};
+use super::residual::{Evaluator, Leg};
+use crate::solve::continuous::data::{FramePair, ScanAxis, Track};
 use crate::solve::median::{MEDIAN_TO_VARIANCE, weighted_median};
 use nalgebra::Vector2;
 
@@ -165,7 +164,7 @@ impl Evaluator<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::solve::continuous::data::matches::Match;
+    use crate::solve::continuous::data::Match;
     use crate::solve::random::Random;
     use nalgebra::Matrix2;
 

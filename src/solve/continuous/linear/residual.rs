@@ -2,7 +2,7 @@
 
 use crate::cpu::CpuLevel;
 use crate::motion::generators::{GENERATORS, TURNS, fields};
-use crate::solve::continuous::data::matches::{Match, Shutter};
+use crate::solve::continuous::data::{Match, Shutter};
 use crate::solve::continuous::trajectory::Trajectory;
 use nalgebra::{Matrix2, SVector, Vector2};
 

@@ -3,10 +3,10 @@
 //! γ and κ belong to all pairs: N·δc + b·δ = g, N being the matrix of the path and b the border. The path is eliminated by
 //! the Schur complement S′ = S − bᵀN⁻¹b, γ and κ are solved first, and the path follows.
 
+use super::banded::Banded;
+use super::normal::Normal;
+use super::shared::{SHARED, Shared};
 use crate::cpu::CpuLevel;
-use crate::solve::continuous::linear::banded::Banded;
-use crate::solve::continuous::linear::normal::Normal;
-use crate::solve::continuous::linear::shared::{SHARED, Shared};
 use nalgebra::{SMatrix, SVector};
 
 /// Normal equations of γ and κ alone.

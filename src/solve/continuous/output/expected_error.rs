@@ -11,12 +11,9 @@
 //! the path's coefficients, and v what path and residual velocities leave of the flow.
 
 use crate::motion::generators::{GENERATORS, fields};
-use crate::solve::continuous::camera::hypothesis::Hypothesis;
-use crate::solve::continuous::camera::posterior::CameraPosterior;
-use crate::solve::continuous::fit::posterior::Covariance;
-use crate::solve::continuous::trajectory::Trajectory;
-use crate::solve::continuous::trajectory::spline;
-use crate::solve::continuous::trajectory::splines::{BLOCK, ratio};
+use crate::solve::continuous::camera::{CameraPosterior, Hypothesis};
+use crate::solve::continuous::fit::Covariance;
+use crate::solve::continuous::trajectory::{BLOCK, Trajectory, ratio, spline};
 use crate::solve::residual::{REGIONS, Region};
 use nalgebra::{SMatrix, SVector, Vector2};
 
@@ -108,7 +105,7 @@ impl<'a> Frame<'a> {
     /// The correction of the points by a hypothesis, in pixels.
     fn corrections(&self, hypothesis: &Hypothesis) -> Vec<Vector2<f64>> {
         let correction = |(point, velocity): (&Vector2<f64>, &Vector2<f64>)| {
-            let late = hypothesis.gamma() * (0.5 - hypothesis.problem.scan_axis.place(*point));
+            let late = hypothesis.gamma() * (0.5 - hypothesis.setup.scan_axis.place(*point));
             hypothesis.correction(self.stamp, *point) + velocity * late
         };
         self.points.iter().zip(&self.velocities).map(correction).collect()
@@ -128,7 +125,7 @@ impl<'a> Frame<'a> {
             })
         };
         let error = |(index, (point, velocity)): (usize, (&Vector2<f64>, &Vector2<f64>))| {
-            let place = hypothesis.problem.scan_axis.place(*point);
+            let place = hypothesis.setup.scan_axis.place(*point);
             let late = 0.5 - place;
             let fields = fields(*point, hypothesis.posterior.trajectory.splines.kappa);
             let by_path = (fields * path_covariance(place) * fields.transpose()).trace().max(0.0);
@@ -145,14 +142,14 @@ impl Hypothesis {
     /// Where the path takes a point of a frame, less where it is seen, in pixels.
     fn correction(&self, stamp: f64, point: Vector2<f64>) -> Vector2<f64> {
         let trajectory = &self.posterior.trajectory;
-        let [seen, middle] = self.blocks_to_middle(stamp, self.problem.scan_axis.place(point));
+        let [seen, middle] = self.blocks_to_middle(stamp, self.setup.scan_axis.place(point));
         (trajectory.carry(point, seen, middle) - point) * trajectory.radius()
     }
 
     /// Velocity of a point when it is seen, in pixels a frame period.
     fn velocity(&self, stamp: f64, point: Vector2<f64>) -> Vector2<f64> {
         let Trajectory { splines, .. } = &self.posterior.trajectory;
-        let seen = self.posterior.block(stamp, self.problem.scan_axis.place(point));
+        let seen = self.posterior.block(stamp, self.setup.scan_axis.place(point));
         let rates = SVector::<f64, GENERATORS>::from(splines.rates(seen));
         fields(point, splines.kappa) * rates * self.density().blocks()
     }
@@ -164,7 +161,7 @@ impl Hypothesis {
 
     /// Root mean square error that is expected of γ: that of a window is another one than is believed.
     fn gamma_error(&self) -> f64 {
-        self.camera.gamma_deviation().hypot(self.gamma() - self.camera.means().gamma)
+        self.setup.camera.gamma_deviation().hypot(self.gamma() - self.setup.camera.means().gamma)
     }
 
     /// Covariance in px² of what the paths of the generators do from when a place along the scan axis is exposed until the
@@ -200,7 +197,6 @@ impl Hypothesis {
             sums.sum()
         };
         let lower = PathCovariance::from_fn(|j, k| if j < k { 0.0 } else { entry(j, k) });
-        PathCovariance::from_fn(|j, k| lower[(j.max(k), j.min(k))])
-            * self.posterior.noise_share(&self.problem)
+        PathCovariance::from_fn(|j, k| lower[(j.max(k), j.min(k))]) * self.posterior.noise_share(&self.setup)
     }
 }

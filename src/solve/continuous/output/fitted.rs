@@ -2,7 +2,7 @@
 
 use crate::correspond::Correspondence;
 use crate::solve::FittedCorrespondence;
-use crate::solve::continuous::camera::hypothesis::Hypothesis;
+use crate::solve::continuous::camera::Hypothesis;
 use nalgebra::{Matrix2, Vector2};
 
 /// Standard deviations of a coordinate within which a residual is an inlier's, as where the inliers of a pair are counted.
@@ -29,10 +29,10 @@ impl FittedPair<'_> {
         centre: Vector2<f64>,
         radius: f64,
     ) -> Vec<FittedCorrespondence> {
-        let Hypothesis { posterior, problem, .. } = hypothesis;
+        let Hypothesis { posterior, setup, .. } = hypothesis;
         let fitted = |found: &Correspondence| {
             let ends = [found.from, found.to].map(|pixel| (pixel - centre) / radius);
-            let block = |end: usize| posterior.block(self.stamps[end], problem.scan_axis.place(ends[end]));
+            let block = |end: usize| posterior.block(self.stamps[end], setup.scan_axis.place(ends[end]));
             let (from, to) = (posterior.trajectory.at(block(0))?, posterior.trajectory.at(block(1))?);
             let residual = (ends[1] - from.carry(ends[0], to)) * radius;
             let variance = Matrix2::identity() * (self.sigma * self.sigma) + found.covariance;

@@ -1,8 +1,7 @@
 //! What is believed of γ and κ, and how a window changes it.
 
-use crate::solve::continuous::linear::shared::{SHARED, Shared};
-use crate::solve::continuous::linear::system::SharedEquations;
-use crate::solve::continuous::prior::belief::Belief;
+use super::belief::Belief;
+use crate::solve::continuous::linear::{SHARED, Shared, SharedEquations};
 use nalgebra::SVector;
 
 /// The most that γ and κ may change in a step.
@@ -65,9 +64,9 @@ impl CameraBelief {
         self.limits.gamma = limits;
     }
 
-    /// The same where γ is held at a value.
-    pub fn with_gamma_held(&self, gamma: f64) -> Self {
-        Self { limits: Shared { gamma: [gamma; 2], ..self.limits }, ..*self }
+    /// Holds γ at a value.
+    pub fn hold_gamma(&mut self, gamma: f64) {
+        self.limits.gamma = [gamma; 2];
     }
 
     /// γ within its limits.

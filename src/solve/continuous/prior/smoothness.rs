@@ -7,10 +7,10 @@
 //! in the prior one. A generator that the picture does not bear out goes to nothing, and one that is needed
 //! is left free.
 
+use super::prediction::{Moments, Prediction};
 use crate::motion::generators::{GENERATORS, TURNS};
-use crate::solve::continuous::linear::banded::Banded;
-use crate::solve::continuous::prior::prediction::{Moments, Prediction};
-use crate::solve::continuous::trajectory::splines::Splines;
+use crate::solve::continuous::linear::Banded;
+use crate::solve::continuous::trajectory::Splines;
 
 /// Variance with which the other generators start.
 const OTHERS_START: f64 = 0.01;
@@ -156,7 +156,7 @@ mod tests {
     use super::*;
     use crate::cpu::CpuLevel;
     use crate::motion::generators::Model;
-    use crate::solve::continuous::trajectory::splines::BLOCK;
+    use crate::solve::continuous::trajectory::BLOCK;
     use crate::solve::random::Random;
 
     /// Room for all that the prior adds.

@@ -2,7 +2,7 @@
 
 use super::film::*;
 use super::*;
-use crate::solve::continuous::fit::multistart::DECISIVE_LOG_BAYES_FACTOR;
+use crate::solve::continuous::fit::DECISIVE_LOG_BAYES_FACTOR;
 
 #[test]
 fn a_camera_at_rest_is_left_alone() {

@@ -7,14 +7,10 @@
 use crate::correspond::Correspondence;
 use crate::motion::{FrameMotion, MotionPath, SampledPath, image_centre};
 use crate::readout::{Readout, ReadoutDirection, ReadoutHypothesis, ReadoutPosterior};
-use crate::solve::continuous::camera::given::{Camera, READOUT_BELIEF};
-use crate::solve::continuous::camera::hypothesis::Hypothesis;
-use crate::solve::continuous::camera::posterior::{Break, CameraPosterior};
-use crate::solve::continuous::data::overlay::StaticOverlay;
-use crate::solve::continuous::data::pair::FramePair;
-use crate::solve::continuous::data::window::PairWindow;
-use crate::solve::continuous::output::fitted::FittedPair;
-use crate::solve::continuous::trajectory::pixels::FramePath;
+use crate::solve::continuous::camera::{Break, Camera, CameraPosterior, Hypothesis, READOUT_BELIEF};
+use crate::solve::continuous::data::{FramePair, PairWindow, StaticOverlay};
+use crate::solve::continuous::output::FittedPair;
+use crate::solve::continuous::trajectory::FramePath;
 use crate::solve::residual::{LocalMotion, LocalMotions, Region};
 use crate::solve::{FittedCorrespondence, FocalLength, FrameSolution, Origin, root_mean_square};
 use nalgebra::{Matrix3, Vector2};
@@ -161,11 +157,11 @@ impl Continuous {
 
     /// Where a point (pixels) of the last frame is expected in the next: it goes on as from the one before.
     pub fn expected(&self, pixel: Vector2<f64>) -> Vector2<f64> {
-        let Hypothesis { posterior, problem, .. } = self.posterior.leading();
+        let Hypothesis { posterior, setup, .. } = self.posterior.leading();
         let last = self.frames.iter().rev().nth(1).and_then(|entry| entry.to_next.as_ref());
         let Some([before, after]) = last.map(|pair| pair.stamps) else { return pixel };
         let point = (pixel - self.centre) / self.radius;
-        let place = problem.scan_axis.place(point);
+        let place = setup.scan_axis.place(point);
         let [before, after] = [before, after].map(|stamp| posterior.block(stamp, place));
         if !posterior.trajectory.covers(after) {
             return pixel;
@@ -220,7 +216,7 @@ impl Continuous {
         let [width, height] = self.size;
         let hypotheses = self.posterior.hypotheses().map(|(probability, hypothesis)| ReadoutHypothesis {
             readout: self.readout(hypothesis),
-            deviation: hypothesis.camera.gamma_deviation() * unit,
+            deviation: hypothesis.setup.camera.gamma_deviation() * unit,
             probability,
         });
         let [rows, columns] = [ReadoutDirection::TopToBottom, ReadoutDirection::LeftToRight]

@@ -7,8 +7,8 @@
 //! A₂ at the two nodes of Gauss's quadrature. Against Runge–Kutta with 400 steps, shake of 180 px a block on a frame of
 //! 640 px is followed to 0.03 px; a turn about one axis, whose points have a closed form, to 0.001 px.
 
+use super::splines::Splines;
 use crate::motion::generators::{GENERATORS, flow_matrix};
-use crate::solve::continuous::trajectory::splines::Splines;
 use nalgebra::{Matrix3, Vector2};
 
 /// Blocks between nodes: half a knot spacing of the turns.

@@ -1,6 +1,6 @@
 //! The path about a frame in pixels and seconds.
 
-use super::Trajectory;
+use super::path::Trajectory;
 use crate::solve::residual::Path;
 use nalgebra::{Matrix3, Vector2};
 

@@ -3,8 +3,8 @@
 //! Time is in *blocks*, about a frame period each. What a turning camera does may change four times
 //! as fast as the rest: rotation has little inertia, a translation before the scene has much.
 
+use super::spline::{self, Support};
 use crate::motion::generators::{GENERATORS, TURNS};
-use crate::solve::continuous::trajectory::spline::{self, Support};
 
 /// Knots of a turn to a block; the other generators have one.
 const RATIO: i64 = 4;
