@@ -15,13 +15,13 @@
 pub mod continuous;
 pub mod link;
 pub mod measurement;
-mod median;
 #[cfg(test)]
 mod random;
 pub mod residual;
 mod start;
 pub mod window;
 
+use crate::robust::median;
 pub use link::{Fit, Link};
 pub use window::{Candidate, Origin, Window};
 
