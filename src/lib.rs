@@ -14,7 +14,7 @@
 //! | [`plane`] | bytes | borrowed views of image planes |
 //! | [`readout`] | direction, time, delay | when a point of a frame was exposed |
 //! | `pyramid` | a luma plane | the same at several resolutions |
-//! | `robust` | residuals | their weights, likelihoods and spread; the motion that most displacements share |
+//! | `robust` | residuals | robust losses, the median, the motion that most displacements share |
 //! | `flow` | two pyramids | dense optical flow |
 //! | `correspond` | flow | point correspondences at a grid, to sub-pixel accuracy |
 //! | [`motion`] | | what an image motion is: the twist, the path over a readout |

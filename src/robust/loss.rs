@@ -7,7 +7,7 @@
 
 use nalgebra::RealField;
 
-/// ρ of s and what follows from it. `T` is the type of s, `f32` in the flow.
+/// A loss ρ(s) and what follows from it. `T` is the type of s: `f32` in the flow.
 pub trait Loss<T: RealField + Copy = f64>: Copy {
     /// ρ(s): twice the cost.
     fn rho(self, s: T) -> T;
@@ -18,7 +18,7 @@ pub trait Loss<T: RealField + Copy = f64>: Copy {
         self.weight_times(T::one(), s)
     }
 
-    /// `factor`·ρ′(s), where `factor` is how much the measurement counts at any s.
+    /// `factor`·ρ′(s), as in loops that weigh each measurement by a factor of its own, too.
     fn weight_times(self, factor: T, s: T) -> T;
 
     /// −½·ρ(s), plus a constant for [`Mixture`] only.
@@ -146,7 +146,8 @@ impl<const FREEDOM: i32> Loss for Mixture<FREEDOM> {
     }
 }
 
-/// How many equal weights some weights w are worth: (Σw)²/Σw² (L. Kish, *Survey Sampling*, 1965).
+/// The effective number of weights w, (Σw)²/Σw²: a weighted mean has the variance of a mean of so many equal weights (L. Kish,
+/// *Survey Sampling*, 1965).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct EffectiveNumber {
     sum: f64,
@@ -162,12 +163,13 @@ impl FromIterator<f64> for EffectiveNumber {
 }
 
 impl EffectiveNumber {
-    /// The number; 0 of none, or where all weights are 0.
+    /// The effective number; 0 where all weights are 0.
     pub fn number(self) -> f64 {
         if self.sum > 0.0 { self.sum * self.sum / self.squares } else { 0.0 }
     }
 
-    /// The factor by which each weight is to be multiplied where `most` of them are independent at most: 1 up to that number.
+    /// The factor by which to multiply all weights so that they count as `most` independent measurements at most: `most` over the
+    /// effective number, at most 1; 0 where all weights are 0.
     pub fn independent_share(self, most: f64) -> f64 {
         if self.sum > 0.0 { (most * self.squares / (self.sum * self.sum)).min(1.0) } else { 0.0 }
     }

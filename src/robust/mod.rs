@@ -2,7 +2,7 @@
 //!
 //! | file | what it has |
 //! |---|---|
-//! | [`loss`] | what a residual costs, how much it counts, how likely it is; how many equal weights some are worth |
+//! | [`loss`] | cost, weight and log likelihood of a residual; effective number of weights |
 //! | [`median`] | the median, and the variance that follows from it |
 //! | [`motion`] | the motion that most displacements share, by iteratively re-weighted least squares |
 

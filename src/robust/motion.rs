@@ -26,24 +26,24 @@ pub fn quadratic<T: RealField + Copy>(point: Vector2<T>) -> SVector<T, 6> {
 pub struct Sample<T, const N: usize> {
     /// φ at the point.
     pub terms: SVector<T, N>,
-    /// In the unit of the motion.
+    /// Measured, in the unit in which the motion is wanted.
     pub displacement: Vector2<T>,
     /// Its weight at a residual of 0.
     pub weight: T,
 }
 
-/// A, in the unit of the displacements.
+/// A, the coefficients of a motion.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Motion<T, const N: usize>(pub SMatrix<T, 2, N>);
 
 /// σ² of a coordinate by which a round of the fit whitens the residuals of the motion before.
 #[derive(Clone, Copy, Debug)]
 pub enum Scale<T> {
-    /// This.
+    /// Given.
     Variance(T),
-    /// By the median of |r|² of these residuals.
+    /// Estimated from the median of these residuals' |r|².
     Median {
-        /// At least this.
+        /// The least variance.
         least: T,
     },
 }
@@ -51,13 +51,14 @@ pub enum Scale<T> {
 /// A round of the fit.
 #[derive(Clone, Copy, Debug)]
 pub struct Round<T, const N: usize> {
-    /// Of its weights.
+    /// For the weights of the round.
     pub scale: Scale<T>,
-    /// Added to the diagonal of the normal equations: what a term is held to zero by.
+    /// Added to the diagonal of the normal equations: pulls the coefficients of a term towards zero.
     pub ridge: [f64; N],
 }
 
-/// The motion after these rounds of re-weighting, the first of which takes its weights from `start`; `None` where one finds none.
+/// The motion after these rounds of re-weighting, the first of which takes its weights from `start`; `None` where the normal
+/// equations of a round are singular or not finite.
 ///
 /// Points and residuals have the precision of `T`, the normal equations that of `f64`.
 pub fn fit<T: RealField + Copy + Into<f64>, const N: usize>(

@@ -55,8 +55,8 @@ struct PointBlock {
 }
 
 impl Minimiser {
-    /// The twist of least Σ ρ near `start`, or `None` where the matches do not determine one. The loss is of a correspondence's
-    /// part of E, in px²: σ = 1 px.
+    /// The twist of least Σ ρ(s) near `start`, or `None` where the matches do not determine one; s is the part of a match in E, so
+    /// σ is 1 px. [`Squares`](crate::robust::loss::Squares) is 25.4 as printed.
     pub fn minimise(&mut self, matches: &[Match], start: Twist, loss: impl Loss) -> Option<Twist> {
         self.corrected.clear();
         self.corrected.extend(matches.iter().map(|m| halfway(m, start)));

@@ -13,7 +13,7 @@ use crate::parallel::*;
 use crate::robust::loss::{GemanMcClure, Loss};
 
 /// Squared distance of a message from what a cell has measured, in units of their variances, at which it counts a quarter.
-const CONTRADICTION: GemanMcClure<f32> = GemanMcClure(4.0);
+const CONTRADICTION: f32 = 4.0;
 
 /// Information about a vector (xx, xy, yy), and that times the vector.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -111,7 +111,7 @@ impl Known {
         let (own, other) = (self.along(apart), message.along(apart));
         // The variances of the two along their difference add up.
         let square = own * other / (own + other + f32::MIN_POSITIVE);
-        message.times(CONTRADICTION.weight(square))
+        message.times(GemanMcClure(CONTRADICTION).weight(square))
     }
 }
 

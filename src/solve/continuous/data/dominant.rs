@@ -25,7 +25,7 @@ const TRIALS: usize = 64;
 /// Those of them that are made quadratic, and in how many rounds.
 const FINALISTS: usize = 6;
 const ROUNDS: usize = 4;
-/// The loss of these rounds.
+/// The loss of these rounds: a match two deviations off counts a quarter.
 const LOSS: GemanMcClure = GemanMcClure(4.0);
 /// Matches of one motion are off it by this share of the usual displacement at least: it is not quite quadratic.
 const UNEVEN: f64 = 0.02;
@@ -116,7 +116,7 @@ fn affine(voters: &[Voter], trial: usize) -> Option<Quadratic> {
     Some(Motion(affine.fixed_resize(0.0)))
 }
 
-/// A quadratic motion of those that are near another one, at the scale of its variance.
+/// One round of the robust fit from another motion, whose residuals have this variance.
 fn refined(voters: &[Voter], motion: Quadratic, variance: f64) -> Option<Quadratic> {
     let round = Round { scale: Scale::Variance(variance), ridge: [RIDGE; TERMS] };
     fit(voters.iter().copied(), motion, LOSS, [round])

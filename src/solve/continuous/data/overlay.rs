@@ -26,10 +26,11 @@ const BREADTH: f64 = 0.75;
 /// The logarithm of the odds that a cell is fixed before anything was seen of it, and how far they go.
 const PRIOR: f64 = -3.0;
 const FARTHEST: f64 = 8.0;
-/// Of distances from rest and from the motion around.
-const LOSS: StudentT<3> = StudentT;
-/// Rounds in which the motion of what moves is fitted, the first of them without regard to residuals, and the loss of the others.
+/// Degrees of freedom of Student's t.
+const FREEDOM: i32 = 3;
+/// Rounds in which the motion of what moves is fitted, all weights being equal in the first.
 const ROUNDS: usize = 4;
+/// The loss of these rounds: a match two deviations off counts a quarter.
 const FIT_LOSS: GemanMcClure = GemanMcClure(4.0);
 
 /// Where the picture is fixed to the frame.
@@ -92,9 +93,10 @@ impl StaticOverlay {
         }
         let still = self.spread * self.spread;
         let Some(around) = Around::of(&moved, still) else { return };
+        let loss = StudentT::<FREEDOM>;
         for m in found {
-            let fixed = LOSS.log_likelihood(displacement(m).norm_squared() / still);
-            let moves = LOSS.log_likelihood(around.motion.square(&sample(m)) / around.variance);
+            let fixed = loss.log_likelihood(displacement(m).norm_squared() / still);
+            let moves = loss.log_likelihood(around.motion.square(&sample(m)) / around.variance);
             if let Some(odds) = self.index(m).and_then(|index| self.odds.get_mut(index)) {
                 *odds = (*odds + fixed - moves).clamp(-FARTHEST, FARTHEST);
             }
@@ -115,7 +117,7 @@ struct Around {
 }
 
 impl Around {
-    /// Of at least this variance.
+    /// The fit to some matches; the variance is at least `least`.
     fn of(matches: &[&Correspondence], least: f64) -> Option<Self> {
         let samples = matches.iter().map(|m| sample(m));
         let rounds = (0..ROUNDS).map(|round| {

@@ -69,15 +69,15 @@ impl Normal {
     }
 }
 
-/// Of what is new in a match: the scene's are distributed as Student's t about the path, all others about evenly over as far
-/// as points move in the pair, `others` being their variance in px².
+/// The loss of a match's innovation: matches of the scene are distributed as Student's t about the path, all others about evenly
+/// over as far as points move in the pair, whose variance is `others` in px².
 #[inline(always)]
 fn loss_of(new: &Innovation, leg: &Leg, others: f64) -> Mixture<FREEDOM> {
     let inverse_scale = new.weight.determinant().sqrt() * leg.whitening.determinant();
     Mixture::new(leg.prior, inverse_scale, others)
 }
 
-/// How many independent matches one is worth.
+/// The factor on each weight by which a pair counts as at most [`INDEPENDENT_MATCHES`].
 fn independent_share(residuals: &PairResiduals) -> f64 {
     let weights = residuals.legs.iter().map(|leg| leg.prior * leg.whitening.norm_squared());
     weights.collect::<EffectiveNumber>().independent_share(INDEPENDENT_MATCHES)
