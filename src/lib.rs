@@ -14,6 +14,7 @@
 //! | [`plane`] | bytes | borrowed views of image planes |
 //! | [`readout`] | direction, time, delay | when a point of a frame was exposed |
 //! | `pyramid` | a luma plane | the same at several resolutions |
+//! | `robust` | residuals | robust losses, the median, the motion that most displacements share |
 //! | `flow` | two pyramids | dense optical flow |
 //! | `correspond` | flow | point correspondences at a grid, to sub-pixel accuracy |
 //! | [`motion`] | | what an image motion is: the twist, the path over a readout |
@@ -51,6 +52,8 @@ pub mod flow;
 #[cfg(feature = "unstable")]
 pub mod pyramid;
 #[cfg(feature = "unstable")]
+pub mod robust;
+#[cfg(feature = "unstable")]
 pub mod solve;
 
 // What only the project's tools call is not dead: they build with the feature.
@@ -66,6 +69,9 @@ mod flow;
 #[cfg(not(feature = "unstable"))]
 #[allow(dead_code, unused_imports)]
 mod pyramid;
+#[cfg(not(feature = "unstable"))]
+#[allow(dead_code, unused_imports)]
+mod robust;
 #[cfg(not(feature = "unstable"))]
 #[allow(dead_code, unused_imports)]
 mod solve;

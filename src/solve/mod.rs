@@ -15,7 +15,6 @@
 pub mod continuous;
 pub mod link;
 pub mod measurement;
-mod median;
 #[cfg(test)]
 mod random;
 pub mod residual;

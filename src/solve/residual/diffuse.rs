@@ -10,6 +10,7 @@
 //! them, and it counts less.
 
 use crate::parallel::*;
+use crate::robust::loss::{GemanMcClure, Loss};
 
 /// Squared distance of a message from what a cell has measured, in units of their variances, at which it counts a quarter.
 const CONTRADICTION: f32 = 4.0;
@@ -110,8 +111,7 @@ impl Known {
         let (own, other) = (self.along(apart), message.along(apart));
         // The variances of the two along their difference add up.
         let square = own * other / (own + other + f32::MIN_POSITIVE);
-        let share = 1.0 / (1.0 + square / CONTRADICTION);
-        message.times(share * share)
+        message.times(GemanMcClure(CONTRADICTION).weight(square))
     }
 }
 

@@ -2,7 +2,7 @@
 
 use super::matches::ScanAxis;
 use super::pair::FramePair;
-use crate::solve::median::median;
+use crate::robust::median::median;
 
 /// Pairs that tell one readout from another.
 const FEWEST_PAIRS: usize = 4;

@@ -184,8 +184,8 @@ fn the_normal_equations_are_those_of_the_residuals() {
         let variance = evaluated.sigma * evaluated.sigma;
         let weight = |r: &Vector2<f64>| {
             let square = r.norm_squared() / variance;
-            let [scene, other] = densities(0.9, square, variance.recip(), evaluated.others);
-            25.0 / 300.0 / variance * 6.0 / (4.0 + square) * scene / (scene + other)
+            let scene = Mixture::<4>::new(0.9, variance.recip(), evaluated.others).inlier_probability(square);
+            25.0 / 300.0 / variance * 6.0 / (4.0 + square) * scene
         };
         let sum = |a: &[Vector2<f64>], b: &[Vector2<f64>]| -> f64 {
             residuals.iter().zip(a.iter().zip(b)).map(|(r, (a, b))| weight(r) * a.dot(b)).sum()
@@ -267,8 +267,7 @@ fn the_normal_equations_of_tracks_are_those_of_what_is_new() {
     let weighted = |a: &[Vector2<f64>], b: &[Vector2<f64>]| -> f64 {
         // All residuals are next to nothing: 6/4 of Student's t, a pair being worth 25.
         let probable = |new: &Innovation, leg: &Leg| {
-            let [scene, other] = densities_of(new, leg, residuals.others);
-            scene / (scene + other)
+            loss_of(new, leg, residuals.others).inlier_probability(new.square())
         };
         let weighted =
             innovations.iter().zip(&residuals.legs).map(|(new, leg)| new.weight * probable(new, leg));
@@ -345,7 +344,7 @@ fn a_place_along_the_axis_is_its_line_s_share_of_the_readout() {
 #[test]
 fn to_fit_two_thirds_of_the_matches_well_is_likelier_than_to_fit_all_badly() {
     let log = |distance: f64, sigma: f64| {
-        densities(0.9, (distance / sigma).powi(2), sigma.powi(-2), 100.0).iter().sum::<f64>().ln()
+        Mixture::<FREEDOM>::new(0.9, sigma.powi(-2), 100.0).log_likelihood((distance / sigma).powi(2))
     };
     // Two thirds of them within 0.2 px, the others 20 px off; or all of them 3 px off.
     let two_thirds = (2.0 * log(0.2, 0.2) + log(20.0, 0.2)) / 3.0;

@@ -2,7 +2,7 @@
 
 use super::residual::{Evaluator, Leg};
 use crate::solve::continuous::data::{FramePair, ScanAxis, Track};
-use crate::solve::median::{MEDIAN_TO_VARIANCE, weighted_median};
+use crate::robust::median::{MEDIAN_TO_VARIANCE, weighted_median};
 use nalgebra::Vector2;
 
 /// Bands of lines in which residuals are alike if a motion is faster than the path.

@@ -13,7 +13,7 @@
 
 use super::pair_residuals::PairResiduals;
 use super::residual::Leg;
-use crate::solve::median::{MEDIAN_TO_VARIANCE, weighted_median};
+use crate::robust::median::{MEDIAN_TO_VARIANCE, weighted_median};
 use nalgebra::{Matrix2, Vector2};
 
 /// Standard deviation τ of λ at most: inverse depths spread by half of what is usual in the scene.
