@@ -20,7 +20,7 @@ use nalgebra::{DMatrix, DVector};
 const OVERSHOOT: f64 = 1.5;
 
 /// Weights by which a generator's next step follows from those before it.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct Prediction {
     /// The newest first.
     weights: Vec<f64>,

@@ -37,8 +37,8 @@ const NOTICEABLE: f64 = 2.0;
 
 const FIRST: [f64; 2] = [-1.0, 1.0];
 
-/// The prior.
-#[derive(Clone, Debug)]
+/// The prior; by default, of a model without generators.
+#[derive(Clone, Debug, Default)]
 pub struct Smoothness {
     active: [bool; GENERATORS],
     /// Variance with which the turns start.
@@ -47,13 +47,6 @@ pub struct Smoothness {
     predictions: [Prediction; GENERATORS],
     /// Variance of what is new in its steps.
     variance: [f64; GENERATORS],
-}
-
-impl Default for Smoothness {
-    /// Of a model without generators.
-    fn default() -> Self {
-        Self::new([false; GENERATORS], OTHERS_START)
-    }
 }
 
 impl Smoothness {
