@@ -121,7 +121,8 @@ impl Sampler {
         out.extend(self.found.iter().flatten().map(scaled));
     }
 
-    /// How much two frames differ: see [`block_difference`]. Infinite where a pyramid is empty or not of the sampler's size.
+    /// How much two frames differ: the highest mean absolute grey difference of any block of 8 × 8 analysed pixels. Infinite
+    /// where a pyramid is empty or not of the sampler's size.
     pub fn difference(&self, first: &Pyramid, second: &Pyramid) -> f64 {
         let size = self.reducer.size();
         if first.is_of(size) && second.is_of(size) { block_difference(first, second) } else { f64::INFINITY }
