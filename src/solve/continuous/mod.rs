@@ -1,43 +1,33 @@
-//! The continuous estimator: the motion path as splines over exposure time.
+//! The continuous estimator: correspondences of successive frames → the motion path of a window as splines over exposure
+//! time, and with it the readout time, the edge that is read first and the focal length.
 //!
-//! | file | what it does |
-//! |---|---|
-//! | `spline` | uniform cubic B-splines |
-//! | `path` | one spline for each generator of the homographies, 17 coefficients a block |
-//! | `flow` | path → where points go: the homographies that its velocities add up to |
-//! | `overlay` | which correspondences show what is fixed to the frame: overlays, the bonnet |
-//! | `pair` | correspondences of two frames, and the tracks that they continue |
-//! | `dominant` | which of them move as most of the picture does |
-//! | `residuals` | their residuals, each whitened by its covariance |
-//! | `tracks` | what is new in a residual, given the one of the same point in the pair before |
-//! | `normal` | what a pair says of the path, γ and κ: normal equations |
-//! | `sums` | what the matches of a pair that are exposed at about the same time add up to |
-//! | `equations` | the same over the coefficients of the path |
-//! | `evaluated` | the pairs of a window with their residuals and normal equations |
-//! | `smoothness` | the prior on how the path goes on, its strength by MacKay's evidence |
-//! | `prediction` | how it goes on where it vibrates |
-//! | `banded` | banded Cholesky factors, and the inverse inside the band |
-//! | `running` | what was seen so far of a number that belongs to the camera |
-//! | `solver` | Gauss–Newton over a window for one scan axis and one knot density |
-//! | `search` | fits from several starts, side by side |
-//! | `pair_window` | the pairs that a path is fitted to |
-//! | `hypothesis` | one edge that may be read first: a solver, its knot density, its likelihood |
-//! | `bank` | the hypotheses about the camera: its posterior, what is stated and applied of it |
-//! | `deviation` | how far off a correction may be, how much of it is applied |
-//! | `evidence` | which of two hypotheses the frames so far speak for |
-//! | `fitted` | how the correspondences of a frame fit the path that was found |
-//! | `camera` | what is known of the camera, and believed of the rest |
-//! | `stream` | frames in, motions out: window, choice of the axis, confidence, residual field |
+//! The folders have the order of the data; none imports from a later one. The same order, with all equations:
+//! `docs/method.md`.
+//!
+//! | folder | object | unknowns |
+//! |---|---|---|
+//! | `data` | pairs of frames: matches, tracks, which matches show the scene | |
+//! | `trajectory` | splines for eight generators of the homographies, and the homographies that they integrate to | coefficients cⱼᵢ, 17 a block |
+//! | `linear` | whitened residuals and their innovations, robust weights, normal equations, banded Cholesky factor | σ², τ² of a pair |
+//! | `prior` | smoothness of the path, prediction of a vibration, beliefs about γ and κ | variances, weights |
+//! | `fit` | Gauss–Newton over a window → posterior and evidence; fits from several starts | γ, κ |
+//! | `camera` | hypotheses of edge and knot density: their odds, when one is tried, added or dropped | probabilities |
+//! | `output` | expected error of a correction, share that is applied, inliers | |
+//! | `smoother` | frames in, solutions out, a few frames later | |
 //!
 //! # Units
 //!
-//! Points are in units of the *radius*, half the frame's width, from the image centre; paths and
-//! residuals in analysed pixels (at the radius); timestamps and γ, the signed readout time, in
-//! frame periods. The path's own clock counts *blocks*: one to a frame period, two and a half where the
-//! picture vibrates. A line is exposed at t = t_k + γ·p, p its place along the scan axis from the top (left)
-//! edge; γ < 0 where the opposite edge is read first. κ = (radius/f)² stands for the focal length f.
+//! | quantity | unit |
+//! |---|---|
+//! | points | the *radius*, half the frame's width, from the image centre |
+//! | paths, coefficients, residuals | analysed pixels (at the radius) |
+//! | timestamps, γ | frame periods; γ is the signed readout time |
+//! | the path's own clock | *blocks*: one to a frame period, two and a half where the picture vibrates |
+//! | κ | 1: (radius/f)², f the focal length |
+//! | evidence, odds | nats |
 //!
-//! The equations are in `docs/method.md`.
+//! A line is exposed at t = t_k + γ·p, p its place along the scan axis, 0 at the top (left) edge and 1 at the other; γ < 0
+//! where the opposite edge is read first.
 //!
 //! # Cost
 //!
@@ -54,10 +44,9 @@
 //! | inverse inside the band | 0.45 M | 8 M |
 //!
 //! With tracks a pair depends on a third more coefficients; factor and inverse take up to twice as much, spreading twice and
-//! sums three times as much. Up to four steps are taken a frame for each hypothesis (36, twelve of them a frame, where it
-//! is first learnt how a vibration goes on); while there are several, the evidence of each costs another one, without the
-//! inverse, and the step of the next frame finds all pairs but its first and its last done. The first window of a stream
-//! whose readout is sought takes up to twenty from each of two starts for each edge, most of them while the lookahead
+//! sums three times as much. A hypothesis takes up to four steps a frame (36, six of them a frame, where the prediction of
+//! a vibration is first estimated), and while there are several, one more without the inverse for its evidence. The first
+//! window whose readout is unknown takes up to twenty from each of two starts for each edge, most of them while the lookahead
 //! fills, later ones up to twelve until γ rests.
 
 mod camera;
