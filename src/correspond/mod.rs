@@ -3,22 +3,22 @@
 //! | step | file | what it does |
 //! |---|---|---|
 //! | reduce | [`pyramid`](crate::pyramid) | any luma view → grey of at most 960 pixels a side, and coarser levels |
-//! | follow | [`flow`](crate::flow) | dense optical flow, both ways |
-//! | place | `grid` | the points that are measured: the middles of a uniform grid of cells |
+//! | flow | [`flow`](crate::flow) | dense optical flow, both ways |
+//! | place | `grid` | the measured points: the centres of a uniform grid of cells |
 //! | sample | `sampler` | the flow at these points, and which of them are kept |
-//! | agree | `field` | what the neighbours of a point say of its local distortion |
+//! | distortion | `distortion` | local distortion at a point, from the displacements of its neighbours |
 //! | polish | `polish` | registration of one point to sub-pixel accuracy, and its covariance |
 //! | register | `template` | one patch: inverse-compositional Lucas–Kanade |
-//! | choose | `certain` | those that are certain enough for solvers that know one noise for all |
-//! | sum | `patch` | its kernels: patches between pixels, stretched patches, sums |
+//! | select | `certain` | correspondences of small variance, for solvers that assume one noise level |
+//! | kernels | `patch` | patches at sub-pixel positions, distorted patches, sums |
 //!
-//! Three coordinate systems occur: *full-frame* pixels, which callers see; *analysed* pixels, those
+//! Three coordinate systems occur: *full-frame* pixels, used by callers; *analysed* pixels, those
 //! of the reduced grey; and pixels of level l, each 2^l analysed pixels wide. In all of them pixel
 //! centres are integers, so that going to a system s times coarser is x ↦ (x + ½)/s − ½.
 //!
 //! # Cost
 //!
-//! For 1920×1080 in 8 bits, hence 960×540 analysed, on a grid of 32×24, beside that of the flow:
+//! For 1920×1080 in 8 bits, hence 960×540 analysed, on a grid of 32×24, without the flow:
 //!
 //! | step | bytes read and written | multiply-adds |
 //! |---|---|---|
@@ -27,7 +27,7 @@
 //! | polish | in cache | 768 points × at most 5 samplings × 3.3 k = 13 M, and a template of 13 k operations |
 
 mod certain;
-mod field;
+mod distortion;
 mod grid;
 mod patch;
 mod polish;
@@ -49,10 +49,9 @@ pub struct Correspondence {
     pub from: Vector2<f64>,
     /// Pixels of the full frame in the second frame.
     pub to: Vector2<f64>,
-    /// The smaller eigenvalue of the patch's gradient matrix, per pixel, in squared grey levels
-    /// (0 to 255) per squared analysed pixel: how well the patch can be located. The patch is as the
-    /// second frame is to show it, and of its gradients only what neither its mean nor a change of
-    /// contrast explains counts.
+    /// The smaller eigenvalue of the patch's gradient matrix, per pixel, in squared grey levels (0 to 255)
+    /// per squared analysed pixel: how well the patch can be located. Computed from the patch distorted as it
+    /// appears in the second frame, with gradients orthogonal to the mean and to the patch itself.
     pub texture: f32,
     /// Root mean square difference of the two patches in grey levels after brightness was matched.
     pub residual: f32,
@@ -68,7 +67,7 @@ impl Correspondence {
     }
 }
 
-/// Full-frame pixels from analysed ones, of which each is `scale` wide.
+/// Converts analysed pixels, each `scale` full-frame pixels wide, to full-frame pixels.
 fn to_full(at: Vector2<f32>, scale: f64) -> Vector2<f64> {
     at.map(f64::from).add_scalar(0.5) * scale - Vector2::repeat(0.5)
 }
