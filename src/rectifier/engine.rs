@@ -4,7 +4,7 @@ use crate::correspond::{Correspondence, certain};
 use crate::motion::{MotionPath, Rigid, SampledPath, Twist, image_centre};
 use crate::readout::{Readout, ReadoutPosterior};
 use crate::solve::continuous::{Camera, Continuous, FittedCorrespondence, PairMeasurement};
-use crate::solve::{Candidate, Link, Origin, Window};
+use crate::solve::{Link, MotionCandidate, Origin, Window};
 use nalgebra::Vector2;
 
 /// Standard deviation of a measured coordinate in analysed pixels, for the paper's window, which knows one for all: what the
@@ -66,7 +66,7 @@ pub(super) struct Sequential {
     expected: Twist,
     /// The shutters of the frames that wait.
     readouts: std::collections::VecDeque<Readout>,
-    /// Scratch.
+    /// FitBuffers.
     certain: Vec<Correspondence>,
 }
 
@@ -192,7 +192,7 @@ impl Sequential {
     fn settle(&mut self) -> Option<Settled> {
         let settled = self.window.settle();
         let readout = self.readouts.pop_front()?;
-        settled.map(|Candidate { fit, origin }| Settled {
+        settled.map(|MotionCandidate { fit, origin }| Settled {
             readout,
             path: MotionPath::uniform(fit.twist, readout.time),
             confidence: fit.confidence,

@@ -1,20 +1,21 @@
-//! The median, and what it says of the spread of two-dimensional errors.
+//! The median, and the variance of two-dimensional errors from it.
 
-/// Variance of a coordinate over the median of an error that is, in units of that variance, χ² with 2 degrees
-/// of freedom, as |r|² of two normal coordinates is: its median is 2·ln 2.
+/// Ratio of the variance of a normal coordinate to the median of |r|² of two such coordinates: in units of
+/// the variance
+/// |r|² is χ² with 2 degrees of freedom, whose median is 2·ln 2.
 pub(super) const MEDIAN_TO_VARIANCE: f64 = 0.5 / std::f64::consts::LN_2;
 
-/// The median (of an even number the upper middle one), 0 of nothing; reorders the values.
+/// The median (the upper one of an even number of values), 0 for no values; reorders them.
 pub(super) fn median(values: &mut [f64]) -> f64 {
     let middle = values.len() / 2;
     if values.is_empty() { 0.0 } else { *values.select_nth_unstable_by(middle, f64::total_cmp).1 }
 }
 
-/// The value below which half of the weight of `(value, weight)` lies; 0 for none. Reorders them.
+/// The weighted median of `(value, weight)`; 0 for no values. Reorders them.
 pub(super) fn weighted_median(values: &mut [(f64, f64)]) -> f64 {
     let half = 0.5 * values.iter().map(|(_, weight)| weight).sum::<f64>();
     let (mut rest, mut below) = (values, 0.0);
-    // Halves what is left: the value that is sought lies there, and all that was left out before it has the weight `below`.
+    // Bisection: the median lies in `rest`; the values dropped below it have the total weight `below`.
     loop {
         let Some(middle) = rest.len().checked_sub(1).map(|last| last / 2) else { return 0.0 };
         let (lower, (value, own), _) = rest.select_nth_unstable_by(middle, |a, b| a.0.total_cmp(&b.0));

@@ -1,48 +1,50 @@
-//! The residual field: what parallax and things that move on their own add to the global path.
+//! The residual field: velocities beside the global path, from parallax and independently moving objects.
 //!
-//! The flow of a frame to a neighbour says where the global path is wrong: the point of a cell lies at x′ in the
-//! neighbour, where the path carries it to x̂. Over the time between the two exposures that is the residual velocity
+//! The flow of a frame to a neighbour measures the error of the global path: the point of a cell lies at x′
+//! in the neighbour, and the path predicts x̂. Divided by the time between the two exposures that is the
+//! residual velocity
 //!
 //! > v = (x′ − x̂) / (t′ − t).
 //!
-//! It is applied with the path's own row timing: a point exposed at share s is shown v·(ref − s) further, with v in
-//! pixels per whole readout.
+//! It is applied with the row timing of the path: a point exposed at share s is moved by v·(ref − s), with v
+//! in pixels per whole readout.
 //!
 //! | step | file |
 //! |---|---|
 //! | flow to both neighbours → residual velocity of each cell, with its information | `velocity` |
 //! | velocities of all cells → the posterior of each | `diffuse` |
 //!
-//! The field is the posterior mean of a Gaussian Markov random field: a prior of mean zero (the path) with the variance
-//! that residual velocities have in the frame, and neighbouring cells that differ by a random step. The information of a
-//! flow has a direction, so that along edges and stripes, where the picture says nothing, its surroundings and the path
-//! decide.
+//! The field is the posterior mean of a Gaussian Markov random field: a prior of mean zero (the path) with
+//! the variance that residual velocities have in the frame, and neighbouring cells that differ by a random
+//! step. The information of the flow is a matrix: along edges and stripes, where it is zero, the neighbouring
+//! cells and the path determine the velocity.
 
 mod diffuse;
 mod velocity;
 
 use crate::flow::FlowField;
 use crate::readout::Readout;
-use diffuse::{Field, Known};
+use diffuse::{FieldPrior, VelocityEstimate};
 use nalgebra::{Matrix3, Vector2};
-use velocity::{FASTEST, Side, joined};
+use velocity::{MAX_SPEED, NeighbourFlow, combine};
 
-/// Variance in squared cells of the step from one cell's velocity to the next: a tenth of a pixel of eight, squared.
-/// Five times as much or a fifth of it changes no figure of the evaluation by more than a tenth.
-const STEP: f32 = 0.0016;
+/// Variance of the difference between neighbouring cells' velocities, in squared cells per readout²: 0.1 px²
+/// for cells of eight pixels. Five times as much or a fifth of it changes no figure of the evaluation by more
+/// than a tenth.
+const STEP_VARIANCE: f32 = 0.0016;
 
-/// Variance that residual velocities have in squared cells, at least: below it they are noise.
-const LEAST_VARIANCE: f32 = 0.00016;
+/// Noise floor: least variance of residual velocities, in squared cells per readout².
+const MIN_VARIANCE: f32 = 0.00016;
 
-/// Columns and rows of the regions of a frame for which an error is told.
+/// Columns and rows of the regions of a frame for which an expected error is reported.
 pub const REGIONS: [usize; 2] = [6, 5];
 
 /// The flow from a frame to a neighbour in time.
 #[derive(Clone, Copy, Debug)]
 pub struct FrameFlow<'a> {
-    /// On the cells of the frame.
+    /// Flow field on the cells of the frame.
     pub field: &'a FlowField,
-    /// From the frame's timestamp to the neighbour's in seconds: negative for the frame before.
+    /// Seconds from the frame's timestamp to the neighbour's; negative for the previous frame.
     pub interval: f64,
 }
 
@@ -55,7 +57,7 @@ pub trait Path: Sync {
     fn back(&self, time: f64) -> Matrix3<f64>;
 }
 
-/// A path that stands still.
+/// A path without motion.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Still;
 
@@ -87,13 +89,14 @@ pub struct CellVelocities {
 pub struct Region {
     /// Mean residual velocity in pixels per readout.
     pub velocity: Vector2<f64>,
-    /// Mean square distance in px² at which path and residual velocities are expected to leave points from where they are at
-    /// the middle of the readout: for the time until then, the variances of the velocities and their residuals in the flow.
+    /// Expected mean square error, in px², of the positions at the middle of the readout that path and
+    /// residual velocities predict: variances of the velocities plus squared residuals of the flow, times the
+    /// squared time until then.
     pub error: f64,
 }
 
 impl Region {
-    /// The same in other pixels, of which `factor` make one of these.
+    /// The same in pixels smaller by `factor`.
     #[must_use]
     pub fn scaled(self, factor: f64) -> Self {
         Self { velocity: self.velocity * factor, error: self.error * factor * factor }
@@ -104,14 +107,14 @@ impl Region {
 #[derive(Debug, Default)]
 pub struct ResidualSolver {
     cells: CellVelocities,
-    sides: [Side; 2],
-    own: Vec<Known>,
-    posterior: Vec<Known>,
+    sides: [NeighbourFlow; 2],
+    own: Vec<VelocityEstimate>,
+    posterior: Vec<VelocityEstimate>,
     regions: Vec<Region>,
 }
 
 impl ResidualSolver {
-    /// The residual velocities of a frame, given the flow to its neighbours, one or two; none where there is no flow.
+    /// The residual velocities of a frame from the flow to one or two neighbours; none without flow.
     pub fn solve(&mut self, readout: &Readout, flows: &[FrameFlow<'_>], path: &impl Path) -> &CellVelocities {
         self.cells.velocities.clear();
         self.regions.clear();
@@ -125,16 +128,16 @@ impl ResidualSolver {
             side.fill(readout, flow, path);
         }
         let sides = sides.get(..flows.len()).unwrap_or_default();
-        joined(readout, first.field, sides, own);
+        combine(readout, first.field, sides, own);
         let area = (cells.side * cells.side) as f32;
-        let prior = 1.0 / (variance(own, STEP * area) + LEAST_VARIANCE * area);
-        Field { columns: cells.columns, step: STEP * area, prior }.posterior(own, posterior);
-        cells.velocities.extend(posterior.iter().map(Known::value));
+        let prior = 1.0 / (variance(own, STEP_VARIANCE * area) + MIN_VARIANCE * area);
+        FieldPrior { columns: cells.columns, step: STEP_VARIANCE * area, prior }.posterior(own, posterior);
+        cells.velocities.extend(posterior.iter().map(VelocityEstimate::value));
         self.find_regions(readout, first.field, flows.len(), prior);
         &self.cells
     }
 
-    /// The regions of the frame that was solved last, row by row; none where there is no flow.
+    /// The regions of the frame solved last, row by row; none without flow.
     pub fn regions(&self) -> &[Region] {
         &self.regions
     }
@@ -152,15 +155,16 @@ impl ResidualSolver {
                 continue;
             };
             let sides = self.sides.iter().take(sides);
-            let left = sides.filter_map(|side| side.difference(index, *velocity, prior));
-            let [sum, known] = left.fold([0.0; 2], |[sum, known], square| [sum + square, known + 1.0]);
+            let squares = sides.filter_map(|side| side.squared_residual(index, *velocity, prior));
+            let [sum, sources] =
+                squares.fold([0.0; 2], |[sum, sources], square| [sum + square, sources + 1.0]);
             let [x, y] = field.centre(column, row);
             let late = readout.share(x, y) - 0.5;
             region.velocity += Vector2::from(*velocity).cast::<f64>();
-            // No more than before anything was measured: rounding hides the prior from what is known far better along
-            // one axis. Not a number becomes the most, too.
+            // At most the prior variance: rounding loses the prior if the information along one axis is far
+            // larger than along the other. NaN becomes the bound, too.
             let variance = posterior.variance().min(2.0 / prior);
-            let square = (variance + sum / f32::max(known, 1.0)).min(FASTEST * FASTEST);
+            let square = (variance + sum / f32::max(sources, 1.0)).min(MAX_SPEED * MAX_SPEED);
             region.error += late * late * f64::from(square);
             *count += 1.0;
         }
@@ -171,21 +175,22 @@ impl ResidualSolver {
     }
 }
 
-/// The variance of a coordinate of the velocities, of which those count half that are known with the variance `usual`.
-fn variance(cells: &[Known], usual: f32) -> f32 {
+/// The variance of a coordinate of the velocities; the weight of a velocity of information trace 1/`usual` is
+/// ½.
+fn variance(cells: &[VelocityEstimate], usual: f32) -> f32 {
     let (mut square, mut weights) = (0.0, f32::MIN_POSITIVE);
     for known in cells {
         let information = known.trace();
         let weight = information / (information + 1.0 / usual);
-        let [x, y] = known.plus_prior(LITTLE).value();
+        let [x, y] = known.plus_prior(NEGLIGIBLE_INFORMATION).value();
         square += weight * 0.5 * (x * x + y * y);
         weights += weight;
     }
     square / weights
 }
 
-/// Information in (pixels per readout)⁻² that is next to none.
-const LITTLE: f32 = 1e-6;
+/// Negligible information in (pixels per readout)⁻², to keep matrices regular.
+const NEGLIGIBLE_INFORMATION: f32 = 1e-6;
 
 #[cfg(test)]
 #[path = "tests.rs"]
