@@ -1,17 +1,17 @@
-//! The inverse map as the kernels read it: blocks of 16 pixels of one row.
+//! The inverse map in the format of the kernels: blocks of 16 pixels of one row.
 //!
-//! A displacement is linear between *knots* 8 plane pixels apart. That leaves 8²/8 · f″ = 3e-3 px for
+//! Displacements are linear between *knots* 8 plane pixels apart. The error is 8²/8 · f″ = 3e-3 px for
 //! 0.2 rad in 1080 rows; positions are then rounded to 1/2048 px.
 //!
-//! Along a row the position is almost "pixel + constant": inside a block the whole part of the
-//! displacement takes few values, mostly one. A block therefore holds the least whole part, how
-//! many more there are, and the rest as 16-bit numbers; a kernel reads as many neighbouring
-//! vectors as there are taps and whole parts, never gathers.
+//! Along a row the position is almost "pixel + constant": inside a block the integer part of the
+//! displacement takes few values, mostly one. A block therefore stores the least integer part, the span
+//! to the largest, and the remainders as 16-bit numbers; a kernel reads as many neighbouring vectors as
+//! there are taps and integer parts, without gathers.
 //!
-//! With AVX2, a block is made by 13 instructions, eight blocks at a time, and its share of the knots by 9.
+//! With AVX2, a block takes 13 instructions, eight blocks at a time, and its knots 9.
 
 use super::Placement;
-use super::inverse::{Field, cubic};
+use super::inverse::{MapField, cubic};
 use super::kernels;
 use super::weights::{FRACTION_BITS, ONE};
 use crate::cpu::{CpuLevel, for_each_cpu};
@@ -20,26 +20,26 @@ use crate::cpu::{CpuLevel, for_each_cpu};
 pub(super) const BLOCK: usize = 16;
 /// Pixels between knots.
 pub(super) const KNOT: usize = 8;
-/// How far the displacement may change between two knots, in 1/[`ONE`] px: 7 px are what the largest
-/// zoom asks for (1/8 − 1 a pixel), and twice as much still fits into 16 bits.
+/// Largest change of displacement between two knots, in 1/[`ONE`] px: the largest zoom needs 7 px (1/8 − 1
+/// per pixel), and twice as much still fits into 16 bits.
 const MAX_CHANGE: i32 = 7 * ONE;
 
-/// Displacements in plane pixels, at most: a scale near zero makes them infinite, or no number, which the vector
-/// kernels would take for another place than plain Rust.
-const FARTHEST: f32 = 4e5;
+/// Largest displacement in plane pixels: a scale near zero makes displacements infinite or NaN, which vector
+/// kernels and plain Rust would convert to different integers.
+const MAX_DISPLACEMENT: f32 = 4e5;
 
-/// Displacements of 16 pixels: four numbers of 32 bits, so that the compiler makes several blocks at a time.
+/// Displacements of 16 pixels: four numbers of 32 bits, so that the compiler vectorises over blocks.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[repr(C)]
 pub(super) struct Block {
     /// Displacements at pixels 0 (the low 16 bits) and 8 less `first`, in 1/[`ONE`] px; not negative. The
     /// vector kernels read them and `change` as the first 8 bytes.
     start: u32,
-    /// What is added from there over 8 pixels.
+    /// Changes of displacement from there over 8 pixels.
     change: u32,
-    /// The least whole displacement.
+    /// The least integer displacement.
     pub first: i32,
-    /// The largest whole displacement less the least.
+    /// The largest integer displacement less the least.
     pub span: i32,
 }
 
@@ -66,7 +66,7 @@ impl Block {
         }
     }
 
-    /// Whole displacement and fraction of pixel 0 to 15.
+    /// Integer displacement and fraction of pixel 0 to 15.
     pub fn at(&self, pixel: usize) -> (isize, i16) {
         let half = |pair: u32| (pair >> (16 * ((pixel / KNOT) & 1))) as i16;
         let ramp = ((pixel % KNOT) << 12) as i16;
@@ -77,7 +77,7 @@ impl Block {
 }
 
 for_each_cpu! {
-    /// The blocks between pairs of knots: as many as there are pairs with one after them, at most as many as `blocks`.
+    /// The blocks between successive pairs of knots, at most as many as `blocks`.
     fn between(pairs: &[[i32; 2]], blocks: &mut [Block]) {
         let next = pairs.get(1..).unwrap_or_default();
         for ((block, from), to) in blocks.iter_mut().zip(pairs).zip(next) {
@@ -86,7 +86,8 @@ for_each_cpu! {
     }
 }
 
-/// One displacement field of one plane: knots of the plane's columns at the rows of the field's nodes.
+/// A displacement field resampled for one plane: knots of the plane's columns at the rows of the field's
+/// nodes.
 #[derive(Clone, Debug, Default)]
 pub(super) struct KnotTable {
     /// Index of the first knot; knot k lies at plane column 8k.
@@ -104,7 +105,7 @@ pub(super) struct KnotTable {
 impl KnotTable {
     /// Resamples `field` at knots that cover plane columns `from` to `to`; `axis` is the one along
     /// which the field displaces.
-    pub fn fill(&mut self, field: &Field, placement: &Placement, axis: usize, from: isize, to: isize) {
+    pub fn fill(&mut self, field: &MapField, placement: &Placement, axis: usize, from: isize, to: isize) {
         let [scale_x, scale_y] = placement.scale;
         self.first = from.div_euclid(BLOCK as isize) * 2;
         self.columns = (to.div_euclid(BLOCK as isize) * 2 + 3 - self.first).max(3) as usize;
@@ -120,7 +121,8 @@ impl KnotTable {
             let nodes = field.values.chunks_exact(field.x.count.max(1));
             for (row, nodes) in self.values.chunks_exact_mut(self.columns).zip(nodes) {
                 let value = weights.iter().zip(&nodes[node..]).map(|(w, v)| w * v).sum();
-                row[index] = if f32::is_nan(value) { 0.0 } else { value.clamp(-FARTHEST, FARTHEST) };
+                row[index] =
+                    if f32::is_nan(value) { 0.0 } else { value.clamp(-MAX_DISPLACEMENT, MAX_DISPLACEMENT) };
             }
         }
     }
@@ -134,15 +136,15 @@ impl KnotTable {
         kernels::knots(level, nodes, weights.map(|weight| weight as f32 * ONE as f32), round as f32, knots);
     }
 
-    /// The blocks of plane columns `from` (a multiple of 16) to `to`, from the knots of a row. Where
-    /// the table does not reach, its last displacement goes on.
+    /// The blocks of plane columns `from` (a multiple of 16) to `to`, from the knots of a row; constant
+    /// beyond the table.
     pub fn blocks(&self, level: CpuLevel, knots: &[i32], from: isize, to: isize, blocks: &mut Vec<Block>) {
         let (from, to) = (from.div_euclid(BLOCK as isize), to.div_euclid(BLOCK as isize));
         let last = knots.len() as isize - 1;
         let knot = |index: isize| knots[index.clamp(0, last) as usize];
         let first = from * 2 - self.first;
         let single = |index: isize| Block::new([knot(index), knot(index + 1), knot(index + 2)]);
-        // Blocks before the table; those within it but its last, which has no second pair; all others.
+        // Blocks before the table; those within it except the last, which has no second pair; all others.
         let before = (-first / 2).clamp(0, to - from + 1);
         blocks.clear();
         blocks.extend((0..before).map(|block| single(first + 2 * block)));
@@ -163,7 +165,7 @@ mod tests {
 
     #[test]
     fn blocks_are_those_of_single_knots_at_all_levels() {
-        // Displacements that bend gently, those that change too fast, and the farthest there are.
+        // Displacements that change slowly, too fast, and up to the largest.
         let wave = |knot: i32, size: i32| (knot * knot * 7919 % 4093 - 2046) * size;
         for size in [1, 13, 700, 480_000] {
             for columns in [3, 5, 17, 33, 245] {
