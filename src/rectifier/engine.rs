@@ -1,4 +1,4 @@
-//! The two estimators behind one face.
+//! A common interface to the two estimators.
 
 use crate::correspond::{Correspondence, certain};
 use crate::motion::{MotionPath, Rigid, SampledPath, Twist, image_centre};
@@ -7,64 +7,64 @@ use crate::solve::continuous::{Camera, Continuous, FittedCorrespondence, PairMea
 use crate::solve::{Link, MotionCandidate, Origin, Window};
 use nalgebra::Vector2;
 
-/// Standard deviation of a measured coordinate in analysed pixels, for the paper's window, which knows one for all: what the
-/// sampler reaches on compressed footage.
+/// Standard deviation of a measured coordinate in analysed pixels, for the paper's window, which assumes the
+/// same for all: that of the sampler on compressed footage.
 const NOISE: f64 = 0.1;
 
-/// The motion of a frame and how it fits.
+/// The settled motion of a frame.
 #[derive(Clone, Debug)]
 pub(super) struct Settled {
     pub readout: Readout,
     pub path: MotionPath,
-    /// Trust in the motion, 0 to 1.
+    /// Confidence in the motion, 0 to 1.
     pub confidence: f64,
-    /// Expected errors of the regions of the rectified frame in pixels; none where they are not told.
+    /// Expected errors of the regions of the rectified frame in pixels; none if not estimated.
     pub errors: Vec<f64>,
     pub origin: Origin,
-    /// Correspondences of the pair over which it was solved.
+    /// Number of correspondences of the pair over which it was solved.
     pub correspondences: usize,
-    /// Those of them that follow the motion.
+    /// Number of inliers among them.
     pub inliers: usize,
     /// Root mean square residual of an inlier in pixels.
     pub residual: f64,
-    /// Standard deviation of the readout ratio; 0 where it was given.
+    /// Standard deviation of the readout ratio; 0 if it was given.
     pub readout_deviation: f64,
-    /// Focal length in frame widths and its standard deviation, where one is known.
+    /// Focal length in frame widths and its standard deviation, if known.
     pub focal_length: Option<(f64, f64)>,
-    /// Correspondences of the frame, where they are kept.
+    /// Correspondences of the frame, if they are kept.
     pub fitted: Vec<FittedCorrespondence>,
 }
 
-/// A frame and how it was found to be joined to the one before.
+/// A frame with the measurements between it and the previous one.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Step<'a> {
-    /// Correspondences with the frame before; `None` after a start or a gap.
+    /// Correspondences and flow with the previous frame; `None` after a start or a gap.
     pub found: Option<PairMeasurement<'a>>,
-    /// Seconds.
+    /// Timestamp in seconds.
     pub time: f64,
-    /// Seconds since the frame before; negative in reverse playback.
+    /// Seconds since the previous frame; negative in reverse playback.
     pub interval: f64,
-    /// Seconds from frame to frame, as they come at present.
+    /// Actual seconds from frame to frame: see [`Clock::spacing`](super::clock::Clock::spacing).
     pub spacing: f64,
-    /// The shutter, as far as it is known.
+    /// The shutter by the settings.
     pub readout: Readout,
-    /// Full-frame pixels to an analysed one.
+    /// Width of an analysed pixel in full-frame pixels.
     pub pixel_scale: f64,
 }
 
-/// What estimates the motion of a stream.
+/// The estimator of a stream.
 #[derive(Debug)]
 pub(super) enum Engine {
     Sequential(Box<Sequential>),
     Continuous(Box<Continuous>),
 }
 
-/// The paper's window, and the motion that the next pair is expected to go on with.
+/// The paper's window, and the predicted motion of the next pair.
 #[derive(Debug, Default)]
 pub(super) struct Sequential {
     window: Window,
     expected: Twist,
-    /// The shutters of the frames that wait.
+    /// The shutters of the waiting frames.
     readouts: std::collections::VecDeque<Readout>,
     /// FitBuffers.
     certain: Vec<Correspondence>,
@@ -75,13 +75,13 @@ impl Engine {
         Self::Sequential(Box::default())
     }
 
-    /// `keep` says whether the correspondences are given out with the motions.
+    /// `keep`: whether the motions contain the correspondences.
     pub fn continuous(camera: Camera, (width, height): (usize, usize), pixel_scale: f64, keep: bool) -> Self {
         let continuous = Continuous::new(camera, width, height, pixel_scale);
         Self::Continuous(Box::new(continuous.with_correspondences(keep)))
     }
 
-    /// Where a point (pixels) of the last frame is expected after `interval` seconds.
+    /// Predicts the position of a point (pixels) of the last frame after `interval` seconds.
     pub fn predictor(
         &self,
         readout: &Readout,
@@ -106,7 +106,7 @@ impl Engine {
         }
     }
 
-    /// Settles the first frame that waits; `None` where no motion that can be trusted was found.
+    /// Settles the first waiting frame; `None` without a motion of positive confidence.
     pub fn settle(&mut self) -> Option<Settled> {
         match self {
             Self::Sequential(sequential) => sequential.settle(),
@@ -132,8 +132,8 @@ impl Engine {
         }
     }
 
-    /// The shutter as far as it is known, `stated` if it is not sought, and the standard deviation of its
-    /// readout ratio.
+    /// The estimated shutter, or `stated` if it is not estimated, and the standard deviation of its readout
+    /// ratio.
     pub fn belief(&self, stated: &Readout) -> (Readout, f64) {
         match self {
             Self::Sequential(_) => (*stated, 0.0),
@@ -141,7 +141,7 @@ impl Engine {
         }
     }
 
-    /// Whether the last frame was compared with the one before it in vain.
+    /// Whether very few points of the previous frame were found in the last one.
     pub fn is_at_cut(&self) -> bool {
         match self {
             Self::Sequential(_) => false,
@@ -149,7 +149,7 @@ impl Engine {
         }
     }
 
-    /// What is believed of a readout that is sought.
+    /// Posterior of the readout, if it is estimated.
     pub fn posterior(&self) -> Option<ReadoutPosterior> {
         match self {
             Self::Sequential(_) => None,
@@ -157,7 +157,7 @@ impl Engine {
         }
     }
 
-    /// Coefficients of the path in hand.
+    /// Number of coefficients of the current path.
     #[cfg(test)]
     pub fn unknowns(&self) -> usize {
         match self {
@@ -166,7 +166,7 @@ impl Engine {
         }
     }
 
-    /// Forgets the frames, not what was learnt of the camera.
+    /// Discards the frames, but not the estimates of the camera.
     pub fn restart(&mut self) {
         match self {
             Self::Sequential(sequential) => {

@@ -1,4 +1,4 @@
-//! The lookahead queue that joins the modules: push luma, pop motions in order, drain, reset.
+//! The rectifier, a lookahead queue over all modules: push luma, pop motions in order, drain, reset.
 
 mod clock;
 mod duplicates;
@@ -25,24 +25,24 @@ pub use crate::solve::continuous::FittedCorrespondence;
 pub use crate::solve::residual::REGIONS;
 pub use error::{PushError, SettingsError};
 
-/// How motion is estimated.
+/// The motion estimator.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 #[non_exhaustive]
 pub enum Estimator {
-    /// Splines over exposure time, with the readout found from the picture where it is not given.
+    /// Splines over exposure time; the readout is estimated from the picture unless given.
     #[default]
     Continuous,
-    /// The paper's: one 2D rotation a frame, each from its neighbour.
+    /// The paper's estimator: one 2D rotation per frame, each computed from that of its neighbour.
     Sequential,
 }
 
-/// What is known of whether a frame repeats the one before it, as where a frame rate was raised.
+/// Whether a frame is a duplicate of its predecessor, as after a conversion to a higher frame rate.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub enum Duplicate {
-    /// Nothing; most duplicates are found from the picture.
+    /// Unknown: most duplicates are detected from the picture.
     #[default]
     Detect,
-    /// It does.
+    /// The frame repeats its predecessor.
     Known,
 }
 
@@ -59,22 +59,22 @@ pub struct Settings {
     pub grid_columns: usize,
     /// Rows of the sampling grid.
     pub grid_rows: usize,
-    /// Frames waited for before a frame's motion is given out.
+    /// Number of later frames needed before a frame's motion is available.
     pub lookahead: usize,
-    /// How motion is estimated.
+    /// The motion estimator.
     pub estimator: Estimator,
-    /// The image motions that the continuous estimator looks for.
+    /// The motion model of the continuous estimator.
     pub model: Model,
-    /// Focal length in frame widths; `None` if it is to be found from the picture. Less than 0.354, a field of view of
-    /// 110°, counts as that.
+    /// Focal length in frame widths; `None` to estimate it from the picture. At least 0.354, a field of view
+    /// of 110°; smaller values are raised to that.
     pub focal_length: Option<f64>,
-    /// Which edge of the frame is read first; `None` if it is to be found from the picture, which the
-    /// sequential estimator takes as from top to bottom.
+    /// Which edge of the frame is read first; `None` to estimate it from the picture. The sequential
+    /// estimator takes `None` as top to bottom.
     pub direction: Option<ReadoutDirection>,
-    /// What is known of the readout time.
+    /// The readout time, if known.
     pub readout_time: ReadoutTime,
-    /// What is expected of the readout where it is not known; one that contradicts `direction` is not heeded, nor is any by
-    /// the sequential estimator.
+    /// Prior of the readout if it is unknown; ignored if it contradicts `direction`, and by the sequential
+    /// estimator.
     pub readout_prior: Option<ReadoutPrior>,
     /// Whether [`FrameSolution::fitted`] is filled, which takes memory for each frame.
     pub keep_correspondences: bool,
@@ -97,95 +97,95 @@ impl Default for Settings {
     }
 }
 
-/// The motion of one frame and how far it is to be trusted.
+/// The motion of one frame with its confidence.
 #[derive(Clone, Debug, PartialEq)]
 #[non_exhaustive]
 pub struct FrameSolution {
-    /// What the frame is rectified by: the motion through its readout, the shutter it was solved with, and how much
-    /// of the correction is applied: less where a continuous path is uncertain.
+    /// The motion to rectify the frame with: the path during its readout, the shutter it was solved for, and
+    /// the share of the correction to apply, less than 1 if a continuous path is uncertain.
     pub motion: FrameMotion,
-    /// Trust in the motion, 0 (untouched) to 1: the share of the correction that is expected to be right.
+    /// Confidence in the motion, 0 (untouched) to 1: the share of the correction that is expected to be
+    /// right.
     pub confidence: f64,
-    /// Root mean square distance in pixels at which the points of the frame, rectified as far as [`motion`](Self::motion)
-    /// says, are expected to lie from where they belong; `None` where it cannot be told: of a frame without a motion and
-    /// from the sequential estimator.
+    /// Expected root mean square error, in pixels, of the positions of the frame's points after rectification
+    /// with [`motion`](Self::motion); `None` for a frame without a motion and from the sequential estimator.
     pub expected_error: Option<f64>,
-    /// The same in each of [`REGIONS`], row by row; empty where it cannot be told.
+    /// The same in each of [`REGIONS`], row by row; empty if it is `None`.
     pub region_errors: Vec<f64>,
-    /// Where the motion comes from.
+    /// How the motion was obtained.
     pub origin: Origin,
-    /// Correspondences measured in the pair of frames over which the motion was solved. Of a frame without a motion,
-    /// those with the frame before it: 0 for the first, after a gap in time and for a duplicate.
+    /// Number of correspondences in the pair of frames over which the motion was solved. For a frame without
+    /// a motion, those with the previous frame: 0 for the first, after a gap in time and for a duplicate.
     pub correspondences: usize,
-    /// Those of them that follow the motion.
+    /// Number of inliers among them.
     pub inliers: usize,
     /// Root mean square residual of an inlier in pixels: √E of 25.4, or a coordinate's deviation from
     /// the continuous path.
     pub residual: f64,
-    /// Standard deviation of the readout ratio that was found; 0 where it was given.
+    /// Standard deviation of the estimated readout ratio; 0 if it was given.
     pub readout_deviation: f64,
-    /// Whether hardly a point of the frame before was found again in it, as where another shot begins; never by the
-    /// sequential estimator.
+    /// Whether very few points of the previous frame were found in this one, as at a cut; always false with
+    /// the sequential estimator.
     pub begins_shot: bool,
-    /// The focal length; `None` where nothing is known of it: of a frame without a motion, from the sequential estimator,
-    /// and of a model without perspective.
+    /// The focal length; `None` for a frame without a motion, from the sequential estimator, and for a model
+    /// without perspective.
     pub focal_length: Option<FocalLength>,
-    /// Correspondences of the frame and how they fit the motion, at most one a point of the sampling grid; those with the
-    /// next frame where there is one. Empty unless [`Settings::keep_correspondences`] asks for them, of a frame without a
-    /// motion, and from the sequential estimator.
+    /// Correspondences of the frame and their residuals, at most one per point of the sampling grid; those
+    /// with the next frame if there is one. Empty unless [`Settings::keep_correspondences`] is set, for a
+    /// frame without a motion, and from the sequential estimator.
     pub fitted: Vec<FittedCorrespondence>,
 }
 
-/// A focal length, given or found.
+/// A focal length, given or estimated.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[non_exhaustive]
 pub struct FocalLength {
     /// In frame widths.
     pub widths: f64,
-    /// Standard deviation in frame widths; 0 where it was given.
+    /// Standard deviation in frame widths; 0 if it was given.
     pub deviation: f64,
 }
 
-/// Time spent so far.
+/// Processing time so far.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[non_exhaustive]
 pub struct Timings {
-    /// Reduction of the luma and correspondences.
+    /// Reduction of the luma, optical flow and correspondences.
     pub correspond: Duration,
-    /// Solving.
+    /// Estimation of the motion.
     pub solve: Duration,
 }
 
-/// A frame whose motion has not been given out.
+/// A frame whose motion has not been solved yet.
 #[derive(Clone, Copy, Debug)]
 struct Waiting {
     readout: Readout,
     correspondences: usize,
-    /// It repeats the frame before it and is not in the window.
+    /// The frame is a duplicate of its predecessor and not in the window.
     repeats: bool,
     begins_shot: bool,
 }
 
-/// Solves the motion of a stream's frames, one after another, in bounded memory.
+/// Estimates the motion of a stream's frames, in order, in bounded memory.
 ///
-/// Every frame pushed is popped once, in order.
+/// Exactly one solution is popped for every frame pushed, in the same order.
 #[derive(Debug)]
 pub struct Rectifier {
     settings: Settings,
     size: (usize, usize),
     clock: Clock,
     sampler: Sampler,
-    /// The reference's luma, and room for the next frame's.
+    /// The luma of the reference, and of the current frame.
     before: Pyramid,
     now: Pyramid,
     correspondences: Vec<Correspondence>,
-    /// The time of the frame that the next one is compared with.
+    /// Time of the reference: the frame with which the next one is compared.
     reference: Option<f64>,
     duplicates: Duplicates,
     engine: Engine,
     waiting: VecDeque<Waiting>,
     solved: VecDeque<FrameSolution>,
-    /// The motion given out last, for the duplicates that follow it.
+    /// The motion settled last, for duplicates of its frame.
     last: Option<Settled>,
     timings: Timings,
 }
@@ -193,11 +193,12 @@ pub struct Rectifier {
 impl Rectifier {
     /// A rectifier for frames of `width` × `height` pixels, `period` seconds apart.
     ///
-    /// `period` is the nominal one; `None`, or one that no camera has (under a millisecond, over ten seconds, not a
-    /// number), takes it from the times of the frames. Frames of any size will do, also those too small to be analysed.
+    /// `period` is the nominal one; if it is `None` or implausible (under a millisecond, over ten seconds,
+    /// NaN), it is estimated from the times of the frames. Any size is valid; frames too small to be analysed
+    /// are left untouched.
     ///
     /// # Errors
-    /// If the settings cannot be or the frames are larger than any sensor; see [`SettingsError`].
+    /// If the settings are invalid or the frames are larger than any sensor; see [`SettingsError`].
     pub fn new(
         settings: Settings,
         width: usize,
@@ -240,10 +241,10 @@ impl Rectifier {
 
     /// Adds the next frame: its luma and its timestamp in seconds.
     ///
-    /// Times may fall (reverse playback) or be missing; one that is not finite counts as missing.
+    /// Times may decrease (reverse playback) or be missing; a time that is not finite counts as missing.
     ///
     /// # Errors
-    /// If the luma is not of the rectifier's size: nothing has been pushed then, and nothing will be popped for it.
+    /// If the luma is not of the rectifier's size: the frame is not pushed, and no solution is popped for it.
     pub fn push(
         &mut self,
         luma: &Luma<'_>,
@@ -274,55 +275,55 @@ impl Rectifier {
             self.compare(tick.time, &readout, started);
         }
         while self.waiting.len() > self.settings.lookahead {
-            self.give_out();
+            self.settle();
         }
         Ok(())
     }
 
-    /// The motion of the oldest frame not yet popped, once `lookahead` frames follow it.
+    /// The motion of the oldest frame not yet popped, as soon as `lookahead` later frames were pushed.
     pub fn pop(&mut self) -> Option<FrameSolution> {
         self.solved.pop_front()
     }
 
-    /// The motion of the oldest frame not yet popped, from the frames there are: where it cannot wait for
-    /// `lookahead` more. `None` if every frame pushed has been popped.
+    /// The motion of the oldest frame not yet popped, from the frames pushed so far, without waiting for
+    /// `lookahead` later ones. `None` if every frame pushed has been popped.
     pub fn pop_early(&mut self) -> Option<FrameSolution> {
         if self.solved.is_empty() {
-            self.give_out();
+            self.settle();
         }
         self.solved.pop_front()
     }
 
-    /// Ends a stretch of the stream: the frames still waiting are solved from what there is and can
-    /// be popped; the next frame pushed starts anew.
+    /// Ends a segment of the stream: all waiting frames are solved from the frames pushed so far and can
+    /// be popped; the next frame pushed starts a new segment.
     pub fn drain(&mut self) {
         while !self.waiting.is_empty() {
-            self.give_out();
+            self.settle();
         }
-        self.forget_the_past();
+        self.start_segment();
     }
 
-    /// Forgets everything, frames not yet popped too.
+    /// Discards all frames, including those not yet popped; estimates of the camera are kept.
     pub fn reset(&mut self) {
         self.waiting.clear();
         self.solved.clear();
-        self.forget_the_past();
+        self.start_segment();
     }
 
-    /// Time spent so far in each stage.
+    /// Processing time so far in each stage.
     #[must_use]
     pub fn timings(&self) -> Timings {
         self.timings
     }
 
-    /// What the frames so far say of the readout; `None` where it is given, before the first frame, and from the
-    /// sequential estimator.
+    /// Posterior of the readout given all frames so far; `None` if the readout is given, before the first
+    /// frame, and from the sequential estimator.
     #[must_use]
     pub fn readout_posterior(&self) -> Option<ReadoutPosterior> {
         self.engine.posterior()
     }
 
-    fn forget_the_past(&mut self) {
+    fn start_segment(&mut self) {
         self.engine.restart();
         self.clock.restart();
         self.duplicates = Duplicates::default();
@@ -336,7 +337,7 @@ impl Rectifier {
         Readout::resolved(width, height, direction, self.settings.readout_time, self.clock.period())
     }
 
-    /// Links the frame in `now` to the reference, where there is one, and makes it the reference.
+    /// Measures the frame in `now` against the reference, if there is one, and makes it the reference.
     fn compare(&mut self, time: f64, readout: &Readout, started: Instant) {
         let interval = self.reference.map(|reference| time - reference);
         if let Some(interval) = interval {
@@ -367,8 +368,8 @@ impl Rectifier {
         self.timings.solve += measured.elapsed();
     }
 
-    /// Gives out the motion of the first frame that waits.
-    fn give_out(&mut self) {
+    /// Settles the motion of the first waiting frame.
+    fn settle(&mut self) {
         let started = Instant::now();
         let Some(frame) = self.waiting.pop_front() else { return };
         if !frame.repeats {
