@@ -87,8 +87,8 @@ impl RowKernel<Cell> for CellKernel<'_> {
 fn consistency(shift: [f32; 2], back: [f32; 2]) -> f32 {
     let length = |x: f32, y: f32| (x * x + y * y).sqrt();
     let error = length(shift[0] + back[0], shift[1] + back[1]);
-    let usual = RETURN_ERROR + RETURN_SHARE * length(shift[0], shift[1]);
-    let ratio = error / usual;
+    let tolerance = RETURN_ERROR + RETURN_SHARE * length(shift[0], shift[1]);
+    let ratio = error / tolerance;
     1.0 / (1.0 + ratio * ratio * ratio * ratio)
 }
 

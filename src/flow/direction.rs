@@ -196,13 +196,13 @@ impl RowKernel<PatchFlow> for Propagation<'_> {
         let candidates = |column: usize| {
             let own = at(row, column).unwrap_or_default();
             // Wraps at column 0 to an index that no row has.
-            let beside = [
+            let neighbours = [
                 at(row, column.wrapping_sub(1)),
                 at(row, column + 1),
                 row.checked_sub(1).and_then(|row| at(row, column)),
                 at(row + 1, column),
             ];
-            let [left, right, above, below] = beside.map(|beside| beside.unwrap_or(own));
+            let [left, right, above, below] = neighbours.map(|neighbour| neighbour.unwrap_or(own));
             [own, left, right, above, below]
         };
         if find(cpu, self.pair, row, PROPAGATION_STEPS, candidates, out).is_none() {
@@ -243,9 +243,9 @@ impl RowKernel<PatchFlow> for ConsensusTrial<'_> {
                 continue;
             }
             let found = pair.best_of_two(&mut template, [x, y], CONSENSUS_STEPS, |_| [predicted, shared]);
-            let most =
+            let limit =
                 CONSENSUS_RESIDUAL_RATIO * own.mean.residual() + INTERPOLATION_RESIDUAL * own.mean.energy();
-            if let Some(found) = found.filter(|found| found.mean.residual() < most) {
+            if let Some(found) = found.filter(|found| found.mean.residual() < limit) {
                 *out = found.with_scaled_tensor(CONSENSUS_TEXTURE_FACTOR);
             }
         }

@@ -211,13 +211,13 @@ pub(super) fn find<C: Cpu, const N: usize>(
         for (k, (search, best)) in searches.iter().zip(&mut best).enumerate() {
             let candidates = candidates(column(k));
             for (index, shift) in candidates.iter().enumerate() {
-                let is_alike = |other: &[f32; 2]| {
+                let is_same = |other: &[f32; 2]| {
                     (other[0] - shift[0]).abs() < SAME_CANDIDATE
                         && (other[1] - shift[1]).abs() < SAME_CANDIDATE
                 };
                 if index == 0 {
                     *best = search.at(*shift)?;
-                } else if !candidates.iter().take(index).any(is_alike) {
+                } else if !candidates.iter().take(index).any(is_same) {
                     *best = best.or(search.at(*shift)?, pair.noise);
                 }
             }

@@ -212,8 +212,8 @@ impl OcclusionKernel<'_> {
         let (column, row) = (arrival(column, x, field.columns)?, arrival(row, y, field.rows)?);
         let there = row * field.columns + column;
         let back = reverse.means.get(there)?.shift();
-        let apart = (back[0] + x).hypot(back[1] + y);
+        let return_error = (back[0] + x).hypot(back[1] + y);
         let is_trusted = field.cells.get(there)?.confidence >= MIN_CONFIDENCE;
-        Some(is_trusted && apart > MIN_RETURN_ERROR + MIN_RETURN_SHARE * x.hypot(y))
+        Some(is_trusted && return_error > MIN_RETURN_ERROR + MIN_RETURN_SHARE * x.hypot(y))
     }
 }

@@ -53,8 +53,8 @@ impl ResidualField {
         if velocities.is_empty() || columns.checked_mul(rows) != Some(velocities.len()) {
             return Err(MeshError::Size { columns, rows, velocities: velocities.len() });
         }
-        let apart = spacing.iter().all(|spacing| spacing.is_finite() && *spacing > 0.0);
-        if !(apart && origin.iter().all(|origin| origin.is_finite())) {
+        let is_valid = spacing.iter().all(|spacing| spacing.is_finite() && *spacing > 0.0);
+        if !(is_valid && origin.iter().all(|origin| origin.is_finite())) {
             return Err(MeshError::Place);
         }
         match velocities.iter().position(|velocity| velocity.iter().any(|value| !value.is_finite())) {
@@ -92,8 +92,8 @@ impl ResidualField {
         let at = ((at - self.mesh.origin[axis]) / self.mesh.spacing[axis]).clamp(0.0, last as f64);
         // NaN becomes node 0 here, at a fraction of 0.
         let node = at as usize;
-        let beyond = (at - node as f64).max(0.0);
-        (node, (node + 1).min(last), beyond)
+        let fraction = (at - node as f64).max(0.0);
+        (node, (node + 1).min(last), fraction)
     }
 }
 

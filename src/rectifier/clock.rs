@@ -53,7 +53,7 @@ pub(super) struct Clock {
     since_hole: usize,
     /// The spacing, and its initial value, the period.
     spacing: f64,
-    started: f64,
+    initial: f64,
 }
 
 impl Clock {
@@ -69,7 +69,7 @@ impl Clock {
             count: 0,
             since_hole: FRAMES_BETWEEN_HOLES,
             spacing: period,
-            started: period,
+            initial: period,
         }
     }
 
@@ -103,7 +103,7 @@ impl Clock {
         let Some(last) = self.last else {
             let time = given.unwrap_or(0.0);
             self.last = Some(time);
-            (self.spacing, self.started) = (self.period(), self.period());
+            (self.spacing, self.initial) = (self.period(), self.period());
             self.since_hole = FRAMES_BETWEEN_HOLES;
             return Tick { time, continues: false };
         };
@@ -141,9 +141,9 @@ impl Clock {
         let beyond = (count - 1) / DISAGREEING;
         let [short, middle, long] = [beyond, (count - 1) / 2, count - 1 - beyond].map(|index| sorted[index]);
         let is_slower = short > SPACING_RATIO * self.spacing;
-        let is_faster = SPACING_RATIO * long < self.spacing && self.spacing > self.started;
+        let is_faster = SPACING_RATIO * long < self.spacing && self.spacing > self.initial;
         if is_slower || is_faster {
-            self.spacing = if middle > SPACING_RATIO * self.started { middle } else { self.started };
+            self.spacing = if middle > SPACING_RATIO * self.initial { middle } else { self.initial };
         }
     }
 

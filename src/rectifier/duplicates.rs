@@ -21,13 +21,13 @@ impl Duplicates {
     /// Whether a frame that differs from its predecessor by `difference` grey levels
     /// ([`Sampler::difference`](crate::correspond::Sampler::difference)) is a duplicate of it.
     pub fn is_repeated(&mut self, difference: f64) -> bool {
-        let alike = difference <= MAX_EXACT_DIFFERENCE.max(MAX_DIFFERENCE_SHARE * self.last_distinct);
-        if alike && self.run < MAX_RUN {
+        let is_duplicate = difference <= MAX_EXACT_DIFFERENCE.max(MAX_DIFFERENCE_SHARE * self.last_distinct);
+        if is_duplicate && self.run < MAX_RUN {
             self.run += 1;
             return true;
         }
         self.last_distinct = if difference.is_finite() { difference } else { 0.0 };
-        if !alike {
+        if !is_duplicate {
             self.run = 0;
         }
         false

@@ -172,20 +172,20 @@ impl Window {
     /// the index of the frame before a cut.
     fn follow_back(&mut self, start: usize) -> Result<Fit, usize> {
         let from = self.serial + start as u64;
-        let mut known = self.frames.get(start).and_then(Option::as_ref).ok_or(start)?.initial;
+        let mut fit = self.frames.get(start).and_then(Option::as_ref).ok_or(start)?.initial;
         for (index, solved) in self.frames.iter_mut().enumerate().take(start).rev() {
             let solved = solved.as_mut().ok_or(index)?;
-            known = match solved.backward {
+            fit = match solved.backward {
                 Some((serial, fit)) if serial == from => fit,
                 _ => solved
                     .link
-                    .sequential_step(KnownFrame::Second, known.twist, &mut self.scratch)
+                    .sequential_step(KnownFrame::Second, fit.twist, &mut self.scratch)
                     .filter(Fit::is_trusted)
                     .ok_or(index)?,
             };
-            solved.backward = Some((from, known));
+            solved.backward = Some((from, fit));
         }
-        Ok(known)
+        Ok(fit)
     }
 
     /// Index of the frame that begins the pair of least E among the first `end` pairs.

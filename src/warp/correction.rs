@@ -63,13 +63,13 @@ impl<'a> Correction<'a> {
     /// Each edge is moved outwards by the distance by which it appears inside the output's edge, and again,
     /// as points farther out have larger displacements.
     pub fn visible(&self, output: &[[f64; 2]; 2]) -> [[f64; 2]; 2] {
-        let most = self.centre * 2.0 + Vector2::repeat(1.0);
+        let size = self.centre * 2.0 + Vector2::repeat(1.0);
         let mut visible = *output;
         for _ in 0..EDGE_ROUNDS {
             let inside = [0, 1].map(|axis| [0, 1].map(|end| self.inside(&visible, output, axis, end)));
             for axis in [0, 1] {
-                visible[axis][0] = (visible[axis][0] - inside[axis][0]).max(output[axis][0] - most[axis]);
-                visible[axis][1] = (visible[axis][1] + inside[axis][1]).min(output[axis][1] + most[axis]);
+                visible[axis][0] = (visible[axis][0] - inside[axis][0]).max(output[axis][0] - size[axis]);
+                visible[axis][1] = (visible[axis][1] + inside[axis][1]).min(output[axis][1] + size[axis]);
             }
         }
         visible

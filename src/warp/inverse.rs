@@ -197,9 +197,9 @@ impl Lines<'_> {
         for row in 0..self.frame_y.count {
             let interval = &intervals[if self.by_rows { row } else { column }];
             let point = Vector2::new(x, self.frame_y.at(row) - centre.y);
-            let moved = self.correction.displacement(interval, point);
-            shown.push(point.y + moved.y);
-            sideways.push(moved.x);
+            let displacement = self.correction.displacement(interval, point);
+            shown.push(point.y + displacement.y);
+            sideways.push(displacement.x);
         }
         let step = self.frame_y.spacing;
         limit_slopes(shown, MIN_STRETCH * step, step / MIN_STRETCH, spare);

@@ -135,7 +135,7 @@ for_each_cpu! {
 pub(super) fn copy(src: &Plane<'_>, dst: &mut PlaneMut<'_>) {
     let (from, to) = (*src.layout(), *dst.layout());
     let bytes = to.format.bytes();
-    let own = to.channels * bytes;
+    let own_bytes = to.channels * bytes;
     for_each_row(dst, |index, row| {
         let source = src.row(index);
         if to.step == to.channels && from.step == from.channels {
@@ -144,7 +144,7 @@ pub(super) fn copy(src: &Plane<'_>, dst: &mut PlaneMut<'_>) {
         }
         let pixels = row.chunks_mut(to.step * bytes).zip(source.chunks(from.step * bytes));
         for (out, pixel) in pixels.take(to.width) {
-            out[..own].copy_from_slice(&pixel[..own]);
+            out[..own_bytes].copy_from_slice(&pixel[..own_bytes]);
         }
     });
 }

@@ -107,8 +107,8 @@ impl VelocityEstimate {
     #[inline(always)]
     fn accept(&self, value: [f32; 2], message: &Self) -> Self {
         let other = message.value();
-        let apart = [value[0] - other[0], value[1] - other[1]];
-        let (own, other) = (self.squared_norm(apart), message.squared_norm(apart));
+        let difference = [value[0] - other[0], value[1] - other[1]];
+        let (own, other) = (self.squared_norm(difference), message.squared_norm(difference));
         // The variances of the two along their difference add up.
         let square = own * other / (own + other + f32::MIN_POSITIVE);
         let share = 1.0 / (1.0 + square / QUARTER_WEIGHT_DISTANCE);
@@ -253,7 +253,7 @@ mod tests {
     fn without_information_the_posterior_is_zero() {
         let mut out = Vec::new();
         field(4).posterior(&[VelocityEstimate::default(); 12], &mut out);
-        assert!(out.iter().all(|known| known.value() == [0.0; 2]));
+        assert!(out.iter().all(|posterior| posterior.value() == [0.0; 2]));
         field(0).posterior(&[], &mut out);
         assert!(out.is_empty());
     }

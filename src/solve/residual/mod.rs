@@ -159,13 +159,13 @@ impl ResidualSolver {
             let [sum, sources] =
                 squares.fold([0.0; 2], |[sum, sources], square| [sum + square, sources + 1.0]);
             let [x, y] = field.centre(column, row);
-            let late = readout.share(x, y) - 0.5;
+            let elapsed = readout.share(x, y) - 0.5;
             region.velocity += Vector2::from(*velocity).cast::<f64>();
             // At most the prior variance: rounding loses the prior if the information along one axis is far
             // larger than along the other. NaN becomes the bound, too.
             let variance = posterior.variance().min(2.0 / prior);
             let square = (variance + sum / f32::max(sources, 1.0)).min(MAX_SPEED * MAX_SPEED);
-            region.error += late * late * f64::from(square);
+            region.error += elapsed * elapsed * f64::from(square);
             *count += 1.0;
         }
         for (region, count) in self.regions.iter_mut().zip(counts) {
@@ -175,14 +175,14 @@ impl ResidualSolver {
     }
 }
 
-/// The variance of a coordinate of the velocities; the weight of a velocity of information trace 1/`usual` is
-/// ½.
-fn variance(cells: &[VelocityEstimate], usual: f32) -> f32 {
+/// The variance of a coordinate of the velocities; the weight of a velocity of information trace
+/// 1/`half_weight_variance` is ½.
+fn variance(cells: &[VelocityEstimate], half_weight_variance: f32) -> f32 {
     let (mut square, mut weights) = (0.0, f32::MIN_POSITIVE);
-    for known in cells {
-        let information = known.trace();
-        let weight = information / (information + 1.0 / usual);
-        let [x, y] = known.plus_prior(NEGLIGIBLE_INFORMATION).value();
+    for cell in cells {
+        let information = cell.trace();
+        let weight = information / (information + 1.0 / half_weight_variance);
+        let [x, y] = cell.plus_prior(NEGLIGIBLE_INFORMATION).value();
         square += weight * 0.5 * (x * x + y * y);
         weights += weight;
     }

@@ -90,11 +90,11 @@ impl NeighbourFlow {
             let at_first = back * here.push(1.0);
             let carried = arrivals.at(to)? * at_first;
             // Time between the two exposures in readouts.
-            let apart = ((to - from) / readout.time) as f32;
-            let velocity = (there - carried.xy() / carried.z).cast::<f32>() / apart;
-            let weight = cell.confidence * apart * apart;
-            let is_sound = velocity.x.abs() < MAX_SPEED && velocity.y.abs() < MAX_SPEED && weight.is_finite();
-            is_sound.then(|| (velocity.into(), cell.information.map(|value| value * weight)))
+            let interval = ((to - from) / readout.time) as f32;
+            let velocity = (there - carried.xy() / carried.z).cast::<f32>() / interval;
+            let weight = cell.confidence * interval * interval;
+            let is_valid = velocity.x.abs() < MAX_SPEED && velocity.y.abs() < MAX_SPEED && weight.is_finite();
+            is_valid.then(|| (velocity.into(), cell.information.map(|value| value * weight)))
         };
         self.cells.par_chunks_mut(columns.max(1)).enumerate().for_each(|(row, cells)| {
             for (column, cell) in cells.iter_mut().enumerate() {
@@ -107,8 +107,8 @@ impl NeighbourFlow {
     /// readout²; `None` if the trace of the flow's information is at most `least`.
     pub(super) fn squared_residual(&self, index: usize, velocity: [f32; 2], least: f32) -> Option<f32> {
         let (own, [xx, _, yy]) = self.cells.get(index)?;
-        let apart = [own[0] - velocity[0], own[1] - velocity[1]];
-        (xx + yy > least).then_some(apart[0] * apart[0] + apart[1] * apart[1])
+        let difference = [own[0] - velocity[0], own[1] - velocity[1]];
+        (xx + yy > least).then_some(difference[0] * difference[0] + difference[1] * difference[1])
     }
 }
 
@@ -145,10 +145,10 @@ pub(super) fn combine(
         let along = ((0.5 - share - first.ahead) / (second.ahead - first.ahead)).clamp(-0.5, 1.5);
         let balance = (4.0 * least / both.trace()).min(1.0);
         let mean = both.plus_prior(1e-6 * both.trace()).value();
-        let towards = [0, 1].map(|axis| {
+        let interpolated = [0, 1].map(|axis| {
             let line = velocity[axis] + (other_velocity[axis] - velocity[axis]) * along;
             mean[axis] + balance * (line - mean[axis])
         });
-        both.with_value(towards)
+        both.with_value(interpolated)
     }));
 }

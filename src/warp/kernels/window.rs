@@ -63,15 +63,15 @@ impl Vertical<'_> {
         let layout = self.plane.layout();
         let height = layout.height as isize;
         // Unless mirrored, all rows beyond an edge are identical.
-        let alike = self.border != BorderMode::Mirror && (top >= height || top + rows as isize <= 0);
+        let is_uniform = self.border != BorderMode::Mirror && (top >= height || top + rows as isize <= 0);
         let columns = self.columns(left);
         let shown = |row: isize| resolve(row, layout.height, self.border).map(|row| self.plane.row(row));
-        if let (true, Columns::InPlace(offset), Some(bytes)) = (alike, &columns, shown(top)) {
+        if let (true, Columns::InPlace(offset), Some(bytes)) = (is_uniform, &columns, shown(top)) {
             return SourceWindow { bytes, offset: *offset, stride: 0 };
         }
         let pixel = layout.step * layout.format.bytes();
-        let own = layout.channels * layout.format.bytes();
-        let (rows, stride) = if alike { (1, 0) } else { (rows, BLOCK * pixel) };
+        let own_bytes = layout.channels * layout.format.bytes();
+        let (rows, stride) = if is_uniform { (1, 0) } else { (rows, BLOCK * pixel) };
         // Samples of other views between a pixel's own samples are not initialised.
         let needed = rows * BLOCK * pixel;
         if patch.len() < needed {
@@ -81,7 +81,7 @@ impl Vertical<'_> {
             match (shown(row), &columns) {
                 (Some(row), Columns::InPlace(from)) => copy_row(&row[*from..*from + BLOCK * pixel], out),
                 (Some(row), Columns::Single(Some(at))) => {
-                    copy_pixel(&row[*at..], out, own);
+                    copy_pixel(&row[*at..], out, own_bytes);
                     repeat_first(out, pixel);
                 }
                 (Some(row), Columns::Listed(columns)) => self.copy_pixels(row, columns, out),
@@ -111,10 +111,10 @@ impl Vertical<'_> {
 
     fn copy_pixels(&self, row: &[u8], columns: &[Option<usize>; BLOCK], out: &mut [u8]) {
         let layout = self.plane.layout();
-        let own = layout.channels * layout.format.bytes();
+        let own_bytes = layout.channels * layout.format.bytes();
         for (column, out) in columns.iter().zip(out.chunks_exact_mut(out.len() / BLOCK)) {
             match *column {
-                Some(at) => copy_pixel(&row[at..], out, own),
+                Some(at) => copy_pixel(&row[at..], out, own_bytes),
                 None => self.copy_fill(out),
             }
         }
@@ -132,14 +132,14 @@ impl Vertical<'_> {
     }
 }
 
-/// Copies the view's own samples of a pixel, `own` bytes.
+/// Copies the view's own samples of a pixel, `own_bytes` in all.
 #[inline(always)]
-fn copy_pixel(pixel: &[u8], out: &mut [u8], own: usize) {
+fn copy_pixel(pixel: &[u8], out: &mut [u8], own_bytes: usize) {
     // Avoids a call for a single byte.
-    if own == 1 {
+    if own_bytes == 1 {
         out[0] = pixel[0];
     } else {
-        out[..own].copy_from_slice(&pixel[..own]);
+        out[..own_bytes].copy_from_slice(&pixel[..own_bytes]);
     }
 }
 
