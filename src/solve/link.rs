@@ -1,6 +1,6 @@
 //! One pair of successive frames: its correspondences and the twists fitted to them.
 
-use super::measurement::{Loss, Match, Minimiser};
+use super::measurement::{Loss, Minimiser, TimedMatch};
 use super::start::robust_start;
 use crate::correspond::Correspondence;
 use crate::motion::{Twist, image_centre};
@@ -68,7 +68,7 @@ impl Fit {
 #[derive(Debug, Default)]
 pub struct FitBuffers {
     minimiser: Minimiser,
-    matches: Vec<Match>,
+    matches: Vec<TimedMatch>,
     errors: Vec<f64>,
 }
 
@@ -121,7 +121,7 @@ impl Link {
     /// exposures, (N_t + r′ − r)/N_t of the interval.
     pub fn uniform(&self, scratch: &mut FitBuffers) -> Option<Fit> {
         scratch.matches.clear();
-        scratch.matches.extend(self.pairs.iter().map(|p| Match {
+        scratch.matches.extend(self.pairs.iter().map(|p| TimedMatch {
             from: p.from,
             to: p.to,
             time: p.to_time - p.from_time,
@@ -144,7 +144,11 @@ impl Link {
                 KnownFrame::First => (p.from, p.from_time, p.to, p.to_time),
                 KnownFrame::Second => (p.to, p.to_time, p.from, p.from_time),
             };
-            Match { from: motion.after(border - near_time).apply(near), to: far, time: far_time - border }
+            TimedMatch {
+                from: motion.after(border - near_time).apply(near),
+                to: far,
+                time: far_time - border,
+            }
         }));
         self.fit(scratch)
     }

@@ -11,7 +11,7 @@ use nalgebra::{Matrix2, Matrix2x3, Matrix3, Matrix3x2, Vector2, Vector3};
 
 /// Two measured points and the time for which the unknown twist acts between them.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Match {
+pub struct TimedMatch {
     /// x: where the point is before the twist acts, in centred pixels.
     pub from: Vector2<f64>,
     /// x′: where it is afterwards, in centred pixels.
@@ -20,7 +20,7 @@ pub struct Match {
     pub time: f64,
 }
 
-impl Match {
+impl TimedMatch {
     /// |x′ − f(x, ω·τ, c)|²/2 in px²: the least |x − o|² + |x′ − o′|² over o, as f keeps distances.
     pub fn error(&self, twist: Twist) -> f64 {
         (self.to - twist.after(self.time).apply(self.from)).norm_squared() / 2.0
@@ -82,7 +82,7 @@ struct PointBlock {
 
 impl Minimiser {
     /// The twist of least robust E near `start`, or `None` where the matches do not determine one.
-    pub fn minimise(&mut self, matches: &[Match], start: Twist, loss: Loss) -> Option<Twist> {
+    pub fn minimise(&mut self, matches: &[TimedMatch], start: Twist, loss: Loss) -> Option<Twist> {
         self.corrected.clear();
         self.corrected.extend(matches.iter().map(|m| halfway(m, start)));
         let mut twist = start;
@@ -121,7 +121,13 @@ impl Minimiser {
     }
 
     /// One damped step of the twist; the corrected points that go with it are left in `trial`.
-    fn step(&mut self, matches: &[Match], twist: Twist, loss: Loss, damping: f64) -> Option<Vector3<f64>> {
+    fn step(
+        &mut self,
+        matches: &[TimedMatch],
+        twist: Twist,
+        loss: Loss,
+        damping: f64,
+    ) -> Option<Vector3<f64>> {
         let grown = 1.0 + damping;
         let mut reduced = Matrix3::zeros();
         let mut gradient = Vector3::zeros();
@@ -171,11 +177,11 @@ pub(super) fn solve_scaled(matrix: Matrix3<f64>, right: Vector3<f64>) -> Option<
 }
 
 /// The corrected point that is best for a given twist.
-fn halfway(m: &Match, twist: Twist) -> Vector2<f64> {
+fn halfway(m: &TimedMatch, twist: Twist) -> Vector2<f64> {
     (m.from + twist.after(m.time).apply_inverse(m.to)) / 2.0
 }
 
-fn total_cost(matches: &[Match], corrected: &[Vector2<f64>], twist: Twist, loss: Loss) -> f64 {
+fn total_cost(matches: &[TimedMatch], corrected: &[Vector2<f64>], twist: Twist, loss: Loss) -> f64 {
     matches
         .iter()
         .zip(corrected)
