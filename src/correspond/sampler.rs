@@ -126,7 +126,8 @@ impl Sampler {
         out.extend(self.found.iter().flatten().map(scaled));
     }
 
-    /// The [`block_difference`] of two frames; infinite if a pyramid is empty or not of the sampler's size.
+    /// The `block_difference` of two frames (see `pyramid`); infinite if a pyramid is empty or not of the
+    /// sampler's size.
     pub fn difference(&self, first: &Pyramid, second: &Pyramid) -> f64 {
         let size = self.reducer.size();
         if first.is_of(size) && second.is_of(size) { block_difference(first, second) } else { f64::INFINITY }

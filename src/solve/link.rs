@@ -58,7 +58,7 @@ pub struct Fit {
 }
 
 impl Fit {
-    /// Whether the motion fits better than none.
+    /// Whether the confidence is positive.
     pub fn is_trusted(&self) -> bool {
         self.confidence > 0.0
     }

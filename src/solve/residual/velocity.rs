@@ -116,8 +116,8 @@ impl NeighbourFlow {
 /// neighbours.
 ///
 /// The mean velocity over the interval to a neighbour is that at half the interval. The velocity at half the
-/// time to the middle of the readout is interpolated linearly between the two if their information is equal,
-/// and tends to their weighted mean otherwise.
+/// time to the middle of the readout is interpolated linearly between the two if their information is
+/// similar, and tends to their weighted mean otherwise.
 pub(super) fn combine(
     readout: &Readout,
     field: &FlowField,
