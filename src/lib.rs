@@ -5,7 +5,8 @@
 //! times, its output the motion of each frame and rectified planes.
 //!
 //! A [`Rectifier`] takes the frames' luma planes in order and returns a
-//! [`FrameSolution`](rectifier::FrameSolution) for each; a [`Warper`] rectifies any plane of a frame by its motion.
+//! [`FrameSolution`](rectifier::FrameSolution) for each; a [`Warper`] rectifies any plane of a frame by its
+//! motion.
 //!
 //! Data flows one way, and no module imports from a later one:
 //!

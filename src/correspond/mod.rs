@@ -2,7 +2,7 @@
 //!
 //! | step | file | what it does |
 //! |---|---|---|
-//! | reduce | [`pyramid`](crate::pyramid) | any luma view → grey of at most 960 pixels a side, and coarser levels |
+//! | reduce | [`pyramid`](crate::pyramid) | luma → grey of at most 960 pixels a side, and coarser levels |
 //! | flow | [`flow`](crate::flow) | dense optical flow, both ways |
 //! | place | `grid` | the measured points: the centres of a uniform grid of cells |
 //! | sample | `sampler` | the flow at these points, and which of them are kept |

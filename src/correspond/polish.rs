@@ -64,7 +64,10 @@ for_each_cpu! {
         let found = template.find(second, from + start.shift, STOPPING)?;
         let distance = (found.corner - from - start.shift).norm();
         // Also rejects NaN.
-        if !(distance <= MAX_DISTANCE_FROM_FLOW && found.correlation >= MIN_CORRELATION && template.texture >= 0.0) {
+        if !(distance <= MAX_DISTANCE_FROM_FLOW
+            && found.correlation >= MIN_CORRELATION
+            && template.texture >= 0.0)
+        {
             return None;
         }
         let middle = 0.5 * (PATCH_SIDE as f32 - 1.0);

@@ -4,10 +4,10 @@
 //!
 //! | step | file | what it does |
 //! |---|---|---|
-//! | search | `search` | exhaustive search of every patch on the coarsest level, ± a quarter of the frame's width |
+//! | search | `search` | exhaustive search on the coarsest level, ± a quarter of the frame's width |
 //! | predict | `prediction` | the predicted motion as an additional candidate |
 //! | compare | `patch`, `lanes` | residual and Gauss–Newton step of one patch, eight pixels at a time |
-//! | step | `level` | best of the candidates, Gauss–Newton steps from it, weighted mean of overlapping patches |
+//! | step | `level` | best candidate, Gauss–Newton steps from it, mean of overlapping patches |
 //! | descend | `direction` | coarse to fine |
 //! | dominant motion | `consensus` | robust affine motion, used where the picture is ambiguous |
 //! | dispatch | `rows` | kernels on all cores, with the machine's instructions |

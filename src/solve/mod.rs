@@ -5,7 +5,7 @@
 //! | [`measurement`] | measurement constraint 25.4 and its sparse Levenberg–Marquardt |
 //! | `start` | (robust initial estimate; not in the paper) |
 //! | [`link`] | one pair: uniform rotation 25.6, sequential steps 25.7–25.10 |
-//! | [`continuous`] | (a continuous path over a window of frames, with readout time and direction, which the paper takes as known) |
+//! | [`continuous`] | (a path over a window of frames with its readout, which the paper takes as known) |
 //! | [`residual`] | (residual velocities of parallax and moving objects; not in the paper) |
 //! | [`window`] | least E over the window, both directions, final choice 25.4.1.3 |
 //!
