@@ -11,8 +11,8 @@ use rsrectify::flow::{Cell, FlowField};
 use rsrectify::motion::Model;
 use rsrectify::motion::image_centre;
 use rsrectify::readout::{Readout, ReadoutDirection, ReadoutTime};
-use rsrectify::solve::continuous::{Camera, Continuous, PairMeasurement};
-use rsrectify::solve::residual::{FrameFlow, ResidualSolver, Still};
+use rsrectify::solve::continuous::{Camera, Continuous};
+use rsrectify::solve::residual::{FrameFlow, LocalMotions, ResidualSolver, Still};
 use std::f64::consts::TAU;
 
 const WIDTH: usize = 1920;
@@ -94,14 +94,14 @@ fn estimator(pairs: &[Vec<Correspondence>], readout_time: ReadoutTime) -> (Conti
     for frame in 0..BEFORE {
         push(&mut estimator, pairs, frame);
         if frame >= AHEAD {
-            estimator.settle();
+            estimator.settle(&mut LocalMotions::default());
         }
     }
     (estimator, BEFORE)
 }
 
 fn push(estimator: &mut Continuous, pairs: &[Vec<Correspondence>], frame: usize) {
-    let found = frame.checked_sub(1).map(|first| PairMeasurement { grid: &pairs[first % CYCLE], flow: None });
+    let found = frame.checked_sub(1).map(|first| pairs[first % CYCLE].as_slice());
     estimator.push(found, frame as f64 * PERIOD, PERIOD);
 }
 
@@ -126,7 +126,7 @@ fn bench(criterion: &mut Criterion) {
                 bencher.iter(|| {
                     push(&mut estimator, &pairs, frame);
                     frame += 1;
-                    pool.install(|| estimator.settle())
+                    pool.install(|| estimator.settle(&mut LocalMotions::default()))
                 })
             });
         }

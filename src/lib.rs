@@ -15,6 +15,7 @@
 //! | [`plane`] | bytes | borrowed views of image planes |
 //! | [`readout`] | direction, time, delay | exposure time of each point of a frame |
 //! | `pyramid` | a luma plane | its image pyramid |
+//! | `robust` | residuals | robust losses, the median, the motion that most displacements share |
 //! | `flow` | two pyramids | dense optical flow |
 //! | `correspond` | flow | point correspondences on a grid, to sub-pixel accuracy |
 //! | [`motion`] | | representations of image motion: the twist, the path over a readout, the residual field |
@@ -52,6 +53,8 @@ pub mod flow;
 #[cfg(feature = "unstable")]
 pub mod pyramid;
 #[cfg(feature = "unstable")]
+pub mod robust;
+#[cfg(feature = "unstable")]
 pub mod solve;
 
 // Some items are used by the project's tools only, which build with the feature `unstable`.
@@ -67,6 +70,9 @@ mod flow;
 #[cfg(not(feature = "unstable"))]
 #[allow(dead_code, unused_imports)]
 mod pyramid;
+#[cfg(not(feature = "unstable"))]
+#[allow(dead_code, unused_imports)]
+mod robust;
 #[cfg(not(feature = "unstable"))]
 #[allow(dead_code, unused_imports)]
 mod solve;

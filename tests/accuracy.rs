@@ -1,7 +1,7 @@
 //! What the library leaves of the displacement on rendered sequences, true delay and long lookahead.
 
 use eval::methods::product::{self, Delay};
-use eval::metrics::{Stats, displacement, distances};
+use eval::metrics::{Stats, distances, stats};
 use eval::scene::Frame;
 use eval::sequence::{Sequence, Settings, Strength, named};
 use nalgebra::Vector2;
@@ -32,7 +32,7 @@ fn assert_left(name: &str, estimator: Estimator, most: f64) {
     let settings = product::settings(&sequence.settings, Delay::True, estimator, 12);
     let corrections = product::corrections(solve(&sequence, &frames, settings));
     let samples: Vec<_> = (0..frames.len()).map(|k| sequence.capture(k).samples(8)).collect();
-    let uncorrected = displacement::uncorrected(samples.iter().flatten().copied());
+    let uncorrected = stats::uncorrected(samples.iter().flatten().copied());
     let left =
         samples.iter().zip(&corrections).flat_map(|(samples, own)| distances(samples, |x| own.correct(x)));
     let share = Stats::of(left.collect()).share_of(&uncorrected).unwrap();

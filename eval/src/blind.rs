@@ -4,8 +4,8 @@
 use crate::footage::Footage;
 use crate::methods::Corrections;
 use crate::methods::product::{self, Delay};
-use crate::metrics::displacement;
 use crate::metrics::readout::{error, signed_ratio};
+use crate::metrics::{displacement, stats};
 use crate::recorded::{self, Recording};
 use anyhow::{Context, Result};
 use rayon::prelude::*;
@@ -226,8 +226,7 @@ fn judged(
     let [sum, count] = normalised.fold([0.0; 2], |[sum, count], square| [sum + square, count + 1.0]);
     let Stated { readout, readout_deviation: deviation, .. } =
         *stated.last().context("a run needs a frame")?;
-    let uncorrected =
-        displacement::uncorrected(truths.iter().flat_map(|truth| truth.samples.iter().copied()));
+    let uncorrected = stats::uncorrected(truths.iter().flat_map(|truth| truth.samples.iter().copied()));
     Ok(Run {
         start,
         lookahead,

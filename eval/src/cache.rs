@@ -118,10 +118,13 @@ impl Cache {
         Ok(Self::new(caches.context("neither XDG_CACHE_HOME nor HOME is set")?.join("rsrectify-eval")))
     }
 
-    /// The footage of the settings: from the folder, or rendered and put there.
+    /// The footage of the settings with the photographs of a folder as textures, procedural ones without
+    /// it: from the cache, or rendered and kept there. A damaged entry is rendered anew.
     ///
-    /// A damaged entry is rendered anew.
-    pub(crate) fn footage(&self, settings: &Settings, textures: Option<&Path>) -> Result<Footage> {
+    /// # Errors
+    /// If the textures or the cache's folder cannot be used, or where the settings ask for H.264 and it
+    /// is not to be had.
+    pub fn footage(&self, settings: &Settings, textures: Option<&Path>) -> Result<Footage> {
         let entry = self.folder.join(name(settings, textures)?);
         if let Ok(footage) = read(&entry, settings, textures) {
             // The time of the last use is that of the truth's file.
@@ -321,7 +324,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let cache = Cache::new(folder.path().join("deep").join("cache"));
         let rendered = Footage::render(Sequence::new(settings())).unwrap();
-        assert_same(&Footage::load(&settings(), None, &cache).unwrap(), &rendered);
+        assert_same(&cache.footage(&settings(), None).unwrap(), &rendered);
         let [entry] = &entries(&cache)[..] else { panic!("one entry") };
         assert_same(&read(entry, &settings(), None).unwrap(), &rendered);
         // Another picture of the same size is as damaged as half a file.
@@ -333,7 +336,7 @@ mod tests {
                 _ => fs::remove_file(&frame).unwrap(),
             }
             assert!(read(entry, &settings(), None).is_err(), "{damage}");
-            assert_same(&Footage::load(&settings(), None, &cache).unwrap(), &rendered);
+            assert_same(&cache.footage(&settings(), None).unwrap(), &rendered);
             assert!(read(entry, &settings(), None).is_ok(), "{damage}");
         }
         assert_eq!(entries(&cache).len(), 1);

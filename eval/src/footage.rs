@@ -1,14 +1,12 @@
 //! A sequence in memory: its frames as they arrive, and what is known of each.
 
-use crate::cache::Cache;
-use crate::metrics::{Stats, displacement};
+use crate::metrics::stats::{self, Stats};
 use crate::scene::{FirstEdge, Frame};
 use crate::sequence::{Sequence, Settings};
 use crate::truth::{Capture, DisplacementMap, Sample};
 use anyhow::Result;
 use rsrectify::readout::{Readout, ReadoutDirection, ReadoutTime};
 use std::collections::BTreeMap;
-use std::path::Path;
 
 /// Truth is sampled every so many pixels.
 pub const STEP: usize = 8;
@@ -64,16 +62,6 @@ impl FrameTruth {
 }
 
 impl Footage {
-    /// The footage of the settings with the photographs of a folder as textures, procedural ones without
-    /// it: from the cache, or rendered and kept there.
-    ///
-    /// # Errors
-    /// If the textures or the cache's folder cannot be used, or where the settings ask for H.264 and it
-    /// is not to be had.
-    pub fn load(settings: &Settings, textures: Option<&Path>, cache: &Cache) -> Result<Self> {
-        cache.footage(settings, textures)
-    }
-
     /// Renders the sequence of the settings with procedural textures.
     ///
     /// # Errors
@@ -139,7 +127,7 @@ impl Footage {
 
     /// The displacement of the footage as it arrives.
     pub fn uncorrected(&self) -> Stats {
-        displacement::uncorrected(self.truth.iter().flat_map(|truth| truth.samples.iter().copied()))
+        stats::uncorrected(self.truth.iter().flat_map(|truth| truth.samples.iter().copied()))
     }
 }
 
@@ -156,10 +144,7 @@ pub fn direction(first: FirstEdge) -> ReadoutDirection {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::correspondences::{self, Source};
-    use crate::methods::{self, Correction, Corrections, Input, Method};
     use crate::sequence::{Timeline, named};
-    use nalgebra::Vector2;
 
     fn footage(settings: Settings) -> Footage {
         Footage::render(Sequence::new(Settings { width: 96, height: 72, ..settings })).unwrap()
@@ -186,32 +171,6 @@ mod tests {
         assert_eq!((&footage.frames[2], &footage.truth[2]), (&footage.frames[1], &footage.truth[1]));
         assert_ne!(footage.frames[2], footage.frames[3]);
         assert_eq!(footage.capture(2).start, footage.stamps[1]);
-    }
-
-    /// Moves each frame by its timestamp in seconds.
-    struct ByStamp;
-
-    impl Method for ByStamp {
-        fn name(&self) -> String {
-            "by-stamp".into()
-        }
-
-        fn solve(&self, input: &Input) -> Result<Corrections> {
-            let by = |shift: f64| Box::new(move |x| x + Vector2::new(shift, 0.0)) as Box<dyn Correction>;
-            Ok(input.stamps.iter().map(|stamp| by(*stamp)).collect())
-        }
-    }
-
-    #[test]
-    fn a_duplicate_is_corrected_as_the_frame_it_repeats() {
-        let footage = phone(Timeline::Duplicates(vec![2, 3]), Some(5));
-        let pairs: Result<Vec<_>> =
-            footage.runs().iter().map(|run| correspondences::of_run(&footage, run, Source::Exact)).collect();
-        let corrections = methods::solve(&ByStamp, &footage, footage.readout(), &pairs.unwrap()).unwrap();
-        let shifts: Vec<f64> = corrections.iter().map(|c| 30.0 * c.correct(Vector2::zeros()).x).collect();
-        for (shift, expected) in shifts.iter().zip([0.0, 1.0, 1.0, 1.0, 4.0, 5.0]) {
-            assert!((shift - expected).abs() < 1e-9, "{shifts:?}");
-        }
     }
 
     #[test]

@@ -9,7 +9,7 @@ use eval::dense;
 use eval::footage::Footage;
 use eval::media;
 use eval::methods::product::{self, Delay};
-use eval::metrics::{Stats, displacement, distances, floor, ripple};
+use eval::metrics::{Stats, displacement, distances, floor, ripple, stats};
 use eval::pairs;
 use eval::readout;
 use eval::report::{self, quick};
@@ -231,7 +231,7 @@ impl Place {
     fn footage(&self, settings: &Settings) -> Result<Footage> {
         let cache =
             self.cache.as_ref().map_or_else(Cache::in_default_folder, |folder| Ok(Cache::new(folder)))?;
-        Footage::load(settings, self.textures.as_deref(), &cache)
+        cache.footage(settings, self.textures.as_deref())
     }
 }
 
@@ -350,7 +350,7 @@ fn frames(chosen: &Chosen, lookahead: usize) -> Result<()> {
             footage.settings().name
         );
         for (index, truth) in footage.truth.iter().enumerate() {
-            let uncorrected = displacement::uncorrected(truth.samples.iter().copied()).rms;
+            let uncorrected = stats::uncorrected(truth.samples.iter().copied()).rms;
             let cells = [&given, &unknown].map(|solutions| {
                 let solution = &solutions[index];
                 let corrected = |pixel| product::corrected(solution, pixel);
@@ -385,8 +385,7 @@ fn measured_row(footage: &Footage, lookahead: usize) -> Result<String> {
     let half = corrections.len() / 2;
     row += &share_left(&displacement::left(&footage.truth, &corrections), &uncorrected);
     let late = &footage.truth[half..];
-    let late_uncorrected =
-        displacement::uncorrected(late.iter().flat_map(|truth| truth.samples.iter().copied()));
+    let late_uncorrected = stats::uncorrected(late.iter().flat_map(|truth| truth.samples.iter().copied()));
     row += &share_left(&displacement::left(late, &corrections[half..]), &late_uncorrected);
     let period = 1.0 / footage.settings().delivered_fps();
     if let Some((readout, deviation)) = found {

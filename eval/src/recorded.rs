@@ -6,12 +6,12 @@ use crate::methods::product::{self, Delay};
 use anyhow::{Context, Result};
 use rsrectify::correspond::{Correspondence, Pyramid, Sampler};
 use rsrectify::flow::FlowField;
-use rsrectify::motion::{FrameMotion, MotionPath, SampledPath};
+use rsrectify::motion::FrameMotion;
 use rsrectify::plane::{Luma, Plane, PlaneLayout, SampleFormat};
 use rsrectify::readout::Readout;
-use rsrectify::rectifier::{Estimator, Settings};
-use rsrectify::solve::continuous::{Camera, Continuous, Motion, PairMeasurement};
-use rsrectify::solve::root_mean_square;
+use rsrectify::rectifier::{self, Settings};
+use rsrectify::solve::continuous::{Camera, Continuous};
+use rsrectify::solve::residual::LocalMotions;
 use std::ops::Range;
 
 /// What was measured between a frame and the next.
@@ -50,7 +50,7 @@ impl Recording {
     pub fn of(footage: &Footage) -> Result<Self> {
         let settings = footage.settings();
         let (width, height) = (settings.width, settings.height);
-        let told = product::settings(settings, Delay::True, Estimator::Continuous, 0);
+        let told = product::settings(settings, Delay::True, rectifier::Estimator::Continuous, 0);
         let mut sampler = Sampler::new(width, height, told.grid_columns, told.grid_rows);
         let pixel_scale = sampler.pixel_scale();
         let period = 1.0 / settings.delivered_fps();
@@ -69,11 +69,11 @@ impl Recording {
             sampler.build(&Luma::from(Plane::new(&luma, layout)?), &mut now);
             let pair = (!before.is_empty()).then(|| {
                 let mut grid = Vec::new();
-                sampler.correspond(&before, &now, |pixel| estimator.expected(pixel), &mut grid);
+                sampler.correspond(&before, &now, |pixel| estimator.path.expected(pixel), &mut grid);
                 let flow = sampler.flow();
                 Pair { grid, flow: [flow.forward().clone(), flow.backward().clone()] }
             });
-            estimator.push(pair.as_ref().map(Pair::measurement), *stamp, period);
+            estimator.push(pair.as_ref(), *stamp, period);
             estimator.settle();
             recording.pairs.extend(pair);
             std::mem::swap(&mut before, &mut now);
@@ -81,7 +81,7 @@ impl Recording {
         Ok(recording)
     }
 
-    fn estimator(&self, settings: &Settings) -> Continuous {
+    fn estimator(&self, settings: &Settings) -> Estimator {
         let camera = Camera {
             model: settings.model,
             direction: settings.direction,
@@ -89,7 +89,8 @@ impl Recording {
             readout_prior: settings.readout_prior,
             focal_length: settings.focal_length,
         };
-        Continuous::new(camera, self.size[0], self.size[1], self.pixel_scale)
+        let path = Continuous::new(camera, self.size[0], self.size[1], self.pixel_scale);
+        Estimator { path, local: LocalMotions::default() }
     }
 
     /// Estimates the motion of some of the frames, as if there were no others.
@@ -103,39 +104,36 @@ impl Recording {
             let stamp = *self.stamps.get(index).context("too few frames were recorded")?;
             let pair = index.checked_sub(1).filter(|before| *before >= frames.start);
             let pair = pair.and_then(|before| self.pairs.get(before));
-            estimator.push(pair.map(Pair::measurement), stamp, self.period);
+            estimator.push(pair, stamp, self.period);
             if index - frames.start >= settings.lookahead {
-                estimates.push(estimate(&mut estimator));
+                estimates.push(estimator.settle());
             }
         }
         while estimates.len() < frames.len() {
-            estimates.push(estimate(&mut estimator));
+            estimates.push(estimator.settle());
         }
         Ok(estimates)
     }
 }
 
-impl Pair {
-    fn measurement(&self) -> PairMeasurement<'_> {
-        PairMeasurement { grid: &self.grid, flow: Some([&self.flow[0], &self.flow[1]]) }
+/// The continuous estimator of the path, and that of the motions beside it.
+struct Estimator {
+    path: Continuous,
+    local: LocalMotions,
+}
+
+impl Estimator {
+    fn push(&mut self, pair: Option<&Pair>, stamp: f64, period: f64) {
+        self.path.push(pair.map(|pair| pair.grid.as_slice()), stamp, period);
+        self.local.push(pair.map(|pair| pair.flow.each_ref()));
     }
-}
 
-fn estimate(estimator: &mut Continuous) -> Estimate {
-    let settled = estimator.settle();
-    let (readout, readout_deviation) = estimator.belief();
-    let expected = settled.as_ref().and_then(|motion| root_mean_square(&motion.errors));
-    Estimate { motion: settled.and_then(frame_motion), readout, readout_deviation, expected }
-}
-
-/// The motion that the rectifier makes of an estimate.
-fn frame_motion(motion: Motion) -> Option<FrameMotion> {
-    let path = MotionPath::from(SampledPath::new(&motion.homographies, motion.readout.time()).ok()?);
-    let path = match motion.field {
-        Some(field) => path.with_residual(field),
-        None => path,
-    };
-    Some(FrameMotion::new(motion.readout, path).with_weight(motion.confidence))
+    fn settle(&mut self) -> Estimate {
+        let solution = self.path.settle(&mut self.local);
+        let (readout, readout_deviation) = self.path.belief();
+        let expected = solution.as_ref().and_then(|solution| solution.expected_error);
+        Estimate { motion: solution.map(|solution| solution.motion), readout, readout_deviation, expected }
+    }
 }
 
 /// The corrections that estimates stand for.

@@ -5,12 +5,12 @@ use arbitrary::{Result, Unstructured};
 use nalgebra::{Matrix2, Vector2};
 use rsrectify::correspond::Correspondence;
 use rsrectify::flow::{Cell, FlowField};
-use rsrectify::motion::{SampledPath, Twist, image_centre};
+use rsrectify::motion::{Twist, image_centre};
 use rsrectify::readout::Readout;
-use rsrectify::solve::continuous::{Camera, Continuous, Motion, PairMeasurement};
+use rsrectify::solve::continuous::{Camera, Continuous};
 use rsrectify::solve::link::{FitBuffers, KnownFrame};
-use rsrectify::solve::residual::{FrameFlow, ResidualSolver, Still};
-use rsrectify::solve::{Link, Window};
+use rsrectify::solve::residual::{FrameFlow, LocalMotions, ResidualSolver, Still};
+use rsrectify::solve::{FrameSolution, Link, Window};
 
 const WIDTH: usize = 640;
 const HEIGHT: usize = 480;
@@ -37,6 +37,7 @@ fn window(u: &mut Unstructured<'_>) -> Result<()> {
         focal_length: settings.focal_length,
     };
     let mut continuous = Continuous::new(camera, WIDTH, HEIGHT, 1.0);
+    let mut local = LocalMotions::default();
     let mut sequential = Window::default();
     let mut residual = ResidualSolver::default();
     let direction = *u.choose(&DIRECTIONS)?;
@@ -49,14 +50,14 @@ fn window(u: &mut Unstructured<'_>) -> Result<()> {
         time += interval;
         let readout = readout([WIDTH, HEIGHT], direction, settings.readout_time, period);
 
-        let found =
-            (!u.ratio(1, 8)?).then_some(PairMeasurement { grid: &pair, flow: Some(fields.each_ref()) });
-        continuous.push(found, time, period);
+        let is_joined = !u.ratio(1, 8)?;
+        continuous.push(is_joined.then_some(pair.as_slice()), time, period);
+        local.push(is_joined.then_some(fields.each_ref()));
         waiting += 1;
         let expected = continuous.expected(Vector2::new(small(u, 640.0)?, small(u, 480.0)?));
         assert!(expected.iter().all(|coordinate| coordinate.is_finite()), "{expected}");
         while waiting > settings.lookahead {
-            continuous.settle().iter().for_each(verify);
+            continuous.settle(&mut local).iter().for_each(verify);
             waiting -= 1;
         }
 
@@ -75,6 +76,7 @@ fn window(u: &mut Unstructured<'_>) -> Result<()> {
         assert!(regions.iter().all(|region| region.error >= 0.0), "{regions:?}");
         if u.ratio(1, 16)? {
             continuous.restart();
+            local.restart();
             sequential.reset();
             waiting = 0;
         }
@@ -83,7 +85,7 @@ fn window(u: &mut Unstructured<'_>) -> Result<()> {
         }
     }
     for _ in 0..waiting {
-        continuous.settle().iter().for_each(verify);
+        continuous.settle(&mut local).iter().for_each(verify);
     }
     Ok(())
 }
@@ -106,19 +108,19 @@ fn one_pair(
     Ok(())
 }
 
-fn verify(motion: &Motion) {
-    let Motion {
-        readout, homographies, confidence, correspondences, inliers, sigma, readout_deviation, ..
-    } = motion;
-    assert!(homographies.iter().flatten().all(|element| element.is_finite()), "{homographies:?}");
+fn verify(solution: &FrameSolution) {
+    let FrameSolution { motion, confidence, correspondences, inliers, residual, readout_deviation, .. } =
+        solution;
+    for share in [0.0, 0.3, 1.0] {
+        let moved = motion.path().carry(Vector2::new(100.0, -80.0), share, 0.5);
+        assert!(moved.iter().all(|coordinate| coordinate.is_finite()), "{motion:?}");
+    }
     assert!((0.0..=1.0).contains(confidence), "{confidence}");
-    assert!(sigma.is_finite() && *sigma >= 0.0, "{sigma}");
+    assert!(residual.is_finite() && *residual >= 0.0, "{residual}");
+    let readout = motion.readout();
     assert!(readout.time().is_finite() && readout.time() >= 0.0, "{readout:?}");
     assert!(readout_deviation.is_finite() && *readout_deviation >= 0.0, "{readout_deviation}");
     assert!(inliers <= correspondences, "{inliers} of {correspondences}");
-    // What is trusted is a path.
-    let path = SampledPath::new(homographies, readout.time());
-    assert!(path.is_ok() || *confidence == 0.0, "{:?} at confidence {confidence}", path.err());
 }
 
 /// A few large cells, some of which say nonsense; none now and then.

@@ -28,6 +28,7 @@ mod picture;
 mod playback;
 mod plot;
 mod progress;
+mod property_values;
 mod readout;
 mod rectifier_options;
 mod show;

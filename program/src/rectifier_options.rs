@@ -1,85 +1,12 @@
 //! What the user may tell the rectifier.
 
 use crate::camera::CameraChoice;
+use crate::property_values::{Direction, Estimator, Model, name_of};
 use anyhow::{Context, Result, anyhow};
-use clap::{Args, ValueEnum};
+use clap::Args;
 use gst::prelude::*;
-use rsrectify::motion;
-use rsrectify::readout::{self, ReadoutPrior, ReadoutTime};
+use rsrectify::readout::{ReadoutPrior, ReadoutTime};
 use rsrectify::rectifier::{self, Settings};
-
-/// The edge that is read first.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub enum Direction {
-    Auto,
-    TopToBottom,
-    BottomToTop,
-    LeftToRight,
-    RightToLeft,
-}
-
-/// How the motion is estimated.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub enum Estimator {
-    Auto,
-    Sequential,
-    Continuous,
-}
-
-/// What motion the picture can have.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub enum Model {
-    Auto,
-    Translation,
-    Rotation,
-    Similarity,
-    Affine,
-    Homography,
-    #[value(name = "rotation-3d")]
-    Rotation3d,
-}
-
-impl From<readout::ReadoutDirection> for Direction {
-    fn from(direction: readout::ReadoutDirection) -> Self {
-        match direction {
-            readout::ReadoutDirection::TopToBottom => Self::TopToBottom,
-            readout::ReadoutDirection::BottomToTop => Self::BottomToTop,
-            readout::ReadoutDirection::LeftToRight => Self::LeftToRight,
-            readout::ReadoutDirection::RightToLeft => Self::RightToLeft,
-        }
-    }
-}
-
-impl From<Direction> for Option<readout::ReadoutDirection> {
-    fn from(direction: Direction) -> Self {
-        match direction {
-            Direction::Auto => None,
-            Direction::TopToBottom => Some(readout::ReadoutDirection::TopToBottom),
-            Direction::BottomToTop => Some(readout::ReadoutDirection::BottomToTop),
-            Direction::LeftToRight => Some(readout::ReadoutDirection::LeftToRight),
-            Direction::RightToLeft => Some(readout::ReadoutDirection::RightToLeft),
-        }
-    }
-}
-
-impl From<Model> for motion::Model {
-    fn from(model: Model) -> Self {
-        match model {
-            Model::Auto => Self::Auto,
-            Model::Translation => Self::Translation,
-            Model::Rotation => Self::Rotation,
-            Model::Similarity => Self::Similarity,
-            Model::Affine => Self::Affine,
-            Model::Homography => Self::Homography,
-            Model::Rotation3d => Self::Rotation3d,
-        }
-    }
-}
-
-/// The name of a value, on the command line and as the element's properties have it.
-pub fn name_of(value: &impl ValueEnum) -> String {
-    value.to_possible_value().map(|value| value.get_name().to_owned()).unwrap_or_default()
-}
 
 /// How the motion is found.
 #[derive(Args, Clone, Debug, Default)]

@@ -304,7 +304,7 @@ pub const PROMISES: &[(&str, &[Promise])] = &[
                     "hostile::settings_change_while_frames_flow",
                     "hostile::every_property_at_its_extremes",
                     "stream::readout_settings_that_change_lose_no_frame",
-                    "properties::every_setting_is_read_from_where_it_is_written",
+                    "properties_tests::every_setting_is_read_from_where_it_is_written",
                     "attack fuzz",
                 ],
             ),

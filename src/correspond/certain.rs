@@ -1,6 +1,6 @@
 //! Selects correspondences of small variance, for solvers that assume the same noise for all.
 
-use super::Correspondence;
+use super::correspondence::Correspondence;
 
 /// Correspondences are dropped if their standard deviation is more than this many times the median of the
 /// pair …

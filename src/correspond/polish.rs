@@ -10,10 +10,9 @@
 //! variance. κ and σ₀ model errors that are not white noise: the residual of interpolation, blur and
 //! compression is correlated from pixel to pixel.
 
-use super::Correspondence;
+use super::correspondence::{Correspondence, to_full};
 use super::patch::PATCH_SIDE;
 use super::template::{StoppingCriterion, Template};
-use super::to_full;
 use crate::cpu::for_each_cpu;
 use crate::pyramid::Level;
 use nalgebra::{Matrix2, Vector2};

@@ -1,9 +1,9 @@
 //! Correspondences sample_flow from dense flow at the grid.
 
+use super::correspondence::{Correspondence, to_full};
 use super::distortion::{DisplacementGradients, GridDisplacement};
 use super::grid::{Grid, centre};
 use super::polish::{InitialEstimate, polish};
-use super::{Correspondence, to_full};
 use crate::cpu::CpuLevel;
 use crate::flow::{DenseFlow, FlowField};
 use crate::parallel::*;

@@ -2,9 +2,11 @@
 
 use super::level::{CELL, PatchFlow};
 use super::patch::SIDE;
-use nalgebra::{Matrix3, Matrix3x2, RowVector2, Vector3};
+use crate::robust::loss::GemanMcClure;
+use crate::robust::motion::{Motion, Round, Sample, Scale, affine, fit};
+use nalgebra::{Matrix2x3, Vector2};
 
-/// Rounds of re-weighted least squares, with the weights of Geman and McClure. The scale of residuals is halved in each …
+/// Rounds of re-weighted least squares, by the loss of Geman and McClure. The scale of residuals is halved in each …
 const ROUNDS: usize = 8;
 
 /// … from this share of the level's width …
@@ -21,9 +23,9 @@ const EVERY: usize = 7;
 const STIFF: f64 = 1e15;
 
 /// Displacement = A·(1, x, y) in pixels of the level.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Consensus {
-    rows: [[f32; 3]; 2],
+    motion: Motion<f32, 3>,
 }
 
 impl Consensus {
@@ -39,7 +41,7 @@ impl Consensus {
         };
         let place = |index: usize| {
             let at = |index: usize| index as f32 * side + 0.5 * (SIDE as f32 - 1.0);
-            [1.0, at(index % columns.max(1)), at(index / columns.max(1))]
+            Vector2::new(at(index % columns.max(1)), at(index / columns.max(1)))
         };
         let middle = |axis: usize| {
             let mut all: Vec<f32> = patches
@@ -51,35 +53,20 @@ impl Consensus {
             let half = all.len() / 2;
             (!all.is_empty()).then(|| *all.select_nth_unstable_by(half, f32::total_cmp).1)
         };
-        let mut fit = Self { rows: [[middle(0)?, 0.0, 0.0], [middle(1)?, 0.0, 0.0]] };
+        let start = Motion(Matrix2x3::new(middle(0)?, 0.0, 0.0, middle(1)?, 0.0, 0.0));
+        let samples = patches.iter().enumerate().step_by(EVERY).map(|(index, patch)| Sample {
+            terms: affine(place(index)),
+            displacement: Vector2::from(patch.mean.shift()),
+            weight: weight(patch),
+        });
         let width = columns as f32 * side;
-        for round in 0..ROUNDS {
+        let rounds = (0..ROUNDS).map(|round| {
             let scale = LAST_SCALE.max(FIRST_SCALE * width * 0.5f32.powi(round as i32));
-            let mut matrix = Matrix3::<f64>::zeros();
-            let mut right = Matrix3x2::<f64>::zeros();
-            for (index, patch) in patches.iter().enumerate().step_by(EVERY) {
-                let at = place(index);
-                let own = fit.at(at[1], at[2]);
-                let (x, y) = (patch.mean.shift()[0] - own[0], patch.mean.shift()[1] - own[1]);
-                let share = 1.0 / (1.0 + (x * x + y * y) / (scale * scale));
-                let weight = f64::from(weight(patch) * share * share);
-                let v = Vector3::from(at).cast::<f64>();
-                matrix += v * v.transpose() * weight;
-                right += v
-                    * RowVector2::new(f64::from(patch.mean.shift()[0]), f64::from(patch.mean.shift()[1]))
-                    * weight;
-            }
-            if round < ROUNDS / 2 {
-                // An affine map may fit two motions halfway: first of all, the one that is shared is to be chosen.
-                matrix += Matrix3::from_diagonal(&Vector3::new(0.0, STIFF, STIFF));
-            }
-            let found = matrix.cholesky()?.solve(&right).cast::<f32>();
-            if !found.iter().all(|v| v.is_finite()) {
-                return None;
-            }
-            fit = Self { rows: [0, 1].map(|axis| [found[(0, axis)], found[(1, axis)], found[(2, axis)]]) };
-        }
-        Some(fit)
+            // An affine map may fit two motions halfway: first of all, the one that is shared is to be chosen.
+            let ridge = if round < ROUNDS / 2 { STIFF } else { 0.0 };
+            Round { scale: Scale::Variance(scale * scale), ridge: [0.0, ridge, ridge] }
+        });
+        fit(samples, start, GemanMcClure(1.0), rounds).map(|motion| Self { motion })
     }
 
     /// For the patch whose top left pixel is (x, y).
@@ -90,7 +77,7 @@ impl Consensus {
 
     /// The displacement at a pixel of the level.
     fn at(&self, x: f32, y: f32) -> [f32; 2] {
-        self.rows.map(|row| row[0] + row[1] * x + row[2] * y)
+        self.motion.at(&affine(Vector2::new(x, y))).into()
     }
 }
 

@@ -175,4 +175,18 @@ mod tests {
             assert!(moved.x.is_finite() && moved.x < x, "{x} goes to {moved}");
         }
     }
+
+    #[test]
+    fn abrupt_samples_give_finite_positions() {
+        // Half a turn from one sample to the next: homographies interpolated between them are near-singular.
+        let motions = [0, 1, 2, 3, 4, 5, 6, 7, 8].map(|index| {
+            let (sin, cos) = (std::f64::consts::PI * f64::from(index)).sin_cos();
+            nalgebra::matrix![cos, -sin, 0.0; sin, cos, 0.0; 0.0, 0.0, 1.0]
+        });
+        let path = MotionPath::from(SampledPath::new(&motions, 0.02).unwrap());
+        for from in (-20..=120).map(|k| k as f64 / 100.0).chain([f64::NAN, f64::INFINITY, -1e300]) {
+            let moved = path.carry(Vector2::new(100.0, 50.0), from, 0.53);
+            assert!(moved.iter().all(|value| value.is_finite()), "{from}: {moved}");
+        }
+    }
 }

@@ -1,6 +1,7 @@
 //! The difference of two frames, to detect duplicates.
 
-use super::{Level, Pyramid};
+use super::level::Level;
+use super::reducer::Pyramid;
 use crate::parallel::*;
 
 /// Side of a block in pixels of level 1.

@@ -1,45 +1,23 @@
 //! A common interface to the two estimators.
 
 use crate::correspond::{Correspondence, certain};
-use crate::motion::{MotionPath, Rigid, SampledPath, Twist, image_centre};
+use crate::flow::FlowField;
+use crate::motion::{FrameMotion, MotionPath, Rigid, Twist, image_centre};
 use crate::readout::{Readout, ReadoutPosterior};
-use crate::solve::continuous::{Camera, Continuous, FittedCorrespondence, PairMeasurement};
-use crate::solve::{Link, MotionCandidate, Origin, Window};
+use crate::solve::continuous::{Camera, Continuous};
+use crate::solve::residual::LocalMotions;
+use crate::solve::{FrameSolution, Link, MotionCandidate, Window};
 use nalgebra::Vector2;
 
 /// Standard deviation of a measured coordinate in analysed pixels, for the paper's window, which assumes the
 /// same for all: that of the sampler on compressed footage.
 const NOISE: f64 = 0.1;
 
-/// The settled motion of a frame.
-#[derive(Clone, Debug)]
-pub(super) struct Settled {
-    pub readout: Readout,
-    pub path: MotionPath,
-    /// Confidence in the motion, 0 to 1.
-    pub confidence: f64,
-    /// Expected errors of the regions of the rectified frame in pixels; none if not estimated.
-    pub errors: Vec<f64>,
-    pub origin: Origin,
-    /// Number of correspondences of the pair over which it was solved.
-    pub correspondences: usize,
-    /// Number of inliers among them.
-    pub inliers: usize,
-    /// Root mean square residual of an inlier in pixels.
-    pub residual: f64,
-    /// Standard deviation of the readout ratio; 0 if it was given.
-    pub readout_deviation: f64,
-    /// Focal length in frame widths and its standard deviation, if known.
-    pub focal_length: Option<(f64, f64)>,
-    /// Correspondences of the frame, if they are kept.
-    pub fitted: Vec<FittedCorrespondence>,
-}
-
 /// A frame with the measurements between it and the previous one.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Step<'a> {
-    /// Correspondences and flow with the previous frame; `None` after a start or a gap.
-    pub found: Option<PairMeasurement<'a>>,
+    /// Correspondences with the previous frame, and the flow from it and back; `None` after a start or a gap.
+    pub found: Option<(&'a [Correspondence], [&'a FlowField; 2])>,
     /// Timestamp in seconds.
     pub time: f64,
     /// Seconds since the previous frame; negative in reverse playback.
@@ -56,7 +34,14 @@ pub(super) struct Step<'a> {
 #[derive(Debug)]
 pub(super) enum Engine {
     Sequential(Box<Sequential>),
-    Continuous(Box<Continuous>),
+    Continuous(Box<Smoother>),
+}
+
+/// The continuous estimator of the path, and the estimator of the local motions beside it.
+#[derive(Debug)]
+pub(super) struct Smoother {
+    path: Continuous,
+    local: LocalMotions,
 }
 
 /// The paper's window, and the predicted motion of the next pair.
@@ -66,7 +51,7 @@ pub(super) struct Sequential {
     expected: Twist,
     /// The shutters of the waiting frames.
     readouts: std::collections::VecDeque<Readout>,
-    /// FitBuffers.
+    /// Buffer for the correspondences of small variance.
     certain: Vec<Correspondence>,
 }
 
@@ -78,7 +63,8 @@ impl Engine {
     /// `keep`: whether the motions contain the correspondences.
     pub fn continuous(camera: Camera, (width, height): (usize, usize), pixel_scale: f64, keep: bool) -> Self {
         let continuous = Continuous::new(camera, width, height, pixel_scale);
-        Self::Continuous(Box::new(continuous.with_correspondences(keep)))
+        let path = continuous.with_correspondences(keep);
+        Self::Continuous(Box::new(Smoother { path, local: LocalMotions::default() }))
     }
 
     /// Predicts the position of a point (pixels) of the last frame after `interval` seconds.
@@ -94,7 +80,7 @@ impl Engine {
         };
         move |point| match self {
             Self::Sequential(_) => uniform.apply(point - centre) + centre,
-            Self::Continuous(continuous) => continuous.expected(point),
+            Self::Continuous(continuous) => continuous.path.expected(point),
         }
     }
 
@@ -102,33 +88,21 @@ impl Engine {
     pub fn push(&mut self, step: &Step<'_>) {
         match self {
             Self::Sequential(sequential) => sequential.push(step),
-            Self::Continuous(continuous) => continuous.push(step.found, step.time, step.spacing),
+            Self::Continuous(continuous) => {
+                continuous.path.push(step.found.map(|(grid, _)| grid), step.time, step.spacing);
+                continuous.local.push(step.found.map(|(_, flow)| flow));
+            }
         }
     }
 
     /// Settles the first waiting frame; `None` without a motion of positive confidence.
-    pub fn settle(&mut self) -> Option<Settled> {
+    pub fn settle(&mut self) -> Option<FrameSolution> {
         match self {
             Self::Sequential(sequential) => sequential.settle(),
-            Self::Continuous(continuous) => continuous.settle().and_then(|motion| {
-                let path = SampledPath::new(&motion.homographies, motion.readout.time).ok()?;
-                Some(Settled {
-                    readout: motion.readout,
-                    path: match motion.field {
-                        Some(field) => MotionPath::from(path).with_residual(field),
-                        None => MotionPath::from(path),
-                    },
-                    confidence: motion.confidence,
-                    errors: motion.errors,
-                    origin: Origin::Continuous,
-                    correspondences: motion.correspondences,
-                    inliers: motion.inliers,
-                    residual: motion.sigma,
-                    readout_deviation: motion.readout_deviation,
-                    focal_length: motion.focal_length,
-                    fitted: motion.fitted,
-                })
-            }),
+            Self::Continuous(continuous) => {
+                let Smoother { path, local } = &mut **continuous;
+                path.settle(local)
+            }
         }
     }
 
@@ -137,7 +111,7 @@ impl Engine {
     pub fn belief(&self, stated: &Readout) -> (Readout, f64) {
         match self {
             Self::Sequential(_) => (*stated, 0.0),
-            Self::Continuous(continuous) => continuous.belief(),
+            Self::Continuous(continuous) => continuous.path.belief(),
         }
     }
 
@@ -145,7 +119,7 @@ impl Engine {
     pub fn is_at_cut(&self) -> bool {
         match self {
             Self::Sequential(_) => false,
-            Self::Continuous(continuous) => continuous.is_at_cut(),
+            Self::Continuous(continuous) => continuous.path.is_at_cut(),
         }
     }
 
@@ -153,7 +127,7 @@ impl Engine {
     pub fn posterior(&self) -> Option<ReadoutPosterior> {
         match self {
             Self::Sequential(_) => None,
-            Self::Continuous(continuous) => continuous.posterior(),
+            Self::Continuous(continuous) => continuous.path.posterior(),
         }
     }
 
@@ -162,7 +136,7 @@ impl Engine {
     pub fn unknowns(&self) -> usize {
         match self {
             Self::Sequential(_) => 0,
-            Self::Continuous(continuous) => continuous.unknowns(),
+            Self::Continuous(continuous) => continuous.path.unknowns(),
         }
     }
 
@@ -174,34 +148,38 @@ impl Engine {
                 sequential.expected = Twist::ZERO;
                 sequential.readouts.clear();
             }
-            Self::Continuous(continuous) => continuous.restart(),
+            Self::Continuous(continuous) => {
+                continuous.path.restart();
+                continuous.local.restart();
+            }
         }
     }
 }
 
 impl Sequential {
     fn push(&mut self, step: &Step<'_>) {
-        let link = step.found.map(|found| {
-            certain(found.grid, step.pixel_scale, &mut self.certain);
+        let link = step.found.map(|(grid, _)| {
+            certain(grid, step.pixel_scale, &mut self.certain);
             Link::new(&self.certain, &step.readout, step.interval, NOISE * step.pixel_scale)
         });
         self.expected = self.window.push(link).map_or(Twist::ZERO, |fit| fit.twist);
         self.readouts.push_back(step.readout);
     }
 
-    fn settle(&mut self) -> Option<Settled> {
+    fn settle(&mut self) -> Option<FrameSolution> {
         let settled = self.window.settle();
         let readout = self.readouts.pop_front()?;
-        settled.map(|MotionCandidate { fit, origin }| Settled {
-            readout,
-            path: MotionPath::uniform(fit.twist, readout.time),
+        settled.map(|MotionCandidate { fit, origin }| FrameSolution {
+            motion: FrameMotion::new(readout, MotionPath::uniform(fit.twist, readout.time)),
             confidence: fit.confidence,
-            errors: Vec::new(),
+            expected_error: None,
+            region_errors: Vec::new(),
             origin,
             correspondences: fit.correspondences,
             inliers: fit.inliers,
             residual: fit.energy.sqrt(),
             readout_deviation: 0.0,
+            begins_shot: false,
             focal_length: None,
             fitted: Vec::new(),
         })

@@ -1,6 +1,6 @@
 //! Errors of the rectifier.
 
-use super::Settings;
+use super::settings::Settings;
 use crate::readout::ReadoutError;
 use thiserror::Error;
 

@@ -4,37 +4,27 @@ mod clock;
 mod duplicates;
 mod engine;
 mod error;
+mod settings;
 #[cfg(test)]
 mod sparse_tests;
 #[cfg(test)]
 mod tests;
 
 use crate::correspond::{Correspondence, Pyramid, Sampler};
-use crate::motion::{FrameMotion, Model, MotionPath};
+use crate::motion::{FrameMotion, MotionPath};
 use crate::plane::Luma;
-use crate::readout::{Readout, ReadoutDirection, ReadoutPosterior, ReadoutPrior, ReadoutTime};
-use crate::solve::continuous::{Camera, PairMeasurement};
+use crate::readout::{Readout, ReadoutPosterior};
+use crate::solve::continuous::Camera;
 use clock::Clock;
 use duplicates::Duplicates;
-use engine::{Engine, Settled, Step};
+use engine::{Engine, Step};
 use std::collections::VecDeque;
 use std::time::{Duration, Instant};
 
-pub use crate::solve::Origin;
-pub use crate::solve::continuous::FittedCorrespondence;
 pub use crate::solve::residual::REGIONS;
+pub use crate::solve::{FittedCorrespondence, FocalLength, FrameSolution, Origin};
 pub use error::{PushError, SettingsError};
-
-/// The motion estimator.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
-#[non_exhaustive]
-pub enum Estimator {
-    /// Splines over exposure time; the readout is estimated from the picture unless given.
-    #[default]
-    Continuous,
-    /// The paper's estimator: one 2D rotation per frame, each computed from that of its neighbour.
-    Sequential,
-}
+pub use settings::{Estimator, Settings};
 
 /// Whether a frame is a duplicate of its predecessor, as after a conversion to a higher frame rate.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
@@ -44,106 +34,6 @@ pub enum Duplicate {
     Detect,
     /// The frame repeats its predecessor.
     Known,
-}
-
-/// How a stream is analysed.
-///
-/// ```
-/// let mut settings = rsrectify::rectifier::Settings::default();
-/// settings.lookahead = 8;
-/// ```
-#[derive(Clone, Copy, Debug, PartialEq)]
-#[non_exhaustive]
-pub struct Settings {
-    /// Columns of the sampling grid.
-    pub grid_columns: usize,
-    /// Rows of the sampling grid.
-    pub grid_rows: usize,
-    /// Number of later frames needed before a frame's motion is available.
-    pub lookahead: usize,
-    /// The motion estimator.
-    pub estimator: Estimator,
-    /// The motion model of the continuous estimator.
-    pub model: Model,
-    /// Focal length in frame widths; `None` to estimate it from the picture. At least 0.354, a field of view
-    /// of 110°; smaller values are raised to that.
-    pub focal_length: Option<f64>,
-    /// Which edge of the frame is read first; `None` to estimate it from the picture. The sequential
-    /// estimator takes `None` as top to bottom.
-    pub direction: Option<ReadoutDirection>,
-    /// The readout time, if known.
-    pub readout_time: ReadoutTime,
-    /// Prior of the readout if it is unknown; ignored if it contradicts `direction`, and by the sequential
-    /// estimator.
-    pub readout_prior: Option<ReadoutPrior>,
-    /// Whether [`FrameSolution::fitted`] is filled, which takes memory for each frame.
-    pub keep_correspondences: bool,
-}
-
-impl Default for Settings {
-    fn default() -> Self {
-        Self {
-            grid_columns: 32,
-            grid_rows: 24,
-            lookahead: 4,
-            estimator: Estimator::Continuous,
-            model: Model::Auto,
-            focal_length: None,
-            direction: None,
-            readout_time: ReadoutTime::Unknown,
-            readout_prior: None,
-            keep_correspondences: false,
-        }
-    }
-}
-
-/// The motion of one frame with its confidence.
-#[derive(Clone, Debug, PartialEq)]
-#[non_exhaustive]
-pub struct FrameSolution {
-    /// The motion to rectify the frame with: the path during its readout, the shutter it was solved for, and
-    /// the share of the correction to apply, less than 1 if a continuous path is uncertain.
-    pub motion: FrameMotion,
-    /// Confidence in the motion, 0 (untouched) to 1: the share of the correction that is expected to be
-    /// right.
-    pub confidence: f64,
-    /// Expected root mean square error, in pixels, of the positions of the frame's points after rectification
-    /// with [`motion`](Self::motion); `None` for a frame without a motion and from the sequential estimator.
-    pub expected_error: Option<f64>,
-    /// The same in each of [`REGIONS`], row by row; empty if it is `None`.
-    pub region_errors: Vec<f64>,
-    /// How the motion was obtained.
-    pub origin: Origin,
-    /// Number of correspondences in the pair of frames over which the motion was solved. For a frame without
-    /// a motion, those with the previous frame: 0 for the first, after a gap in time and for a duplicate.
-    pub correspondences: usize,
-    /// Number of inliers among them.
-    pub inliers: usize,
-    /// Root mean square residual of an inlier in pixels: √E of 25.4, or a coordinate's deviation from
-    /// the continuous path.
-    pub residual: f64,
-    /// Standard deviation of the estimated readout ratio; 0 if it was given.
-    pub readout_deviation: f64,
-    /// Whether very few points of the previous frame were found in this one, as at a cut; always false with
-    /// the sequential estimator.
-    pub begins_shot: bool,
-    /// The focal length; `None` for a frame without a motion, from the sequential estimator, and for a model
-    /// without perspective.
-    pub focal_length: Option<FocalLength>,
-    /// Correspondences of the frame and their residuals, at most one per point of the sampling grid; those
-    /// with the next frame if there is one. Empty unless [`Settings::keep_correspondences`] is set, for a
-    /// frame without a motion, and from the sequential estimator.
-    pub fitted: Vec<FittedCorrespondence>,
-}
-
-/// A focal length, given or estimated.
-#[derive(Clone, Copy, Debug, PartialEq)]
-#[non_exhaustive]
-pub struct FocalLength {
-    /// In frame widths.
-    pub widths: f64,
-    /// Standard deviation in frame widths; 0 if it was given.
-    pub deviation: f64,
 }
 
 /// Processing time so far.
@@ -186,7 +76,7 @@ pub struct Rectifier {
     waiting: VecDeque<Waiting>,
     solved: VecDeque<FrameSolution>,
     /// The motion settled last, for duplicates of its frame.
-    last: Option<Settled>,
+    last: Option<FrameSolution>,
     timings: Timings,
 }
 
@@ -352,7 +242,7 @@ impl Rectifier {
         self.engine.push(&Step {
             found: interval.map(|_| {
                 let flow = self.sampler.flow();
-                PairMeasurement { grid: &self.correspondences, flow: Some([flow.forward(), flow.backward()]) }
+                (self.correspondences.as_slice(), [flow.forward(), flow.backward()])
             }),
             time,
             interval: interval.unwrap_or(0.0),
@@ -376,7 +266,11 @@ impl Rectifier {
             self.last = self.engine.settle();
         }
         let solution = match &self.last {
-            Some(settled) => self.solution(&frame, settled),
+            Some(last) => FrameSolution {
+                origin: if frame.repeats { Origin::Repeated } else { last.origin },
+                begins_shot: frame.begins_shot,
+                ..last.clone()
+            },
             None => self.untouched(&frame),
         };
         self.solved.push_back(solution);
@@ -398,25 +292,6 @@ impl Rectifier {
             begins_shot: frame.begins_shot,
             focal_length: None,
             fitted: Vec::new(),
-        }
-    }
-
-    fn solution(&self, frame: &Waiting, settled: &Settled) -> FrameSolution {
-        let confidence = settled.confidence;
-        let weight = if settled.origin == Origin::Continuous { confidence } else { 1.0 };
-        FrameSolution {
-            motion: FrameMotion::new(settled.readout, settled.path.clone()).with_weight(weight),
-            confidence,
-            expected_error: crate::solve::root_mean_square(&settled.errors),
-            region_errors: settled.errors.clone(),
-            origin: if frame.repeats { Origin::Repeated } else { settled.origin },
-            correspondences: settled.correspondences,
-            inliers: settled.inliers,
-            residual: settled.residual,
-            readout_deviation: settled.readout_deviation,
-            begins_shot: frame.begins_shot,
-            focal_length: settled.focal_length.map(|(widths, deviation)| FocalLength { widths, deviation }),
-            fitted: settled.fitted.clone(),
         }
     }
 }

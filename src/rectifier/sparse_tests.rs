@@ -3,7 +3,7 @@
 
 use super::tests::{HEIGHT, PERIOD, VELOCITY, WIDTH, assert_velocity, frame, pops, push};
 use super::*;
-use crate::readout::ReadoutDirection;
+use crate::readout::{ReadoutDirection, ReadoutTime};
 
 const FRAMES: usize = 22;
 

@@ -2,6 +2,7 @@
 
 use super::*;
 use crate::plane::{Plane, PlaneLayout, SampleFormat};
+use crate::readout::{ReadoutDirection, ReadoutTime};
 use nalgebra::Vector2;
 use proptest::prelude::*;
 
@@ -168,30 +169,26 @@ fn a_duplicate_repeats_its_frame_s_motion() {
 
 #[test]
 fn a_duplicate_is_corrected_as_much_as_its_frame() {
-    for (origin, weight) in [(Origin::Continuous, 0.5), (Origin::Forward, 1.0)] {
-        let rectifier = rectifier(Estimator::default(), 4);
-        let readout = rectifier.readout();
-        let path = MotionPath::STILL;
-        let settled = Settled {
-            readout,
-            path,
-            confidence: 0.5,
-            errors: vec![3.0, 4.0, 0.0, 0.0],
-            origin,
-            correspondences: 740,
-            inliers: 700,
-            residual: 1.0,
-            readout_deviation: 0.0,
-            focal_length: None,
-            fitted: Vec::new(),
-        };
-        for repeats in [false, true] {
-            let frame = Waiting { readout, correspondences: 0, repeats, begins_shot: false };
-            let solution = rectifier.solution(&frame, &settled);
-            assert_eq!(solution.motion.weight(), weight, "{origin:?}, repeats: {repeats}");
-            assert_eq!((solution.expected_error, solution.region_errors.len()), (Some(2.5), 4));
-        }
-    }
+    let mut rectifier = rectifier(Estimator::default(), 4);
+    let readout = rectifier.readout();
+    let found = FrameSolution {
+        motion: FrameMotion::new(readout, MotionPath::STILL).with_weight(0.5),
+        confidence: 0.5,
+        expected_error: Some(2.5),
+        region_errors: vec![3.0, 4.0, 0.0, 0.0],
+        origin: Origin::Continuous,
+        correspondences: 740,
+        inliers: 700,
+        residual: 1.0,
+        readout_deviation: 0.0,
+        begins_shot: true,
+        focal_length: None,
+        fitted: Vec::new(),
+    };
+    rectifier.last = Some(found.clone());
+    rectifier.waiting.push_back(Waiting { readout, correspondences: 0, repeats: true, begins_shot: false });
+    let solution = rectifier.pop_early().unwrap();
+    assert_eq!(solution, FrameSolution { origin: Origin::Repeated, begins_shot: false, ..found });
 }
 
 #[test]

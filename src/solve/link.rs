@@ -1,10 +1,11 @@
 //! One pair of successive frames: its correspondences and the twists fitted to them.
 
-use super::measurement::{Loss, Minimiser, TimedMatch};
+use super::measurement::{Minimiser, TimedMatch};
 use super::start::robust_start;
 use crate::correspond::Correspondence;
 use crate::motion::{Twist, image_centre};
 use crate::readout::Readout;
+use crate::robust::loss::GemanMcClure;
 use nalgebra::Vector2;
 
 /// Least number of correspondences for a fit.
@@ -160,7 +161,7 @@ impl Link {
             return None;
         }
         let start = robust_start(matches, self.noise, errors)?;
-        let twist = minimiser.minimise(matches, start.twist, Loss::GemanMcClure(start.reach))?;
+        let twist = minimiser.minimise(matches, start.twist, GemanMcClure(start.reach))?;
         errors.clear();
         errors.extend(matches.iter().map(|m| m.error(twist)));
         let inliers = errors.iter().filter(|&&error| error < start.reach).count();

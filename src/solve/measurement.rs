@@ -7,6 +7,7 @@
 //! sine and cosine a correspondence and one 3 × 3 solution, about 30 µs for 768 correspondences.
 
 use crate::motion::Twist;
+use crate::robust::loss::Loss;
 use nalgebra::{Matrix2, Matrix2x3, Matrix3, Matrix3x2, Vector2, Vector3};
 
 /// Two measured points and the time for which the unknown twist acts between them.
@@ -24,33 +25,6 @@ impl TimedMatch {
     /// |x′ − f(x, ω·τ, c)|²/2 in px²: the least |x − o|² + |x′ − o′|² over o, as f keeps distances.
     pub fn error(&self, twist: Twist) -> f64 {
         (self.to - twist.after(self.time).apply(self.from)).norm_squared() / 2.0
-    }
-}
-
-/// Weight that a correspondence keeps, as a function of its error e in px².
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Loss {
-    /// ρ(e) = e: least squares, 25.4 as printed.
-    Squares,
-    /// ρ(e) = c²·e/(c² + e), Geman & McClure, with c² in px²: what lies much further than c off is
-    /// let go.
-    GemanMcClure(f64),
-}
-
-impl Loss {
-    fn value(self, error: f64) -> f64 {
-        match self {
-            Self::Squares => error,
-            Self::GemanMcClure(scale) => scale * error / (scale + error),
-        }
-    }
-
-    /// dρ/de.
-    pub(super) fn weight(self, error: f64) -> f64 {
-        match self {
-            Self::Squares => 1.0,
-            Self::GemanMcClure(scale) => (scale / (scale + error)).powi(2),
-        }
     }
 }
 
@@ -81,8 +55,9 @@ struct PointBlock {
 }
 
 impl Minimiser {
-    /// The twist of least robust E near `start`, or `None` where the matches do not determine one.
-    pub fn minimise(&mut self, matches: &[TimedMatch], start: Twist, loss: Loss) -> Option<Twist> {
+    /// The twist of least Σ ρ(s) near `start`, or `None` where the matches do not determine one; s is the part of a match in E, so
+    /// σ is 1 px. [`Squares`](crate::robust::loss::Squares) is 25.4 as printed.
+    pub fn minimise(&mut self, matches: &[TimedMatch], start: Twist, loss: impl Loss) -> Option<Twist> {
         self.corrected.clear();
         self.corrected.extend(matches.iter().map(|m| halfway(m, start)));
         let mut twist = start;
@@ -125,7 +100,7 @@ impl Minimiser {
         &mut self,
         matches: &[TimedMatch],
         twist: Twist,
-        loss: Loss,
+        loss: impl Loss,
         damping: f64,
     ) -> Option<Vector3<f64>> {
         let grown = 1.0 + damping;
@@ -181,13 +156,13 @@ fn halfway(m: &TimedMatch, twist: Twist) -> Vector2<f64> {
     (m.from + twist.after(m.time).apply_inverse(m.to)) / 2.0
 }
 
-fn total_cost(matches: &[TimedMatch], corrected: &[Vector2<f64>], twist: Twist, loss: Loss) -> f64 {
+fn total_cost(matches: &[TimedMatch], corrected: &[Vector2<f64>], twist: Twist, loss: impl Loss) -> f64 {
     matches
         .iter()
         .zip(corrected)
         .map(|(m, o)| {
             let off_after = m.to - twist.after(m.time).apply(*o);
-            loss.value((m.from - o).norm_squared() + off_after.norm_squared())
+            loss.rho((m.from - o).norm_squared() + off_after.norm_squared())
         })
         .sum()
 }

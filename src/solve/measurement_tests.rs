@@ -1,6 +1,7 @@
 //! The sparse minimiser against closed forms and against a dense Levenberg–Marquardt of another make.
 
 use super::*;
+use crate::robust::loss::{GemanMcClure, Squares};
 use levenberg_marquardt::{LeastSquaresProblem, LevenbergMarquardt};
 use nalgebra::storage::Owned;
 use nalgebra::{DMatrix, DVector, Dyn};
@@ -26,7 +27,7 @@ fn disturb(matches: &mut [TimedMatch], size: f64) {
     }
 }
 
-fn minimise(matches: &[TimedMatch], start: Twist, loss: Loss) -> (Twist, f64) {
+fn minimise(matches: &[TimedMatch], start: Twist, loss: impl Loss) -> (Twist, f64) {
     let mut minimiser = Minimiser::default();
     let twist = minimiser.minimise(matches, start, loss).unwrap();
     (twist, total_cost(matches, minimiser.corrected(), twist, loss))
@@ -106,7 +107,7 @@ fn equals_a_dense_minimiser() {
         let (dense, report) =
             LevenbergMarquardt::new().minimize(Dense { matches: matches.clone(), unknowns });
         assert!(report.termination.was_successful(), "{report:?}");
-        let (sparse, cost) = minimise(&matches, start, Loss::Squares);
+        let (sparse, cost) = minimise(&matches, start, Squares);
         assert_close(sparse, dense.twist(), 1e-3);
         assert!((cost - 2.0 * report.objective_function).abs() < 1e-6 * cost, "{cost} {report:?}");
     }
@@ -115,7 +116,7 @@ fn equals_a_dense_minimiser() {
 #[test]
 fn recovers_an_exact_motion() {
     for truth in [Twist::ZERO, Twist::new(0.0, 800.0, -500.0), Twist::new(4.0, -1000.0, 2000.0)] {
-        let (found, cost) = minimise(&exact_matches(truth), Twist::ZERO, Loss::Squares);
+        let (found, cost) = minimise(&exact_matches(truth), Twist::ZERO, Squares);
         assert_close(found, truth, 1e-5);
         assert!(cost < 1e-9, "{cost}");
     }
@@ -143,7 +144,7 @@ fn equals_rigid_alignment_at_equal_times() {
     let shift = to - rotation * from;
     let expected: f64 = matches.iter().map(|m| (m.to - rotation * m.from - shift).norm_squared() / 2.0).sum();
 
-    let (found, cost) = minimise(&matches, Twist::ZERO, Loss::Squares);
+    let (found, cost) = minimise(&matches, Twist::ZERO, Squares);
     assert!((found.omega * 0.04 - angle).abs() < 1e-7);
     assert!((found.after(0.04).shift - shift).norm() < 1e-4);
     assert!((cost - expected).abs() < 1e-7 * expected, "{cost} {expected}");
@@ -154,13 +155,13 @@ fn equals_rigid_alignment_at_equal_times() {
 #[test]
 fn undetermined_matches_give_nothing() {
     let mut minimiser = Minimiser::default();
-    assert_eq!(minimiser.minimise(&[], Twist::ZERO, Loss::Squares), None);
+    assert_eq!(minimiser.minimise(&[], Twist::ZERO, Squares), None);
     let no_time: Vec<_> =
         exact_matches(Twist::ZERO).into_iter().map(|m| TimedMatch { time: 0.0, ..m }).collect();
-    assert_eq!(minimiser.minimise(&no_time, Twist::ZERO, Loss::Squares), None);
+    assert_eq!(minimiser.minimise(&no_time, Twist::ZERO, Squares), None);
     let not_finite =
         vec![TimedMatch { from: Vector2::new(f64::NAN, 0.0), to: Vector2::zeros(), time: 0.1 }; 20];
-    assert_eq!(minimiser.minimise(&not_finite, Twist::ZERO, Loss::Squares), None);
+    assert_eq!(minimiser.minimise(&not_finite, Twist::ZERO, Squares), None);
 }
 
 proptest! {
@@ -170,10 +171,10 @@ proptest! {
         let truth = Twist::new(omega, vx, vy);
         let mut matches = exact_matches(truth);
         disturb(&mut matches, size);
-        let loss = Loss::GemanMcClure(36.0 * size * size);
+        let loss = GemanMcClure(36.0 * size * size);
         let mut minimiser = Minimiser::default();
         let found = minimiser.minimise(&matches, truth, loss).unwrap();
-        let cost = |twist: Twist| matches.iter().map(|m| loss.value(m.error(twist))).sum::<f64>();
+        let cost = |twist: Twist| matches.iter().map(|m| loss.rho(m.error(twist))).sum::<f64>();
         for step in [Vector3::new(1e-3, 0.0, 0.0), Vector3::new(0.0, 0.3, 0.0), Vector3::new(0.0, 0.0, 0.3)] {
             for sign in [-1.0, 1.0] {
                 prop_assert!(cost(found) <= cost(Twist::from_vector(found.to_vector() + step * sign)) + 1e-9);

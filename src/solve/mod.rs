@@ -15,22 +15,16 @@
 pub mod continuous;
 pub mod link;
 pub mod measurement;
-mod median;
 #[cfg(test)]
 mod random;
 pub mod residual;
+mod solution;
 mod start;
 pub mod window;
 
 pub use link::{Fit, Link};
+pub use solution::{FittedCorrespondence, FocalLength, FrameSolution, root_mean_square};
 pub use window::{MotionCandidate, Origin, Window};
 
 #[cfg(test)]
 mod tests;
-
-/// Root mean square; `None` for no values.
-#[must_use]
-pub fn root_mean_square(values: &[f64]) -> Option<f64> {
-    let mean_square = values.iter().map(|value| value * value).sum::<f64>() / values.len() as f64;
-    (!values.is_empty()).then(|| mean_square.sqrt())
-}

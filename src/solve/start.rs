@@ -5,9 +5,10 @@
 //! to c. Reweighted least squares from all points towards the tight loss then lets go of a third
 //! of the points even where they agree on a motion of their own.
 
-use super::measurement::{Loss, TimedMatch, solve_scaled};
-use super::median::{MEDIAN_TO_VARIANCE, median};
+use super::measurement::{TimedMatch, solve_scaled};
 use crate::motion::Twist;
+use crate::robust::loss::{GemanMcClure, Loss};
+use crate::robust::median::variance_of;
 use nalgebra::{Matrix2x3, Matrix3, Vector2, Vector3};
 
 /// Rounds of reweighting: a coherent third at distance d is let go after about ten.
@@ -36,7 +37,7 @@ pub(super) fn robust_start(matches: &[TimedMatch], noise: f64, errors: &mut Vec<
         if settled {
             break;
         }
-        let loss = Loss::GemanMcClure(reach);
+        let loss = GemanMcClure(reach);
         twist = weighted_twist(matches, |m| loss.weight(linear_error(m, twist)))?;
     }
     let reach = reach_of(errors, matches.iter().map(|m| m.error(twist)), noise);
@@ -47,8 +48,7 @@ pub(super) fn robust_start(matches: &[TimedMatch], noise: f64, errors: &mut Vec<
 fn reach_of(buffer: &mut Vec<f64>, errors: impl Iterator<Item = f64>, noise: f64) -> f64 {
     buffer.clear();
     buffer.extend(errors);
-    let variance = (median(buffer) * MEDIAN_TO_VARIANCE).max(noise * noise);
-    REACH * REACH * variance
+    REACH * REACH * variance_of(buffer, noise * noise)
 }
 
 /// [`TimedMatch::error`] of the linear model, without its sine and cosine.

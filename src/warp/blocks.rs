@@ -10,11 +10,7 @@
 //!
 //! With AVX2, a block takes 13 instructions, eight blocks at a time, and its knots 9.
 
-use super::Placement;
-use super::inverse::{MapField, cubic};
-use super::kernels;
 use super::weights::{FRACTION_BITS, ONE};
-use crate::cpu::{CpuLevel, for_each_cpu};
 
 /// Pixels in a block.
 pub(super) const BLOCK: usize = 16;
@@ -23,10 +19,6 @@ pub(super) const KNOT: usize = 8;
 /// Largest change of displacement between two knots, in 1/[`ONE`] px: the largest zoom needs 7 px (1/8 − 1
 /// per pixel), and twice as much still fits into 16 bits.
 const MAX_CHANGE: i32 = 7 * ONE;
-
-/// Largest displacement in plane pixels: a scale near zero makes displacements infinite or NaN, which vector
-/// kernels and plain Rust would convert to different integers.
-const MAX_DISPLACEMENT: f32 = 4e5;
 
 /// Displacements of 16 pixels: four numbers of 32 bits, so that the compiler vectorises over blocks.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -52,7 +44,7 @@ const fn pair(low: i32, high: i32) -> u32 {
 impl Block {
     /// The block between three knots given in 1/[`ONE`] px.
     #[inline(always)]
-    fn new(knots: [i32; 3]) -> Self {
+    pub(super) fn new(knots: [i32; 3]) -> Self {
         let middle = knots[0] + (knots[1] - knots[0]).clamp(-MAX_CHANGE, MAX_CHANGE);
         let end = middle + (knots[2] - middle).clamp(-MAX_CHANGE, MAX_CHANGE);
         let first = knots[0].min(middle).min(end) >> FRACTION_BITS;
@@ -73,118 +65,5 @@ impl Block {
         let value = half(self.start) + super::weights::mulhrs(half(self.change), ramp);
         let whole = self.first + i32::from(value >> FRACTION_BITS);
         (whole as isize, value & (ONE as i16 - 1))
-    }
-}
-
-for_each_cpu! {
-    /// The blocks between successive pairs of knots, at most as many as `blocks`.
-    fn between(pairs: &[[i32; 2]], blocks: &mut [Block]) {
-        let next = pairs.get(1..).unwrap_or_default();
-        for ((block, from), to) in blocks.iter_mut().zip(pairs).zip(next) {
-            *block = Block::new([from[0], from[1], to[0]]);
-        }
-    }
-}
-
-/// A displacement field resampled for one plane: knots of the plane's columns at the rows of the field's
-/// nodes.
-#[derive(Clone, Debug, Default)]
-pub(super) struct KnotTable {
-    /// Index of the first knot; knot k lies at plane column 8k.
-    first: isize,
-    /// Knots in a row.
-    columns: usize,
-    /// Displacements in plane pixels, row by row.
-    values: Vec<f32>,
-    /// Plane row of node row 0.
-    origin: f64,
-    /// Plane rows between node rows.
-    spacing: f64,
-}
-
-impl KnotTable {
-    /// Resamples `field` at knots that cover plane columns `from` to `to`; `axis` is the one along
-    /// which the field displaces.
-    pub fn fill(&mut self, field: &MapField, placement: &Placement, axis: usize, from: isize, to: isize) {
-        let [scale_x, scale_y] = placement.scale;
-        self.first = from.div_euclid(BLOCK as isize) * 2;
-        self.columns = (to.div_euclid(BLOCK as isize) * 2 + 3 - self.first).max(3) as usize;
-        self.origin = (field.y.first - placement.offset[1]) / scale_y;
-        self.spacing = field.y.spacing / scale_y;
-        self.values.clear();
-        self.values.resize(self.columns * field.y.count, 0.0);
-        for index in 0..self.columns {
-            let column = ((self.first + index as isize) * KNOT as isize) as f64;
-            let at = (scale_x * column + placement.offset[0] - field.x.first) / field.x.spacing;
-            let (node, weights) = cubic(at, field.x.count);
-            let weights = weights.map(|weight| weight as f32 / placement.scale[axis] as f32);
-            let nodes = field.values.chunks_exact(field.x.count.max(1));
-            for (row, nodes) in self.values.chunks_exact_mut(self.columns).zip(nodes) {
-                let value = weights.iter().zip(&nodes[node..]).map(|(w, v)| w * v).sum();
-                row[index] =
-                    if f32::is_nan(value) { 0.0 } else { value.clamp(-MAX_DISPLACEMENT, MAX_DISPLACEMENT) };
-            }
-        }
-    }
-
-    /// Displacements at all knots of plane row `row`, in 1/[`ONE`] px plus `round`.
-    pub fn row(&self, level: CpuLevel, row: usize, round: i32, knots: &mut Vec<i32>) {
-        let rows = self.values.len() / self.columns.max(1);
-        let (node, weights) = cubic((row as f64 - self.origin) / self.spacing, rows);
-        let nodes = &self.values[node * self.columns..(node + 4) * self.columns];
-        knots.resize(self.columns, 0);
-        kernels::knots(level, nodes, weights.map(|weight| weight as f32 * ONE as f32), round as f32, knots);
-    }
-
-    /// The blocks of plane columns `from` (a multiple of 16) to `to`, from the knots of a row; constant
-    /// beyond the table.
-    pub fn blocks(&self, level: CpuLevel, knots: &[i32], from: isize, to: isize, blocks: &mut Vec<Block>) {
-        let (from, to) = (from.div_euclid(BLOCK as isize), to.div_euclid(BLOCK as isize));
-        let last = knots.len() as isize - 1;
-        let knot = |index: isize| knots[index.clamp(0, last) as usize];
-        let first = from * 2 - self.first;
-        let single = |index: isize| Block::new([knot(index), knot(index + 1), knot(index + 2)]);
-        // Blocks before the table; those within it except the last, which has no second pair; all others.
-        let before = (-first / 2).clamp(0, to - from + 1);
-        blocks.clear();
-        blocks.extend((0..before).map(|block| single(first + 2 * block)));
-        let start = (first.max(0) / 2) as usize;
-        let (pairs, _) = knots.as_chunks::<2>();
-        let pairs = pairs.get(start..).unwrap_or_default();
-        let count = pairs.len().saturating_sub(1).min((to - from + 1 - before) as usize);
-        let added = blocks.len();
-        blocks.resize(added + count, Block::default());
-        between(level, pairs, &mut blocks[added..]);
-        blocks.extend((blocks.len() as isize..=to - from).map(|block| single(first + 2 * block)));
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn blocks_are_those_of_single_knots_at_all_levels() {
-        // Displacements that change slowly, too fast, and up to the largest.
-        let wave = |knot: i32, size: i32| (knot * knot * 7919 % 4093 - 2046) * size;
-        for size in [1, 13, 700, 480_000] {
-            for columns in [3, 5, 17, 33, 245] {
-                let knots: Vec<i32> = (0..columns).map(|knot| wave(knot, size)).collect();
-                for (first, from, to) in
-                    [(0, 0isize, 16 * columns as isize / 2), (-4, -96, 500), (6, -32, 20), (0, 320, 400)]
-                {
-                    let table = KnotTable { first, ..KnotTable::default() };
-                    let known = |index: isize| knots[(index - first).clamp(0, columns as isize - 1) as usize];
-                    let truth: Vec<Block> = (from.div_euclid(16)..=to.div_euclid(16))
-                        .map(|block| Block::new([0, 1, 2].map(|knot| known(2 * block + knot))))
-                        .collect();
-                    for level in CpuLevel::supported() {
-                        let mut blocks = Vec::new();
-                        table.blocks(level, &knots, from, to, &mut blocks);
-                        assert_eq!(blocks, truth, "{level} {size} {columns} {first} {from} {to}");
-                    }
-                }
-            }
-        }
     }
 }

@@ -1,6 +1,6 @@
 //! Samples outside the picture.
 
-use super::BorderMode;
+use super::settings::BorderMode;
 
 /// The index of the sample shown at `index` on an axis of `len` samples, `None` for the fill value.
 ///

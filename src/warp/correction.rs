@@ -1,7 +1,7 @@
 //! The correction of one frame: displacements from the frame to the rectified frame.
 
-use super::WarpSettings;
-use super::inverse::Axis;
+use super::axis::Axis;
+use super::settings::WarpSettings;
 use crate::motion::{FrameMotion, IntervalMotion, MotionPath, image_centre};
 use crate::readout::Readout;
 use nalgebra::Vector2;

@@ -30,9 +30,10 @@
 //! 1080p: 23 × 100 nodes, or 125 × 100 with a field on nodes 16 px apart; some 90 ns a node on one core:
 //! 0.2 and 1.1 ms, distributed by lines of nodes.
 
-use super::WarpSettings;
+use super::axis::Axis;
 use super::correction::Correction;
 use super::monotone::{Inverse, limit_slopes};
+use super::settings::WarpSettings;
 use crate::motion::{FrameMotion, IntervalMotion, MotionPath};
 use crate::parallel::*;
 use crate::readout::Readout;
@@ -47,31 +48,6 @@ const MAX_SLOPE: f64 = 0.8;
 /// Least slope of the forward map along a line, where it folds, and inverse of the largest, where it has a
 /// gap.
 const MIN_STRETCH: f64 = 0.25;
-
-/// Equidistant nodes along one axis of the frame.
-#[derive(Clone, Copy, Debug, Default)]
-pub(super) struct Axis {
-    /// Frame pixel of the first node.
-    pub first: f64,
-    /// Frame pixels from one node to the next.
-    pub spacing: f64,
-    /// Number of nodes.
-    pub count: usize,
-}
-
-impl Axis {
-    /// Nodes from `from` to `to` with a margin of at least one on each side.
-    fn over(from: f64, to: f64, spacing: f64) -> Self {
-        let first = ((from / spacing).floor() - 1.0) * spacing;
-        let count = (((to - first) / spacing).ceil() as usize + 2).max(4);
-        Self { first, spacing, count }
-    }
-
-    /// Frame pixel of a node.
-    pub fn at(&self, index: usize) -> f64 {
-        self.first + index as f64 * self.spacing
-    }
-}
 
 /// A scalar field sampled at nodes.
 #[derive(Debug, Default)]

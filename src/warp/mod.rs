@@ -8,110 +8,31 @@
 //! Positions are accurate to 0.01 px: the map is solved at nodes, interpolated between them, and
 //! rounded to 1/2048 px.
 
+mod axis;
 mod blocks;
 mod border;
 mod correction;
 mod inverse;
 mod kernels;
+mod knots;
 mod monotone;
+mod placement;
 mod rows;
+mod settings;
 #[cfg(test)]
 mod tests;
 mod weights;
 
 pub use crate::cpu::CpuLevel;
+pub use placement::Placement;
+pub use settings::{BorderMode, Interpolation, WarpSettings};
 
 use crate::motion::FrameMotion;
 use crate::plane::{Plane, PlaneLayout, PlaneMut};
-use blocks::KnotTable;
 use inverse::InverseMap;
+use knots::KnotTable;
 use std::sync::{Arc, Mutex, PoisonError};
 use thiserror::Error;
-
-/// The interpolation kernel.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
-#[non_exhaustive]
-pub enum Interpolation {
-    /// The nearest sample.
-    Nearest,
-    /// 2 × 2 samples.
-    Linear,
-    /// 4 × 4 samples, Catmull–Rom kernel.
-    #[default]
-    Cubic,
-    /// 6 × 6 samples, Lanczos kernel with three lobes.
-    Lanczos,
-}
-
-/// The picture outside the frame.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
-#[non_exhaustive]
-pub enum BorderMode {
-    /// The nearest edge sample.
-    #[default]
-    Replicate,
-    /// The picture mirrored at its edge.
-    Mirror,
-    /// A fill value.
-    Constant,
-}
-
-/// How a frame is rectified.
-///
-/// ```
-/// let mut settings = rsrectify::warp::WarpSettings::default();
-/// settings.strength = 0.5;
-/// ```
-#[derive(Clone, Copy, Debug, PartialEq)]
-#[non_exhaustive]
-pub struct WarpSettings {
-    /// The interpolation kernel.
-    pub interpolation: Interpolation,
-    /// The picture outside the frame.
-    pub border: BorderMode,
-    /// Share of the readout whose instant the output shows, 0 to 1; 0 = first read.
-    pub reference_row: f64,
-    /// Share of the correction that is applied, 0 to 1: each point is displaced by this share of its full
-    /// displacement, so that 0 gives the original frame and the transition is linear for any motion.
-    pub strength: f64,
-    /// Magnification about the picture's centre, at least 1, to hide borders.
-    pub zoom: f64,
-}
-
-impl Default for WarpSettings {
-    fn default() -> Self {
-        Self {
-            interpolation: Interpolation::Cubic,
-            border: BorderMode::Replicate,
-            reference_row: 0.5,
-            strength: 1.0,
-            zoom: 1.0,
-        }
-    }
-}
-
-/// The position of a plane's pixels in the frame: frame pixel = scale · plane pixel + offset, per axis,
-/// pixel centres at integers.
-///
-/// Chroma of 4:2:0 has scale 2, and offset 0 if sited on the luma pixel, ½ if sited between two.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Placement {
-    /// Frame pixels from one plane pixel to the next, in x and y.
-    pub scale: [f64; 2],
-    /// Frame pixel of plane pixel (0, 0).
-    pub offset: [f64; 2],
-}
-
-impl Placement {
-    /// A plane of the frame's own size.
-    pub const FULL: Self = Self { scale: [1.0, 1.0], offset: [0.0, 0.0] };
-
-    /// Whether scales are positive and all numbers finite.
-    fn is_valid(&self) -> bool {
-        let numbers = self.scale.iter().chain(&self.offset);
-        numbers.into_iter().all(|number| number.is_finite()) && self.scale.iter().all(|&scale| scale > 0.0)
-    }
-}
 
 /// Why a plane cannot be rectified.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]

@@ -1,8 +1,9 @@
 //! Processes the rows of a plane in bands, one band per task of the thread pool.
 
-use super::blocks::{BLOCK, Block, KnotTable};
+use super::blocks::{BLOCK, Block};
 use super::kernels::{self, Fixed, Float, Horizontal, OutputFormat, Passes, Vertical};
-use super::{BorderMode, Interpolation};
+use super::knots::KnotTable;
+use super::settings::{BorderMode, Interpolation};
 use crate::cpu::{CpuLevel, for_each_cpu};
 use crate::parallel::*;
 use crate::plane::{Plane, PlaneLayout, PlaneMut};

@@ -8,7 +8,7 @@
 //! `f32` for all others. Integer weights sum to exactly one, and those of the linear and cubic
 //! kernel have exactly t as their first moment, so that ramps are reproduced.
 
-use super::Interpolation;
+use super::settings::Interpolation;
 use std::sync::LazyLock;
 
 /// Bits of the fraction of a position.

@@ -1,26 +1,35 @@
 //! From two pyramids to a flow: coarse to fine, several warps a level.
 
 use super::board::{Board, Layout};
+use super::field::Flow;
 use super::image::Image;
+use super::median;
+use super::prepared::Prepared;
 use super::solver::{Constraint, solve};
-use super::{Flow, Prepared, median};
 use rayon::prelude::*;
 
 /// Linearisations on each level.
 const WARPS: usize = 5;
 
-/// The flow from one frame to another.
-pub(super) fn estimate(first: &Prepared, second: &Prepared) -> Flow {
-    let coarsest = &first.levels[first.levels.len() - 1];
-    let mut flow = Flow::zero(coarsest.width, coarsest.height);
-    for (first, second) in first.levels.iter().zip(&second.levels).rev() {
-        flow = flow.on_level(first.width, first.height);
-        let slopes = Slopes::of(first);
-        for _ in 0..WARPS {
-            flow = improved(first, &slopes, second, &flow);
+impl Flow {
+    /// The flow from one frame to another of the same size.
+    ///
+    /// # Panics
+    /// Where the sizes differ.
+    pub fn between(first: &Prepared, second: &Prepared) -> Self {
+        let size = |frame: &Prepared| (frame.luma.width, frame.luma.height);
+        assert_eq!(size(first), size(second), "flow between frames of different sizes");
+        let coarsest = &first.levels[first.levels.len() - 1];
+        let mut flow = Flow::zero(coarsest.width, coarsest.height);
+        for (first, second) in first.levels.iter().zip(&second.levels).rev() {
+            flow = flow.on_level(first.width, first.height);
+            let slopes = Slopes::of(first);
+            for _ in 0..WARPS {
+                flow = improved(first, &slopes, second, &flow);
+            }
         }
+        flow
     }
-    flow
 }
 
 /// ∂/∂x and ∂/∂y of a picture.

@@ -17,91 +17,24 @@
 //! | [`texture`] | a picture less its large structure |
 //! | [`board`] | a picture in the order of a chessboard, for the solver |
 //! | [`solver`] | the robust energy around one warp, minimised |
+//! | `prepared` | a frame and the pyramid of its texture |
+//! | `field` | the displacement of each pixel |
 //! | `estimate` | coarse to fine |
 //! | [`median`] | the median filter |
 //! | [`points`] | correspondences out of the flow |
 
 pub mod board;
 mod estimate;
+mod field;
 pub mod image;
 pub mod median;
 pub mod points;
+mod prepared;
 pub mod solver;
 pub mod texture;
 
-use image::Image;
-
-/// Pixels that the shorter side of the coarsest level has at least.
-const COARSEST: usize = 12;
-
-/// A frame made ready for flow.
-pub struct Prepared {
-    /// The frame, in grey levels 0 to 255.
-    pub luma: Image,
-    /// The texture of the frame at full size, half, a quarter …. Each level has a texture of its own:
-    /// halving that of the full size would leave the coarse levels, where large motions are found,
-    /// without contrast.
-    levels: Vec<Image>,
-}
-
-impl Prepared {
-    /// Makes a frame ready.
-    pub fn new(luma: Image) -> Self {
-        let mut greys = vec![luma.clone()];
-        while let Some(half) =
-            greys.last().map(Image::halved).filter(|half| half.width.min(half.height) >= COARSEST)
-        {
-            greys.push(half);
-        }
-        let levels = greys.iter().map(texture::of).collect();
-        Self { luma, levels }
-    }
-}
-
-/// The displacement of each pixel of a frame, in pixels: what is seen at x is seen at x + (u, v) in the
-/// other frame.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Flow {
-    /// To the right.
-    pub u: Image,
-    /// Downwards.
-    pub v: Image,
-}
-
-impl Flow {
-    /// The flow from one frame to another of the same size.
-    ///
-    /// # Panics
-    /// Where the sizes differ.
-    pub fn between(first: &Prepared, second: &Prepared) -> Self {
-        let size = |frame: &Prepared| (frame.luma.width, frame.luma.height);
-        assert_eq!(size(first), size(second), "flow between frames of different sizes");
-        estimate::estimate(first, second)
-    }
-
-    /// The displacement at a point between pixels.
-    pub fn at(&self, x: f32, y: f32) -> [f32; 2] {
-        [self.u.linear(x, y), self.v.linear(x, y)]
-    }
-
-    fn zero(width: usize, height: usize) -> Self {
-        let zeros = Image::from_fn(width, height, |_, _| 0.0);
-        Self { u: zeros.clone(), v: zeros }
-    }
-
-    /// The flow as seen on a level of the pyramid of `width` × `height` pixels: this one's own or the next
-    /// finer.
-    fn on_level(self, width: usize, height: usize) -> Self {
-        if width == self.u.width && height == self.u.height {
-            return self;
-        }
-        // The pixel x of a level is centred at 2x + ½ of the next finer.
-        let coarse = |fine: usize| (fine as f32 - 0.5) / 2.0;
-        let doubled =
-            |part: &Image| Image::from_fn(width, height, |x, y| 2.0 * part.linear(coarse(x), coarse(y)));
-        Self { u: doubled(&self.u), v: doubled(&self.v) }
-    }
-}
+pub use field::Flow;
+pub use prepared::Prepared;
 
 #[cfg(test)]
 mod tests;

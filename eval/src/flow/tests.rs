@@ -1,3 +1,4 @@
+use super::image::Image;
 use super::*;
 use crate::scene::SceneKind;
 use crate::scene::procedural::bake_all;

@@ -110,3 +110,39 @@ impl Method for Uncorrected {
         Ok(input.stamps.iter().map(|_| Box::new(|pixel| pixel) as Box<dyn Correction>).collect())
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::correspondences::{self, Source};
+    use crate::sequence::{Settings, Timeline, named};
+
+    /// Moves each frame by its timestamp in seconds.
+    struct ByStamp;
+
+    impl Method for ByStamp {
+        fn name(&self) -> String {
+            "by-stamp".into()
+        }
+
+        fn solve(&self, input: &Input) -> Result<Corrections> {
+            let by = |shift: f64| Box::new(move |x| x + Vector2::new(shift, 0.0)) as Box<dyn Correction>;
+            Ok(input.stamps.iter().map(|stamp| by(*stamp)).collect())
+        }
+    }
+
+    #[test]
+    fn a_duplicate_is_corrected_as_the_frame_it_repeats() {
+        let timeline = Timeline::Duplicates(vec![2, 3]);
+        let (width, height, frames, cut) = (96, 72, 6, Some(5));
+        let settings = Settings { width, height, frames, timeline, cut, ..named("cut").unwrap() };
+        let footage = Footage::of_settings(&settings).unwrap();
+        let pairs: Result<Vec<_>> =
+            footage.runs().iter().map(|run| correspondences::of_run(&footage, run, Source::Exact)).collect();
+        let corrections = solve(&ByStamp, &footage, footage.readout(), &pairs.unwrap()).unwrap();
+        let shifts: Vec<f64> = corrections.iter().map(|c| 30.0 * c.correct(Vector2::zeros()).x).collect();
+        for (shift, expected) in shifts.iter().zip([0.0, 1.0, 1.0, 1.0, 4.0, 5.0]) {
+            assert!((shift - expected).abs() < 1e-9, "{shifts:?}");
+        }
+    }
+}

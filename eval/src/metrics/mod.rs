@@ -11,7 +11,7 @@
 //! | nothing | [`wobble`] | what depends on the row between successive frames |
 //! | nothing | [`jitter`] | unsteadiness of the correction, and of the content |
 //!
-//! [`resample`] makes the rectified picture; [`homography`] is what [`wobble`] takes away.
+//! [`stats`] are of displacements; [`resample`] makes the rectified picture; [`homography`] is what [`wobble`] takes away.
 
 pub mod colour;
 pub mod displacement;
@@ -22,6 +22,7 @@ pub mod jitter;
 pub mod readout;
 pub mod resample;
 pub mod ripple;
+pub mod stats;
 pub mod wobble;
 
-pub use displacement::{Stats, distances};
+pub use stats::{Stats, distances};

@@ -93,6 +93,8 @@ impl SceneKind {
 
 #[cfg(test)]
 mod tests {
+    use super::super::camera::CameraPath;
+    use super::super::path::{Motion, Oscillations};
     use super::*;
     use nalgebra::Vector3;
 
@@ -139,5 +141,48 @@ mod tests {
             depths.iter().filter(|d| (low..high).contains(*d)).count() as f64 / depths.len() as f64
         };
         assert!(share(0.0, 2.4) > 0.05 && share(2.4, 4.0) > 0.2 && share(4.0, 6.1) > 0.2);
+    }
+
+    /// The share of a frame of 40 × 30 rays that shows movers, seen from a camera on a path.
+    fn moving_share(scene: &Scene, motion: Motion, t: f64) -> f64 {
+        let pose = Oscillations::new(motion, 1.0, 30.0, 1).pose(t);
+        let rays = (0..1200).map(|i| (f64::from(i % 40) / 40.0 - 0.4875, f64::from(i / 40) / 40.0 - 0.3625));
+        let hits = rays.map(|(x, y)| scene.hit(t, pose.position, pose.rotation * Vector3::new(x, y, 1.0)));
+        hits.filter(|hit| scene.surfaces[hit.expect("the scene is closed").surface].mover.is_some()).count()
+            as f64
+            / 1200.0
+    }
+
+    fn scene(kind: SceneKind) -> Scene {
+        kind.covered(1, vec![Texture::new(1, vec![[0.5; 3]])])
+    }
+
+    #[test]
+    fn what_goes_with_the_camera_keeps_its_share_of_the_picture() {
+        for (kind, motion, share) in [
+            (SceneKind::Selfie, Motion::Pan, 0.25..0.4),
+            (SceneKind::Followed, Motion::Follow, 0.33..0.47),
+            (SceneKind::Caption, Motion::Pan, 0.02..0.1),
+        ] {
+            let scene = scene(kind);
+            for frame in [0.0, 7.0, 15.0, 23.0, 39.0] {
+                let seen = moving_share(&scene, motion, frame / 30.0);
+                assert!(share.contains(&seen), "{kind:?} at {frame}: {seen}");
+            }
+        }
+    }
+
+    #[test]
+    fn water_covers_a_third() {
+        let scene = scene(SceneKind::Water);
+        let share = moving_share(&scene, Motion::Still, 0.3);
+        assert!(scene.movers.len() == 24 && (0.27..0.4).contains(&share), "{share}");
+    }
+
+    #[test]
+    fn ten_things_move() {
+        let scene = scene(SceneKind::Crowd);
+        let share = moving_share(&scene, Motion::Still, 0.3);
+        assert!(scene.movers.len() == 10 && (0.1..0.5).contains(&share), "{share}");
     }
 }

@@ -1,5 +1,6 @@
 //! Named sequences and their settings.
 
+mod amplitude;
 mod catalogue;
 mod gain;
 mod scenes;
@@ -61,7 +62,7 @@ impl Sequence {
     fn filmed(settings: Settings, scenes: Vec<Arc<Scene>>) -> Self {
         let captures = stretches(&settings).into_iter().enumerate();
         let amplitudes = captures.zip(&scenes).map(|((take, captures), scene)| {
-            Take::amplitude(&settings, scene, seed_of(&settings, take), captures)
+            amplitude::of_strength(&settings, scene, seed_of(&settings, take), captures)
         });
         let amplitudes = amplitudes.collect();
         Self::of_scenes(settings, scenes, amplitudes)
@@ -200,7 +201,7 @@ fn stretches(settings: &Settings) -> Vec<Range<usize>> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::metrics::displacement;
+    use crate::metrics::stats;
     use crate::scene::SceneKind;
     use crate::scene::texture::Texture;
     use nalgebra::Vector2;
@@ -212,7 +213,7 @@ mod tests {
     /// The displacement of all captures as they arrive, RMS in pixels.
     fn displaced(sequence: &Sequence) -> f64 {
         let samples = (0..sequence.settings.frames).flat_map(|k| sequence.capture(k).samples(12));
-        displacement::uncorrected(samples).rms
+        stats::uncorrected(samples).rms
     }
 
     /// The scene without its textures, which take longest to make and displace nothing.

@@ -1,6 +1,6 @@
 //! The truth of whole frames: maps of displacements and the mask of visible pixels.
 
-use super::Capture;
+use super::capture::Capture;
 use nalgebra::Vector2;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
@@ -98,8 +98,8 @@ fn neighbours(position: usize) -> std::ops::RangeInclusive<usize> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::Sample;
-    use super::super::tests::{DEPTH, FOCAL, PERIOD, READOUT, frame, until_reference, wall};
+    use super::super::capture::Sample;
+    use super::super::capture::tests::{DEPTH, FOCAL, PERIOD, READOUT, frame, until_reference, wall};
     use super::*;
     use crate::scene::path::uniform;
     use crate::scene::{FirstEdge, Scene, Surface};

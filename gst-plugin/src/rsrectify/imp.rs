@@ -3,6 +3,7 @@
 //! GStreamer's base class negotiates; the flow of frames is the element's own, see `flow`. Events that travel
 //! with the frames are queued between them; those that end a stretch of the stream first drain the queue.
 
+use super::allocation::raise_minimum;
 use super::enums::{BorderMode, Estimator, Interpolation, Model, ReadoutDirection};
 /**
  * SECTION:element-rsrectify
@@ -64,7 +65,7 @@ pub(super) static CAT: LazyLock<gst::DebugCategory> = LazyLock::new(|| {
 ///
 /// Its mutexes are never held together, nor while anything is pushed or posted.
 #[derive(glib::Properties)]
-#[properties(wrapper_type = super::RsRectify)]
+#[properties(wrapper_type = object::RsRectify)]
 pub struct RsRectify {
     /// Columns of the sampling grid.
     #[property(name = "grid-columns", get, set, type = u32, member = grid_columns,
@@ -185,6 +186,18 @@ pub struct RsRectify {
     pub(super) timer: Mutex<Option<Timer>>,
 }
 
+/// The object that applications hold; its instance is the type above, and the two name each other.
+pub mod object {
+    use gst::glib;
+
+    glib::wrapper! {
+        /// The element `rsrectify`: a video filter that holds `lookahead` frames back.
+        pub struct RsRectify(ObjectSubclass<super::RsRectify>)
+            @extends gst_video::VideoFilter, gst_base::BaseTransform, gst::Element, gst::Object,
+            @implements gst::Preset;
+    }
+}
+
 impl Default for RsRectify {
     fn default() -> Self {
         let latency = Latency::new(Settings::default().analysis().lookahead as u64, None, 0);
@@ -237,7 +250,7 @@ impl RsRectify {
 #[glib::object_subclass]
 impl ObjectSubclass for RsRectify {
     const NAME: &'static str = "GstRsRectify";
-    type Type = super::RsRectify;
+    type Type = object::RsRectify;
     type ParentType = gst_video::VideoFilter;
     type Interfaces = (gst::Preset,);
 
@@ -454,16 +467,6 @@ impl BaseTransformImpl for RsRectify {
     fn generate_output(&self) -> Result<GenerateOutputSuccess, gst::FlowError> {
         self.push_ready()?;
         Ok(GenerateOutputSuccess::NoOutput)
-    }
-}
-
-/// Asks the pools in an allocation query for at least `more` buffers than before.
-fn raise_minimum(query: &mut gst::query::Allocation, more: u32) {
-    let pools: Vec<_> = query.allocation_pools().collect();
-    for (index, (pool, size, min, max)) in (0..).zip(pools) {
-        let min = min.saturating_add(more);
-        let max = if max == 0 { 0 } else { max.max(min) };
-        query.set_nth_allocation_pool(index, pool.as_ref(), size, min, max);
     }
 }
 

@@ -3,6 +3,7 @@
 use gst::glib;
 use gst::prelude::*;
 
+mod allocation;
 mod enums;
 mod ffi;
 mod flow;
@@ -20,13 +21,7 @@ mod state;
 mod timer;
 
 pub use enums::{BorderMode, Estimator, Interpolation, Model, ReadoutDirection};
-
-glib::wrapper! {
-    /// The element `rsrectify`: a video filter that holds `lookahead` frames back.
-    pub struct RsRectify(ObjectSubclass<imp::RsRectify>)
-        @extends gst_video::VideoFilter, gst_base::BaseTransform, gst::Element, gst::Object,
-        @implements gst::Preset;
-}
+pub use imp::object::RsRectify;
 
 /// Registers the element with `plugin`. It is never plugged in on its own: its rank is none.
 pub fn register(plugin: &gst::Plugin) -> Result<(), glib::BoolError> {

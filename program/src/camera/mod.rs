@@ -5,7 +5,7 @@ mod known;
 mod presets;
 mod stated;
 
-use crate::rectifier_options::{Direction, name_of};
+use crate::property_values::{Direction, name_of};
 use anyhow::{Context, Result};
 use catalogue::{Camera, Mode, key};
 use clap::Args;

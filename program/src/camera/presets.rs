@@ -1,7 +1,7 @@
 //! Presets of the element: what is expected of known cameras, as GStreamer reads it.
 
 use super::catalogue::Camera;
-use crate::rectifier_options::{Direction, name_of};
+use crate::property_values::{Direction, name_of};
 use std::fmt;
 
 /// All cameras as a file of presets.

@@ -4,7 +4,7 @@ use super::options::FixOptions;
 use super::pipeline::Recipe;
 use crate::clips;
 use crate::output;
-use crate::rectifier_options::name_of;
+use crate::property_values::name_of;
 use anyhow::{Context, Result, bail};
 use serde::Serialize;
 use std::path::PathBuf;

@@ -2,8 +2,8 @@
 
 use crate::camera::{Expectation, Known, Stated};
 use crate::estimate::{Estimate, combine};
+use crate::property_values::{Direction, name_of};
 use crate::readout::{Doubt, Found};
-use crate::rectifier_options::{Direction, name_of};
 use rsrectify::readout::ReadoutPosterior;
 use serde::Serialize;
 use std::fmt;

@@ -2,7 +2,7 @@
 
 use super::series::{Motion, Point};
 use crate::drawing::{BLUE, Colour, GREEN, PURPLE, VERMILION};
-use crate::rectifier_options::{Direction, name_of};
+use crate::property_values::{Direction, name_of};
 use anyhow::{Result, anyhow};
 use plotters::coord::Shift;
 use plotters::prelude::*;

@@ -4,7 +4,7 @@ use super::strip::{Item, Strip};
 use crate::analysis::Frame;
 use crate::drawing::{Colour, SKY_BLUE, VERMILION, YELLOW, hex};
 use crate::estimate::Estimate;
-use crate::rectifier_options::{Direction, name_of};
+use crate::property_values::{Direction, name_of};
 use rsrectify::motion::{FrameMotion, image_centre};
 use rsrectify::nalgebra::Vector2;
 use rsrectify::readout::ReadoutDirection;

@@ -1,11 +1,12 @@
 //! What lies beside the video in an MP4 or MOV file that is written: tracks of the clip, copied as they are where the clip is
 //! such a file, and a file with the other streams, as GStreamer's muxer writes it.
 
+use super::destination::Destination;
 use super::excerpt::Excerpt;
 use super::label;
+use super::routes::Audio;
 use super::timecode::Timecode;
 use super::unheld;
-use super::{Audio, Destination};
 use crate::colour::Colour;
 use crate::elements::{self, make, named};
 use crate::interruption::Interruption;

@@ -1,54 +1,25 @@
 //! A clip's streams → the muxer: the video by a branch of its own, the others as they are where the container can hold them.
 
 use super::beside::Beside;
-use super::early;
+use super::destination::Video;
 use super::excerpt::Excerpt;
-use super::timecode::Timecode;
-use super::{Audio, Kind, Route, beside_video, is_copied, label, markup, programs, route};
-use crate::decoder;
-use crate::elements::{self, NO_VIDEO, comes_from, make, named, parse};
-use crate::interruption::Interruption;
-use crate::isobmff::{EncodedVideo, Film};
+use super::markup;
+use super::routes::{Audio, Kind, Route, beside_video, is_copied, route};
+use crate::elements::{self, NO_VIDEO, comes_from, named, parse};
+use crate::isobmff::Film;
 use crate::matroska::{self, Delays};
 use crate::output::codec::Container;
 use anyhow::{Context, Result, anyhow, bail};
 use gst::glib;
 use gst::prelude::*;
-use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 
 /// What waits for video from elsewhere, at most: streams of a file lie that close together, even sparse ones.
 const LONGEST_WAIT: gst::ClockTime = gst::ClockTime::from_seconds(60);
 
-/// Where the streams of a clip go.
-pub struct Destination<'a> {
-    pub output: &'a Path,
-    pub container: Container,
-    /// What becomes of the audio.
-    pub audio: Audio,
-    /// The part of the clip that is wanted, where that is not all of it.
-    pub excerpt: Option<Arc<Excerpt>>,
-}
-
-/// Where the video of the file comes from.
-pub enum Video {
-    /// A branch that takes the clip's decoded frames.
-    Decoded(gst::Bin),
-    /// A branch with frames of its own; the clip's are dropped.
-    Replaced(gst::Bin),
-    /// Not from the pipeline; the clip's frames are dropped.
-    Elsewhere,
-}
-
-/// A pipeline that reads a clip and writes a file.
-pub struct Remux {
-    pub pipeline: gst::Pipeline,
-    linker: Arc<Linker>,
-}
-
 /// What puts the streams together.
-enum Muxer {
+pub(super) enum Muxer {
     /// An element that takes all of them.
     Whole(gst::Element),
     /// This program takes the video, and what lies beside it.
@@ -56,145 +27,21 @@ enum Muxer {
 }
 
 /// Links what the decoder finds to the muxer.
-struct Linker {
-    pipeline: glib::WeakRef<gst::Pipeline>,
-    muxer: Muxer,
-    video: Video,
-    container: Container,
-    audio: Audio,
-    excerpt: Option<Arc<Excerpt>>,
-    is_matroska: bool,
+pub(super) struct Linker {
+    pub(super) pipeline: glib::WeakRef<gst::Pipeline>,
+    pub(super) muxer: Muxer,
+    pub(super) video: Video,
+    pub(super) container: Container,
+    pub(super) audio: Audio,
+    pub(super) excerpt: Option<Arc<Excerpt>>,
+    pub(super) is_matroska: bool,
     /// The clip, where it is a file of boxes.
-    film: Option<Film>,
-    delays: Delays,
-    has_video: AtomicBool,
-    has_warned_of_files: AtomicBool,
+    pub(super) film: Option<Film>,
+    pub(super) delays: Delays,
+    pub(super) has_video: AtomicBool,
+    pub(super) has_warned_of_files: AtomicBool,
     /// The streams of the file by their identifiers, in its order, with what they were before they were decoded.
-    stored: Mutex<Vec<(glib::GString, gst::Caps)>>,
-}
-
-impl Remux {
-    /// The pipeline that puts a clip's streams into a file; `video` makes the branch of the video, told whether players of the
-    /// file turn frames as those of the clip do, so that they must not be turned before.
-    pub fn new(
-        clip: &Path,
-        destination: Destination<'_>,
-        video: impl FnOnce(bool) -> Result<Video>,
-    ) -> Result<Self> {
-        let pipeline = gst::Pipeline::new();
-        let (source, decoder) = (make("filesrc")?, decoder::of(clip)?);
-        source.set_property("location", clip);
-        pipeline.add_many([&source, &decoder])?;
-        source.link(&decoder)?;
-        let first_frame = destination.excerpt.as_ref().map_or(0, |excerpt| excerpt.frames().start);
-        let timecode = Timecode::of(clip).and_then(|timecode| timecode.after(first_frame));
-        let muxer = match Beside::of(clip, &destination, timecode) {
-            Some(beside) => Muxer::Boxes(beside),
-            None => Muxer::Whole(Self::muxer(clip, &pipeline, &destination, timecode)?),
-        };
-        let mut losses = match &muxer {
-            Muxer::Boxes(beside) => beside.losses(),
-            Muxer::Whole(_) => Film::read(clip)
-                .filter(|_| destination.excerpt.is_none())
-                .map_or_else(Vec::new, |film| super::unheld::of(&film, destination.container, |_| false)),
-        };
-        if destination.excerpt.is_none() {
-            losses.extend(matroska::losses(clip));
-        }
-        for loss in losses {
-            gst::element_warning!(pipeline, gst::StreamError::Format, ("{loss}"));
-        }
-        let Destination { container, audio, excerpt, .. } = destination;
-        let is_upright = matches!(&muxer, Muxer::Boxes(beside) if beside.keeps_orientation());
-        let video = video(is_upright)?;
-        if excerpt.is_none() && matches!(video, Video::Decoded(_)) {
-            let begin_at_zero: Box<dyn Fn() + Send + Sync> = match &muxer {
-                Muxer::Whole(muxer) => {
-                    let muxer = muxer.clone();
-                    Box::new(move || muxer.set_property("offset-to-zero", true))
-                }
-                Muxer::Boxes(beside) => beside.begin_at_zero(),
-            };
-            early::keep(&pipeline, begin_at_zero);
-        }
-        let (has_video, stored) = (AtomicBool::new(false), Mutex::default());
-        let (is_matroska, delays) = (matroska::is_matroska(clip), Delays::of(clip));
-        let owner = pipeline.downgrade();
-        let linker = Linker {
-            pipeline: owner,
-            muxer,
-            video,
-            container,
-            audio,
-            excerpt,
-            is_matroska,
-            film: Film::read(clip),
-            delays,
-            has_video,
-            has_warned_of_files: AtomicBool::new(false),
-            stored,
-        };
-        let linker = Arc::new(linker);
-        Linker::watch(&linker, &decoder);
-        if let Some(count) = programs::count(clip).filter(|count| *count > 1) {
-            gst::element_warning!(
-                pipeline,
-                gst::StreamError::Format,
-                ("the file has {count} programs: the first is taken, the others are left out")
-            );
-        }
-        Ok(Self { pipeline, linker })
-    }
-
-    /// The muxer of all streams, with the file that it writes.
-    fn muxer(
-        clip: &Path,
-        pipeline: &gst::Pipeline,
-        destination: &Destination<'_>,
-        timecode: Option<Timecode>,
-    ) -> Result<gst::Element> {
-        let Destination { output, container, excerpt, .. } = destination;
-        let (muxer, sink) = (make(container.muxer())?, make("filesink")?);
-        sink.set_property("location", output);
-        pipeline.add_many([&muxer, &sink])?;
-        muxer.link(&sink)?;
-        if let Some((excerpt, tags)) = excerpt.as_ref().zip(muxer.dynamic_cast_ref::<gst::TagSetter>()) {
-            let label = label::of(&excerpt.frames());
-            tags.add_tag::<gst::tags::Comment>(&label.as_str(), gst::TagMergeMode::ReplaceAll);
-        }
-        let created = Film::read(clip).and_then(|film| film.created());
-        set_date(&muxer, created.and_then(|created| glib::DateTime::from_unix_utc(created).ok()));
-        if let Some(timecode) = timecode.and_then(Timecode::to_gst) {
-            gst::element_warning!(
-                pipeline,
-                gst::StreamError::Format,
-                ("the timecode, from {timecode} on, is left out: it cannot go into {container} files")
-            );
-        }
-        Ok(muxer)
-    }
-
-    /// Writes the file, where this program does so itself: the encoded video, its frames turned upright or not, and what the
-    /// pipeline has taken of the other streams.
-    pub fn write(
-        &self,
-        video: &EncodedVideo,
-        is_turned: bool,
-        output: &Path,
-        interruption: &Interruption,
-    ) -> Result<()> {
-        match &self.linker.muxer {
-            Muxer::Boxes(beside) => beside.write(video, is_turned, output, interruption),
-            Muxer::Whole(_) => bail!("the muxer writes the file"),
-        }
-    }
-
-    /// Goes to the part of the clip that is wanted, and lets the streams go, which are held until then.
-    pub fn release(&self) -> Result<()> {
-        let Some(excerpt) = &self.linker.excerpt else { return Ok(()) };
-        excerpt.release(|pad| self.linker.link(pad))?;
-        self.linker.check()
-    }
+    pub(super) stored: Mutex<Vec<(glib::GString, gst::Caps)>>,
 }
 
 impl Linker {
@@ -246,7 +93,7 @@ impl Linker {
     }
 
     /// Has what the decoder finds linked, or held.
-    fn watch(linker: &Arc<Self>, decoder: &gst::Element) {
+    pub(super) fn watch(linker: &Arc<Self>, decoder: &gst::Element) {
         let on_stream = linker.clone();
         decoder.connect("autoplug-continue", false, move |values| {
             let pad = values.get(1).and_then(|v| v.get::<gst::Pad>().ok());
@@ -304,7 +151,7 @@ impl Linker {
         }
     }
 
-    fn link(self: &Arc<Self>, pad: &gst::Pad) -> Result<()> {
+    pub(super) fn link(self: &Arc<Self>, pad: &gst::Pad) -> Result<()> {
         if self.is_matroska || (self.excerpt.is_none() && self.is_unedited(pad)) {
             matroska::keep_first_time(pad);
         }
@@ -438,7 +285,7 @@ impl Linker {
     }
 
     /// An error where the clip has no video.
-    fn check(&self) -> Result<()> {
+    pub(super) fn check(&self) -> Result<()> {
         if !self.has_video.load(Ordering::Relaxed) {
             bail!("{NO_VIDEO}");
         }
@@ -489,7 +336,7 @@ impl Linker {
 }
 
 /// Has a muxer state when the file was made, not when it was written.
-fn set_date(muxer: &gst::Element, created: Option<glib::DateTime>) {
+pub(super) fn set_date(muxer: &gst::Element, created: Option<glib::DateTime>) {
     if let Some(created) = created.filter(|_| muxer.has_property("creation-time")) {
         muxer.set_property("creation-time", created);
     }

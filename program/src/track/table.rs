@@ -2,7 +2,7 @@
 
 use super::velocity::Instant;
 use crate::analysis::Frame;
-use crate::rectifier_options::{Direction, name_of};
+use crate::property_values::{Direction, name_of};
 use anyhow::Result;
 use rsrectify::motion::image_centre;
 use rsrectify::nalgebra::Vector2;

@@ -73,7 +73,7 @@ pub fn complaints() -> Vec<String> {
 /// Runs one sequence.
 pub fn run(seed: u64) -> anyhow::Result<Verdict> {
     init()?;
-    let stage = stage::Stage::new(setup::Setup::new(seed))?;
+    let stage = stage::Stage::new(setup::Setup::new(seed), control::call)?;
     std::thread::scope(|scope| -> std::io::Result<()> {
         let stage = &*stage;
         for disturber in 0..stage.setup.disturbers {

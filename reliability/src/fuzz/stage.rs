@@ -1,7 +1,6 @@
 //! The element between two pads of our own: an upstream that can do anything, and a downstream that
 //! checks all it gets.
 
-use super::control;
 use super::frames::Timing;
 use super::ledger::Ledger;
 use super::setup::{self, Setup};
@@ -42,6 +41,9 @@ pub struct Flow {
     pub tainted: bool,
 }
 
+/// What may be called at any time and from any thread, chosen by random numbers.
+pub type Call = fn(&Stage, &mut ChaCha8Rng);
+
 /// A sequence's element and everything around it.
 pub struct Stage {
     /// The choices of this sequence.
@@ -75,6 +77,8 @@ pub struct Stage {
     rng: Mutex<ChaCha8Rng>,
     /// The random numbers of callbacks; locked while one calls, so that none calls within another.
     calls: Mutex<ChaCha8Rng>,
+    /// What an application does to the element within a callback.
+    call: Call,
     kept: Mutex<VecDeque<gst::Buffer>>,
     gate: (Mutex<bool>, Condvar),
     /// Texts of the errors posted.
@@ -86,8 +90,8 @@ fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
 }
 
 impl Stage {
-    /// A playing element for a sequence.
-    pub fn new(setup: Setup) -> Result<Arc<Self>, gst::glib::BoolError> {
+    /// A playing element for a sequence, and what its callbacks do to it.
+    pub fn new(setup: Setup, call: Call) -> Result<Arc<Self>, gst::glib::BoolError> {
         let element = gst::ElementFactory::make("rsrectify").build()?;
         let bus = gst::Bus::new();
         element.set_bus(Some(&bus));
@@ -120,6 +124,7 @@ impl Stage {
             interruptions: AtomicU64::new(0),
             rng: Mutex::new(setup::rng(setup.seed, 1)),
             calls: Mutex::new(setup::rng(setup.seed, 3)),
+            call,
             kept: Mutex::default(),
             gate: Default::default(),
             errors: Mutex::default(),
@@ -175,7 +180,7 @@ impl Stage {
         if self.setup.callbacks
             && let Ok(mut rng) = self.calls.try_lock()
         {
-            control::call(self, &mut rng);
+            (self.call)(self, &mut rng);
         }
     }
 

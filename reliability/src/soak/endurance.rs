@@ -1,8 +1,9 @@
 //! Long films, many starts, many elements.
 
+use super::effort::Effort;
+use super::playback::PATIENCE;
 use super::playback::{End, Player};
 use super::process::Usage;
-use super::{Effort, PATIENCE};
 use crate::outcome::Outcome;
 use gst::prelude::*;
 use std::time::{Duration, Instant};

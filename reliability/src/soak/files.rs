@@ -1,8 +1,9 @@
 //! Files that are not what they should be.
 
+use super::effort::Effort;
 use super::film::{self, MOVING};
+use super::playback::PATIENCE;
 use super::playback::{Arrival, End, Player};
-use super::{Effort, PATIENCE};
 use crate::outcome::Outcome;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;

@@ -1,6 +1,6 @@
 //! Objects of GStreamer that nobody gives back, as its own tracer sees them.
 
-use super::Effort;
+use super::effort::Effort;
 use crate::fuzz;
 use crate::outcome::Outcome;
 use gst::prelude::*;

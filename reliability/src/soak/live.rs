@@ -1,7 +1,8 @@
 //! Live sources that do not say at what rate their frames come, or say it wrong.
 
+use super::effort::Effort;
+use super::playback::PATIENCE;
 use super::playback::Player;
-use super::{Effort, PATIENCE};
 use crate::outcome::Outcome;
 use gst::prelude::*;
 

@@ -1,38 +1,22 @@
 //! What is known to break filters, each tried many times. Wherever it can, an attack is played twice,
 //! with the element and with `identity` in its place: the same frames must arrive.
 
+mod effort;
 mod endurance;
 mod files;
 mod film;
 mod leaks;
 mod live;
+mod numbered;
 mod playback;
 mod pools;
 mod process;
 mod seeks;
 mod sinks;
 
+pub use effort::Effort;
+
 use crate::outcome::Outcome;
-use std::time::Duration;
-
-/// How long an attack takes.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Effort {
-    /// Seconds: what each change must pass.
-    Short,
-    /// As long as it takes.
-    Long,
-}
-
-impl Effort {
-    /// One of two values.
-    fn pick<T>(self, short: T, long: T) -> T {
-        match self {
-            Effort::Short => short,
-            Effort::Long => long,
-        }
-    }
-}
 
 /// An attack.
 pub struct Attack {
@@ -155,6 +139,3 @@ pub fn find(name: &str) -> anyhow::Result<&'static Attack> {
     let attack = ATTACKS.iter().find(|attack| attack.name == name);
     attack.ok_or_else(|| anyhow::anyhow!("no attack named {name}"))
 }
-
-/// Long enough for any single film, on a machine that does other things too.
-const PATIENCE: Duration = Duration::from_secs(60);

@@ -4,12 +4,15 @@ use gst::prelude::*;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
+/// Long enough for any single film, on a machine that does other things too.
+pub const PATIENCE: Duration = Duration::from_secs(60);
+
 /// A frame as it arrived at the sink.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Arrival {
     /// Its time.
     pub pts: Option<gst::ClockTime>,
-    /// The number that it shows, where it is one of [`super::film`].
+    /// The number that it shows, where it is one of [`super::numbered`].
     pub number: Option<usize>,
 }
 
@@ -58,7 +61,7 @@ impl Player {
             let mut seen = lock(&notes);
             match &info.data {
                 Some(gst::PadProbeData::Buffer(buffer)) => {
-                    let number = super::film::number(pad, buffer);
+                    let number = super::numbered::number(pad, buffer);
                     seen.arrivals.push(Arrival { pts: buffer.pts(), number });
                 }
                 Some(gst::PadProbeData::Event(event)) => match event.type_() {

@@ -1,6 +1,6 @@
 //! Upstreams with a fixed number of buffers, as cameras and hardware decoders have.
 
-use super::Effort;
+use super::effort::Effort;
 use super::playback::Player;
 use crate::outcome::Outcome;
 use gst::prelude::*;

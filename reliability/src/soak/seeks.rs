@@ -1,8 +1,9 @@
 //! Seeks, rates, loops and pauses over a film of numbered frames.
 
+use super::effort::Effort;
 use super::film;
+use super::playback::PATIENCE;
 use super::playback::{Arrival, End, Player};
-use super::{Effort, PATIENCE};
 use crate::outcome::Outcome;
 use gst::prelude::*;
 use rand::{RngExt, SeedableRng};

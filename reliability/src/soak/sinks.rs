@@ -1,8 +1,9 @@
 //! Sinks that understand bytes only, and sinks that are slow.
 
+use super::effort::Effort;
 use super::film::{self, MOVING};
+use super::playback::PATIENCE;
 use super::playback::{End, Player};
-use super::{Effort, PATIENCE};
 use crate::outcome::Outcome;
 use anyhow::Context;
 use gst::prelude::*;

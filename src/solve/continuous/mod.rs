@@ -69,6 +69,5 @@ mod prior;
 mod smoother;
 mod trajectory;
 
-pub use camera::given::Camera;
-pub use output::fitted::FittedCorrespondence;
-pub use smoother::{Continuous, Motion, PairMeasurement};
+pub use camera::Camera;
+pub use smoother::Continuous;

@@ -10,6 +10,7 @@
 //! indicates a depth edge between them and is down-weighted.
 
 use crate::parallel::*;
+use crate::robust::loss::{GemanMcClure, Loss};
 
 /// Squared distance of a message from a cell's own estimate, in units of their summed variances, at which its
 /// weight is ¼.
@@ -111,8 +112,7 @@ impl VelocityEstimate {
         let (own, other) = (self.squared_norm(difference), message.squared_norm(difference));
         // The variances of the two along their difference add up.
         let square = own * other / (own + other + f32::MIN_POSITIVE);
-        let share = 1.0 / (1.0 + square / QUARTER_WEIGHT_DISTANCE);
-        message.times(share * share)
+        message.times(GemanMcClure(QUARTER_WEIGHT_DISTANCE).weight(square))
     }
 }
 

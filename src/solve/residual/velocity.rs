@@ -1,7 +1,8 @@
 //! Flow minus path: the residual velocity of each cell, and its information.
 
 use super::diffuse::VelocityEstimate;
-use super::{FrameFlow, Path};
+use super::frame_flow::FrameFlow;
+use super::path::Path;
 use crate::flow::FlowField;
 use crate::parallel::*;
 use crate::readout::Readout;

@@ -6,10 +6,15 @@
 //! from the previous one (a row in the vertical pass, a pixel in the horizontal one); if the integer part
 //! varies inside a block, the vectors of the next integer part are blended in.
 
-use super::{Fixed, Horizontal, Interpolation, Kernel, Passes, Vertical, scalar, with_kernel};
+use super::passes::{Passes, with_kernel};
+use super::scalar::{self, Fixed};
+use super::task::{Horizontal, Vertical};
 use crate::cpu::Avx2;
 use crate::warp::blocks::{BLOCK, Block};
-use crate::warp::weights::{Cubic, FRACTION_BITS, Lanczos, Linear, MAX_TAPS, Nearest, ONE, WEIGHT_BITS};
+use crate::warp::settings::Interpolation;
+use crate::warp::weights::{
+    Cubic, FRACTION_BITS, Kernel, Lanczos, Linear, MAX_TAPS, Nearest, ONE, WEIGHT_BITS,
+};
 use std::arch::x86_64::*;
 
 /// The largest supported step.

@@ -5,10 +5,13 @@
 //! or 4 × 3 (horizontal) for the taps: some 80 for both passes of 8 samples.
 
 use super::avx2::{LANE_MAPS, LaneMap, MAX_STEP, positions};
-use super::{Float, Horizontal, Interpolation, Kernel, Passes, Vertical, with_kernel};
+use super::passes::{Passes, with_kernel};
+use super::scalar::Float;
+use super::task::{Horizontal, Vertical};
 use crate::cpu::Avx2;
 use crate::warp::blocks::{BLOCK, Block};
-use crate::warp::weights::{Cubic, Linear, Nearest, ONE};
+use crate::warp::settings::Interpolation;
+use crate::warp::weights::{Cubic, Kernel, Linear, Nearest, ONE};
 use std::arch::x86_64::*;
 
 /// A kernel whose weights are computed in vectors.

@@ -24,98 +24,18 @@
 mod avx2;
 #[cfg(target_arch = "x86_64")]
 mod avx2_words;
+mod passes;
 mod scalar;
+mod task;
 mod window;
 
-use super::BorderMode;
-use super::Interpolation;
-use super::blocks::Block;
+use super::settings::Interpolation;
 use super::weights::{Cubic, Kernel, Lanczos, Linear, Nearest};
-#[cfg(target_arch = "x86_64")]
-use crate::cpu::Avx2;
 use crate::cpu::CpuLevel;
-use crate::plane::Plane;
-use scalar::Arithmetic;
+pub(super) use passes::Passes;
+use passes::with_kernel;
 pub(super) use scalar::{Fixed, Float};
-
-/// One output row of the vertical pass.
-#[derive(Clone, Copy)]
-pub(super) struct Vertical<'a> {
-    /// The source plane.
-    pub plane: Plane<'a>,
-    /// The picture outside of it.
-    pub border: BorderMode,
-    /// Value outside for [`BorderMode::Constant`], one per channel.
-    pub fill: [u16; 4],
-    /// The output row.
-    pub row: isize,
-    /// The first column, a multiple of 16.
-    pub column: isize,
-    /// Displacements of the columns.
-    pub blocks: &'a [Block],
-}
-
-/// One output row of the horizontal pass.
-#[derive(Clone, Copy)]
-pub(super) struct Horizontal<'a, M> {
-    /// Samples from the vertical pass, `step` per pixel.
-    pub middle: &'a [M],
-    /// Column of the first sample.
-    pub column: isize,
-    /// Samples from one pixel to the next in `middle`.
-    pub step: usize,
-    /// Displacements of the pixels.
-    pub blocks: &'a [Block],
-    /// Pixels in the row.
-    pub width: usize,
-    /// How the output row is stored.
-    pub output: OutputFormat,
-}
-
-/// How the output row is stored.
-#[derive(Clone, Copy)]
-pub(super) struct OutputFormat {
-    /// Bytes a sample: 1 or 2.
-    pub bytes: usize,
-    /// Samples written per pixel.
-    pub channels: usize,
-    /// Samples from one pixel to the next.
-    pub step: usize,
-    /// The largest value, before the shift.
-    pub max: u16,
-    /// The format's shift.
-    pub shift: u32,
-}
-
-/// `$body` with `$kernel` bound to the type of an interpolation. A separate expression can be given for
-/// Lanczos, if it has no vector kernel.
-macro_rules! with_kernel {
-    ($interpolation:expr, $kernel:ident => $body:expr) => {
-        with_kernel!($interpolation, $kernel => $body, Lanczos => {
-            type $kernel = Lanczos;
-            $body
-        })
-    };
-    ($interpolation:expr, $kernel:ident => $body:expr, Lanczos => $lanczos:expr) => {
-        match $interpolation {
-            Interpolation::Nearest => {
-                type $kernel = Nearest;
-                $body
-            }
-            Interpolation::Linear => {
-                type $kernel = Linear;
-                $body
-            }
-            Interpolation::Cubic => {
-                type $kernel = Cubic;
-                $body
-            }
-            Interpolation::Lanczos => $lanczos,
-        }
-    };
-}
-#[cfg(target_arch = "x86_64")]
-use with_kernel;
+pub(super) use task::{Horizontal, OutputFormat, Vertical};
 
 /// First and last tap, relative to the integer position, and the rounding of positions.
 pub(super) fn reach(interpolation: Interpolation) -> (isize, isize, i32) {
@@ -131,31 +51,6 @@ pub(super) fn knots(level: CpuLevel, nodes: &[f32], weights: [f32; 4], round: f3
     let _ = level;
     scalar::knots(nodes, weights, round, knots);
 }
-
-/// Arithmetic whose passes may have vector kernels.
-pub(super) trait Passes: Arithmetic {
-    /// The vertical pass; returns false and does nothing if there is no kernel for it.
-    #[cfg(target_arch = "x86_64")]
-    fn vertical_avx2(
-        avx2: Avx2,
-        interpolation: Interpolation,
-        task: &Vertical<'_>,
-        patch: &mut Vec<u8>,
-        middle: &mut Vec<Self::Number>,
-    ) -> bool;
-
-    /// The horizontal pass; returns false and does nothing if there is no kernel for it.
-    #[cfg(target_arch = "x86_64")]
-    fn horizontal_avx2(
-        avx2: Avx2,
-        interpolation: Interpolation,
-        task: &Horizontal<'_, Self::Number>,
-        row: &mut [u8],
-    ) -> bool;
-}
-
-#[cfg(not(target_arch = "x86_64"))]
-impl<A: Arithmetic> Passes for A {}
 
 /// Vertical pass of a row; `middle` is resized as needed.
 pub(super) fn vertical<A: Passes>(

@@ -1,6 +1,6 @@
 //! Both passes in plain Rust, for every format and interpolation.
 
-use super::{Horizontal, Vertical};
+use super::task::{Horizontal, Vertical};
 use crate::warp::blocks::BLOCK;
 use crate::warp::weights::{Kernel, MAX_TAPS, mulhrs};
 

@@ -2,10 +2,10 @@
 //! the plane's border. Counted for a cubic, mean of all blocks that extend beyond an edge: 580 instructions
 //! for a displacement of 12 px, 290 for 90 px, where most of them lie wholly outside.
 
-use super::Vertical;
-use crate::warp::BorderMode;
+use super::task::Vertical;
 use crate::warp::blocks::BLOCK;
 use crate::warp::border::resolve;
+use crate::warp::settings::BorderMode;
 use crate::warp::weights::Kernel;
 
 /// The samples that one block of the vertical pass reads.

@@ -143,7 +143,7 @@ impl StatedReadout {
 }
 
 fn direction<S: Serializer>(direction: &Option<ReadoutDirection>, serializer: S) -> Result<S::Ok, S::Error> {
-    use crate::rectifier_options::{Direction, name_of};
+    use crate::property_values::{Direction, name_of};
     serializer.serialize_str(&direction.map(|known| name_of(&Direction::from(known))).unwrap_or_default())
 }
 

@@ -7,7 +7,7 @@
 //! difference over its standard error is a normal deviate z, and ½·z² the logarithm of the odds. Before there are windows
 //! to scatter, errors of the model are expected to add what they do to the variance of γ.
 
-use crate::solve::continuous::prior::belief::REMEMBERED;
+use crate::solve::continuous::prior::REMEMBERED;
 use std::collections::VecDeque;
 
 /// Variance in nats² of the difference of two evidences of one pair of frames whose residuals are noise of measurement: some
@@ -18,7 +18,7 @@ const MOST: f64 = 10.0;
 
 /// What a hypothesis says of a window.
 #[derive(Clone, Copy, Debug)]
-pub struct Window {
+pub struct WindowEvidence {
     /// What the window is worth, 0 to 1.
     pub weight: f64,
     /// By how much greater than by chance the variance of its evidence may be, as errors of the model are alike in its
@@ -29,7 +29,7 @@ pub struct Window {
     pub pairs: usize,
 }
 
-impl Window {
+impl WindowEvidence {
     /// Variance in nats² that is expected of the difference of two evidences for each pair.
     fn expected(&self) -> f64 {
         SCATTER / self.pairs as f64
@@ -40,12 +40,12 @@ impl Window {
 #[derive(Clone, Debug, Default)]
 pub struct EvidenceRecord {
     /// The newest first.
-    windows: VecDeque<Window>,
+    windows: VecDeque<WindowEvidence>,
 }
 
 impl EvidenceRecord {
     /// Adds a window; one without pairs or with numbers that are none says nothing.
-    pub fn add(&mut self, window: Window) {
+    pub fn add(&mut self, window: WindowEvidence) {
         let numbers = [window.weight, window.design_effect, window.evidence];
         if window.pairs == 0 || !numbers.iter().all(|number| number.is_finite()) {
             return;
@@ -62,8 +62,8 @@ impl EvidenceRecord {
     /// Logarithm of the odds of this hypothesis against another one by the windows that both have seen.
     pub fn log_odds(&self, other: &Self) -> f64 {
         let both = || self.windows.iter().zip(&other.windows);
-        let sum = |of: &dyn Fn(&Window, f64) -> f64| -> f64 {
-            let difference = |own: &Window, theirs: &Window| {
+        let sum = |of: &dyn Fn(&WindowEvidence, f64) -> f64| -> f64 {
+            let difference = |own: &WindowEvidence, theirs: &WindowEvidence| {
                 let most = MOST * own.expected().sqrt();
                 (own.evidence - theirs.evidence).clamp(-most, most)
             };
@@ -91,7 +91,7 @@ mod tests {
 
     fn record(evidence: impl IntoIterator<Item = f64>) -> EvidenceRecord {
         let mut record = EvidenceRecord::default();
-        let window = |evidence| Window { weight: 1.0, design_effect: 1.0, evidence, pairs: 4 };
+        let window = |evidence| WindowEvidence { weight: 1.0, design_effect: 1.0, evidence, pairs: 4 };
         evidence.into_iter().for_each(|evidence| record.add(window(evidence)));
         record
     }
@@ -124,9 +124,9 @@ mod tests {
         assert!(long.log_odds(&record([0.0; 200])) < -20.0);
         let worthless: EvidenceRecord = {
             let mut record = EvidenceRecord::default();
-            record.add(Window { weight: 1.0, design_effect: 1.0, evidence: 70.0, pairs: 0 });
-            record.add(Window { weight: 1.0, design_effect: 1.0, evidence: f64::NAN, pairs: 4 });
-            record.add(Window { weight: 0.0, design_effect: 1.0, evidence: 70.0, pairs: 4 });
+            record.add(WindowEvidence { weight: 1.0, design_effect: 1.0, evidence: 70.0, pairs: 0 });
+            record.add(WindowEvidence { weight: 1.0, design_effect: 1.0, evidence: f64::NAN, pairs: 4 });
+            record.add(WindowEvidence { weight: 0.0, design_effect: 1.0, evidence: 70.0, pairs: 4 });
             record
         };
         assert_eq!(worthless.log_odds(&record([1.0])), 0.0);

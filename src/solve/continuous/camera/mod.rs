@@ -1,6 +1,11 @@
 //! The posterior of the camera: hypotheses, their evidence, and when they are tried.
 
-pub mod bank;
-pub mod evidence;
-pub mod given;
-pub mod hypothesis;
+mod evidence;
+mod given;
+mod hypothesis;
+mod posterior;
+mod schedule;
+
+pub use given::{Camera, READOUT_BELIEF};
+pub use hypothesis::Hypothesis;
+pub use posterior::{Break, CameraPosterior};

@@ -10,9 +10,11 @@
 //! The scene goes round what moves in it: a match counts by its squared distance from the image centre. And
 //! what did not belong to the scene in the pair before has no vote in this one.
 
-use crate::solve::continuous::data::matches::Match;
-use crate::solve::median::{MEDIAN_TO_VARIANCE, median};
-use nalgebra::{Matrix3, SMatrix, SVector, Vector2, Vector3};
+use super::matches::Match;
+use crate::robust::loss::GemanMcClure;
+use crate::robust::median::median;
+use crate::robust::motion::{Motion, Round, Sample, Scale, fit, quadratic};
+use nalgebra::{Matrix2x3, Matrix3, SMatrix};
 
 /// Matches that vote, drawn by what they count.
 const VOTERS: f64 = 128.0;
@@ -23,6 +25,8 @@ const TRIALS: usize = 64;
 /// Those of them that are made quadratic, and in how many rounds.
 const FINALISTS: usize = 6;
 const ROUNDS: usize = 4;
+/// The loss of these rounds: a match two deviations off counts a quarter.
+const LOSS: GemanMcClure = GemanMcClure(4.0);
 /// Matches of one motion are off it by this share of the usual displacement at least: it is not quite quadratic.
 const UNEVEN: f64 = 0.02;
 /// Matches that are off by more than so many deviations are outliers.
@@ -36,7 +40,8 @@ const RIDGE: f64 = 1e-3;
 /// Steps of a sequence that fills the unit cube evenly: powers of the root of x⁴ = x + 1 (M. Roberts, 2018).
 const EVEN: [f64; 3] = [0.819_172_513_396_164_4, 0.671_043_606_703_789_2, 0.549_700_477_901_970_2];
 
-type Quadratic = SMatrix<f64, 2, TERMS>;
+type Quadratic = Motion<f64, TERMS>;
+type Voter = Sample<f64, TERMS>;
 
 /// The displacement that most of the matches share, as a function of where they set out.
 #[derive(Clone, Debug)]
@@ -46,17 +51,8 @@ pub struct Dominant {
     reach: f64,
 }
 
-fn terms(point: Vector2<f64>) -> SVector<f64, TERMS> {
-    let [x, y] = [point.x, point.y];
-    SVector::from([1.0, x, y, x * x, x * y, y * y])
-}
-
-fn displacement(m: &Match) -> Vector2<f64> {
-    m.to - m.from
-}
-
-fn square(motion: &Quadratic, m: &Match) -> f64 {
-    (displacement(m) - motion * terms(m.from)).norm_squared()
+fn sample(m: &Match) -> Voter {
+    Sample { terms: quadratic(m.from), displacement: m.to - m.from, weight: 1.0 }
 }
 
 impl Dominant {
@@ -66,20 +62,16 @@ impl Dominant {
             matches.iter().zip(votes).filter(|(_, votes)| **votes).map(|(m, _)| m).collect();
         let is_quorate = entitled.len() as f64 >= QUORUM * matches.len() as f64;
         let voters = if is_quorate { draw(&entitled) } else { draw(&matches.iter().collect::<Vec<_>>()) };
-        let mut squares: Vec<f64> = voters.iter().map(|m| displacement(m).norm_squared()).collect();
+        let mut squares: Vec<f64> = voters.iter().map(|voter| voter.displacement.norm_squared()).collect();
         let least = UNEVEN * UNEVEN * median(&mut squares);
-        let mut variance = |motion: &Quadratic| {
-            squares.clear();
-            squares.extend(voters.iter().map(|m| square(motion, m)));
-            (median(&mut squares) * MEDIAN_TO_VARIANCE).max(least)
-        };
+        let mut variance = |motion: &Quadratic| motion.variance(voters.iter().copied(), least, &mut squares);
         let mut tried: Vec<(f64, Quadratic)> =
             (0..TRIALS).filter_map(|trial| affine(&voters, trial)).map(|m| (variance(&m), m)).collect();
         tried.sort_by(|a, b| a.0.total_cmp(&b.0));
-        let mut best = (f64::INFINITY, Quadratic::zeros());
+        let mut best = (f64::INFINITY, Motion(SMatrix::zeros()));
         for (mut variance_of, mut motion) in tried.into_iter().take(FINALISTS) {
             for _ in 0..ROUNDS {
-                let Some(finer) = refined(&voters, &motion, variance_of) else { break };
+                let Some(finer) = refined(&voters, motion, variance_of) else { break };
                 let left = variance(&finer);
                 if left >= variance_of {
                     break;
@@ -96,12 +88,12 @@ impl Dominant {
 
     /// Whether a match shares it.
     pub fn holds(&self, m: &Match) -> bool {
-        square(&self.motion, m) <= self.reach
+        self.motion.square(&sample(m)) <= self.reach
     }
 }
 
 /// Draws voters evenly by what they count.
-fn draw<'a>(matches: &[&'a Match]) -> Vec<&'a Match> {
+fn draw(matches: &[&Match]) -> Vec<Voter> {
     let count = |m: &Match| CENTRE + m.from.norm_squared();
     let total: f64 = matches.iter().map(|m| count(m)).sum();
     let mut sum = 0.5;
@@ -109,40 +101,32 @@ fn draw<'a>(matches: &[&'a Match]) -> Vec<&'a Match> {
     for m in matches {
         let before = f64::floor(sum);
         sum += VOTERS * count(m) / total;
-        voters.extend(std::iter::repeat_n(*m, (sum.floor() - before) as usize));
+        voters.extend(std::iter::repeat_n(sample(m), (sum.floor() - before) as usize));
     }
     voters
 }
 
 /// An affine motion through three voters.
-fn affine(voters: &[&Match], trial: usize) -> Option<Quadratic> {
+fn affine(voters: &[Voter], trial: usize) -> Option<Quadratic> {
     let at = |step: f64| voters.get(((0.5 + step * trial as f64).fract() * voters.len() as f64) as usize);
     let [a, b, c] = EVEN.map(at);
     let three = [*a?, *b?, *c?];
-    let points = Matrix3::from_columns(&three.map(|m| Vector3::new(1.0, m.from.x, m.from.y)));
-    let affine = SMatrix::<f64, 2, 3>::from_columns(&three.map(displacement)) * points.try_inverse()?;
-    Some(affine.fixed_resize(0.0))
+    let points = Matrix3::from_columns(&three.map(|voter| voter.terms.fixed_resize(0.0)));
+    let affine = Matrix2x3::from_columns(&three.map(|voter| voter.displacement)) * points.try_inverse()?;
+    Some(Motion(affine.fixed_resize(0.0)))
 }
 
-/// A quadratic motion of those that are near another one (Geman–McClure weights, at the scale of its variance).
-fn refined(voters: &[&Match], motion: &Quadratic, variance: f64) -> Option<Quadratic> {
-    let mut normal = SMatrix::<f64, TERMS, TERMS>::identity() * RIDGE;
-    let mut right = Quadratic::zeros();
-    for m in voters {
-        let terms = terms(m.from);
-        let weight = (1.0 + square(motion, m) / (4.0 * variance)).powi(-2);
-        let weighted = terms.transpose() * weight;
-        normal += terms * weighted;
-        right += displacement(m) * weighted;
-    }
-    Some(right * normal.cholesky()?.inverse())
+/// One round of the robust fit from another motion, whose residuals have this variance.
+fn refined(voters: &[Voter], motion: Quadratic, variance: f64) -> Option<Quadratic> {
+    let round = Round { scale: Scale::Variance(variance), ridge: [RIDGE; TERMS] };
+    fit(voters.iter().copied(), motion, LOSS, [round])
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::solve::random::Random;
-    use nalgebra::Matrix2;
+    use nalgebra::{Matrix2, Vector2};
 
     /// Matches over the picture that turn and speed up with the row; those within `side` of the centre along both axes
     /// move by `own` more.

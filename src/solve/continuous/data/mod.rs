@@ -1,7 +1,12 @@
 //! What is measured: the correspondences of the pairs of frames in a window.
 
-pub mod dominant;
-pub mod matches;
-pub mod overlay;
-pub mod pair;
-pub mod window;
+mod dominant;
+mod matches;
+mod overlay;
+mod pair;
+mod window;
+
+pub use matches::{Match, ScanAxis, Shutter};
+pub use overlay::StaticOverlay;
+pub use pair::{FramePair, Track};
+pub use window::{PairWindow, breadth};

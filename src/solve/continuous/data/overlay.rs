@@ -7,8 +7,9 @@
 //! that spread, so that a motion that is at rest there, or may be, says nothing.
 
 use crate::correspond::Correspondence;
-use crate::solve::median::{MEDIAN_TO_VARIANCE, median};
-use nalgebra::{Matrix2x3, Matrix3, Vector2, Vector3};
+use crate::robust::loss::{GemanMcClure, Loss, StudentT};
+use crate::robust::motion::{Motion, Round, Sample, Scale, affine, fit};
+use nalgebra::{Matrix2x3, Vector2};
 
 /// Cells across the frame.
 const COLUMNS: usize = 32;
@@ -25,11 +26,12 @@ const BREADTH: f64 = 0.75;
 /// The logarithm of the odds that a cell is fixed before anything was seen of it, and how far they go.
 const PRIOR: f64 = -3.0;
 const FARTHEST: f64 = 8.0;
-/// Degrees of freedom of Student's t, and its exponent in two dimensions.
-const FREEDOM: f64 = 3.0;
-const EXPONENT: f64 = 0.5 * (FREEDOM + 2.0);
-/// Rounds in which the motion of what moves is fitted.
+/// Degrees of freedom of Student's t.
+const FREEDOM: i32 = 3;
+/// Rounds in which the motion of what moves is fitted, all weights being equal in the first.
 const ROUNDS: usize = 4;
+/// The loss of these rounds: a match two deviations off counts a quarter.
+const FIT_LOSS: GemanMcClure = GemanMcClure(4.0);
 
 /// Where the picture is fixed to the frame.
 #[derive(Debug)]
@@ -91,12 +93,12 @@ impl StaticOverlay {
         }
         let still = self.spread * self.spread;
         let Some(around) = Around::of(&moved, still) else { return };
-        let unlikely = |square: f64, variance: f64| EXPONENT * (square / (FREEDOM * variance)).ln_1p();
+        let loss = StudentT::<FREEDOM>;
         for m in found {
-            let fixed = unlikely(displacement(m).norm_squared(), still);
-            let moves = unlikely(around.square(m), around.variance);
+            let fixed = loss.log_likelihood(displacement(m).norm_squared() / still);
+            let moves = loss.log_likelihood(around.motion.square(&sample(m)) / around.variance);
             if let Some(odds) = self.index(m).and_then(|index| self.odds.get_mut(index)) {
-                *odds = (*odds + moves - fixed).clamp(-FARTHEST, FARTHEST);
+                *odds = (*odds + fixed - moves).clamp(-FARTHEST, FARTHEST);
             }
         }
     }
@@ -109,41 +111,27 @@ fn displacement(m: &Correspondence) -> Vector2<f64> {
 /// An affine motion that most of some matches share, and how far they are off.
 #[derive(Debug)]
 struct Around {
-    motion: Matrix2x3<f64>,
+    motion: Motion<f64, 3>,
     /// Of a coordinate.
     variance: f64,
 }
 
 impl Around {
-    /// Least squares, weighed by Geman and McClure's function from the second round on; of at least this variance.
+    /// The fit to some matches; the variance is at least `least`.
     fn of(matches: &[&Correspondence], least: f64) -> Option<Self> {
-        let mut around = Self { motion: Matrix2x3::zeros(), variance: f64::INFINITY };
-        let mut squares = Vec::with_capacity(matches.len());
-        for _ in 0..ROUNDS {
-            let mut normal = Matrix3::zeros();
-            let mut right = Matrix2x3::zeros();
-            for m in matches {
-                let terms = terms(m);
-                let weight = (1.0 + around.square(m) / (4.0 * around.variance)).powi(-2);
-                let weighted = terms.transpose() * weight;
-                normal += terms * weighted;
-                right += displacement(m) * weighted;
-            }
-            around.motion = right * normal.try_inverse()?;
-            squares.clear();
-            squares.extend(matches.iter().map(|m| around.square(m)));
-            around.variance = (median(&mut squares) * MEDIAN_TO_VARIANCE).max(least);
-        }
-        around.variance.is_finite().then_some(around)
-    }
-
-    fn square(&self, m: &Correspondence) -> f64 {
-        (displacement(m) - self.motion * terms(m)).norm_squared()
+        let samples = matches.iter().map(|m| sample(m));
+        let rounds = (0..ROUNDS).map(|round| {
+            let scale = if round == 0 { Scale::Variance(f64::INFINITY) } else { Scale::Median { least } };
+            Round { scale, ridge: [0.0; 3] }
+        });
+        let motion = fit(samples.clone(), Motion(Matrix2x3::zeros()), FIT_LOSS, rounds)?;
+        let variance = motion.variance(samples, least, &mut Vec::new());
+        variance.is_finite().then_some(Self { motion, variance })
     }
 }
 
-fn terms(m: &Correspondence) -> Vector3<f64> {
-    Vector3::new(1.0, m.from.x, m.from.y)
+fn sample(m: &Correspondence) -> Sample<f64, 3> {
+    Sample { terms: affine(m.from), displacement: displacement(m), weight: 1.0 }
 }
 
 #[cfg(test)]

@@ -1,8 +1,8 @@
 //! One pair of frames: its correspondences, and the tracks that they continue.
 
+use super::dominant::Dominant;
+use super::matches::Match;
 use crate::correspond::Correspondence;
-use crate::solve::continuous::data::dominant::Dominant;
-use crate::solve::continuous::data::matches::Match;
 use nalgebra::Vector2;
 
 /// How probable it is that a match shows the scene if it shares the dominant motion, and that it does not if it does not.
@@ -38,7 +38,7 @@ pub struct Track {
 
 /// Correspondences of a pair and the timestamps of its frames in frame periods.
 #[derive(Clone, Debug)]
-pub struct Pair {
+pub struct FramePair {
     pub matches: Vec<Match>,
     /// The track that each of them continues, where there is one.
     pub tracks: Vec<Option<Track>>,
@@ -52,7 +52,7 @@ pub struct Pair {
     found: Vec<Match>,
 }
 
-impl Pair {
+impl FramePair {
     /// Takes the correspondences (pixels) of a pair that follows another one, if any; `None` where there are too few to
     /// say anything or the frames are too far apart.
     pub fn new(
@@ -143,7 +143,7 @@ mod tests {
     use nalgebra::Matrix2;
 
     /// A row of points ten pixels apart that move down by 100.
-    fn row(first: [f64; 2], stamps: [f64; 2], before: Option<&Pair>) -> Pair {
+    fn row(first: [f64; 2], stamps: [f64; 2], before: Option<&FramePair>) -> FramePair {
         let at = |k: usize| Vector2::new(first[0] + 10.0 * (k % 5) as f64, first[1] + 10.0 * (k / 5) as f64);
         let found: Vec<Correspondence> = (0..20)
             .map(|k| {
@@ -151,7 +151,7 @@ mod tests {
                 Correspondence { from: at(k), to, texture: 1.0, residual: 0.0, covariance: Matrix2::zeros() }
             })
             .collect();
-        Pair::new(&found, Vector2::zeros(), 10.0, stamps, before).unwrap()
+        FramePair::new(&found, Vector2::zeros(), 10.0, stamps, before).unwrap()
     }
 
     #[test]

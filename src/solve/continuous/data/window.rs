@@ -1,8 +1,8 @@
 //! The pairs that a path is fitted to.
 
-use crate::solve::continuous::data::matches::ScanAxis;
-use crate::solve::continuous::data::pair::Pair;
-use crate::solve::median::median;
+use super::matches::ScanAxis;
+use super::pair::FramePair;
+use crate::robust::median::median;
 
 /// Pairs that tell one readout from another.
 const FEWEST_PAIRS: usize = 4;
@@ -12,7 +12,7 @@ const LINES: usize = 16;
 /// Pairs that follow one another, around a frame.
 #[derive(Clone, Copy)]
 pub struct PairWindow<'a> {
-    pub pairs: &'a [&'a Pair],
+    pub pairs: &'a [&'a FramePair],
     /// Number of those before the frame.
     pub past: usize,
 }
@@ -33,7 +33,7 @@ impl<'a> PairWindow<'a> {
     }
 
     /// The pairs that the frame is in.
-    pub fn own_pairs(self) -> impl Iterator<Item = &'a Pair> {
+    pub fn own_pairs(self) -> impl Iterator<Item = &'a FramePair> {
         self.beside().filter_map(move |index| self.pairs.get(index).copied())
     }
 
@@ -45,7 +45,7 @@ impl<'a> PairWindow<'a> {
 
     /// Mean square distance by which points moved in the pairs that the frame is in, in squared units of the radius.
     pub fn moved(self) -> f64 {
-        self.own_pairs().map(Pair::moved).fold(0.0, f64::max)
+        self.own_pairs().map(FramePair::moved).fold(0.0, f64::max)
     }
 
     /// Index of the pair that the frame begins; without lookahead, of the one that it ends.
@@ -63,7 +63,7 @@ impl<'a> PairWindow<'a> {
 
 /// Whether a pair shows enough of the picture's lines to tell a shutter from a thing that moves on its own: 0 up to a
 /// quarter of them, 1 from a half on.
-pub fn breadth(pair: &Pair, scan_axis: ScanAxis) -> f64 {
+pub fn breadth(pair: &FramePair, scan_axis: ScanAxis) -> f64 {
     let mut shown = [false; LINES];
     for one in &pair.matches {
         let line = scan_axis.place(one.from) * LINES as f64;

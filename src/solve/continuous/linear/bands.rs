@@ -3,11 +3,10 @@
 //! A band's matches are exposed at about the same time, so that they share the splines' weights: they are added up by
 //! generator here, and spread over the coefficients once (`equations`).
 
+use super::shared::SHARED;
 use crate::motion::generators::GENERATORS;
 use nalgebra::{Matrix2, SMatrix, Vector2};
 
-/// Unknowns of the camera that all frames share: γ and κ.
-pub const SHARED: usize = 2;
 /// Right sides of a band: what is new, and the columns of the shared unknowns.
 pub const SIDES: usize = 1 + SHARED;
 

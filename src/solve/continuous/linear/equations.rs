@@ -5,11 +5,11 @@
 //! weights. The coefficients of a pair are sorted into those of turns and the others, knot by knot, so that the
 //! four knots of either lie side by side.
 
+use super::banded::Banded;
+use super::bands::{Band, Row, SIDES};
+use super::shared::Shared;
 use crate::motion::generators::{GENERATORS, TURNS};
-use crate::solve::continuous::linear::banded::Banded;
-use crate::solve::continuous::linear::bands::{Band, Row, SHARED, SIDES};
-use crate::solve::continuous::trajectory::spline;
-use crate::solve::continuous::trajectory::splines::{BLOCK, SplinePath, ratio};
+use crate::solve::continuous::trajectory::{BLOCK, Splines, ratio, spline};
 
 /// Generators other than the turns.
 const OTHERS: usize = GENERATORS - TURNS;
@@ -115,7 +115,7 @@ fn add_scaled(cells: &mut [f64; SAY], values: &[f64; SAY], factor: f64) {
 }
 
 /// Blocks at which a band's ends are exposed, within what the path covers.
-fn times<'a>(band: &'a Band, path: &SplinePath) -> impl Iterator<Item = (usize, f64)> + 'a {
+fn times<'a>(band: &'a Band, path: &Splines) -> impl Iterator<Item = (usize, f64)> + 'a {
     let blocks = (path.coefficients.len() / BLOCK) as i64;
     let (low, high) = (path.base as f64, (path.base + blocks - 3) as f64);
     let weights = [band.linked, band.weight, band.weight];
@@ -126,7 +126,7 @@ fn times<'a>(band: &'a Band, path: &SplinePath) -> impl Iterator<Item = (usize, 
 
 impl Equations {
     /// Makes these the equations of a path that nothing is known of.
-    fn reset(&mut self, bands: &[Band], path: &SplinePath) {
+    fn reset(&mut self, bands: &[Band], path: &Splines) {
         let times = bands.iter().flat_map(|band| times(band, path)).map(|(_, time)| time);
         let [low, high] =
             times.fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], t| [low.min(t), high.max(t)]);
@@ -151,7 +151,7 @@ impl Equations {
 
     /// Makes these the equations of bands.
     #[inline(always)]
-    pub fn fill(&mut self, bands: &[Band], path: &SplinePath) {
+    pub fn fill(&mut self, bands: &[Band], path: &Splines) {
         self.reset(bands, path);
         let mut ends = std::mem::take(&mut self.ends);
         ends.clear();
@@ -228,7 +228,7 @@ impl Equations {
     }
 
     /// Goes on with a path that begins so many blocks later; whether it has all the coefficients.
-    pub fn shift(&mut self, blocks: i64, path: &SplinePath) -> bool {
+    pub fn shift(&mut self, blocks: i64, path: &Splines) -> bool {
         let by = blocks.saturating_mul(BLOCK as i64);
         let moved = |place: &usize| usize::try_from(*place as i64 - by).unwrap_or(usize::MAX);
         self.places.iter_mut().for_each(|place| *place = moved(place));
@@ -248,7 +248,8 @@ impl Equations {
     }
 
     /// Adds them to those of the path.
-    pub fn add_to(&self, matrix: &mut Banded, right: &mut [f64], border: &mut [Vec<f64>; SHARED]) {
+    pub fn add_to(&self, matrix: &mut Banded, right: &mut [f64], border: &mut Shared<Vec<f64>>) {
+        let mut border = border.as_mut().into_array();
         for (i, row) in self.places.iter().enumerate() {
             for (j, column) in self.places[..=i].iter().enumerate() {
                 matrix.add(*row, *column, self.entry(i, j));

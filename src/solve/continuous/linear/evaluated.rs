@@ -3,12 +3,12 @@
 //! Residuals and normal equations of a pair are kept as long as nothing that they depend on changes: where the evidence of
 //! a window was asked for, the next window, a frame later, finds all but its first and last pairs done.
 
+use super::normal::Normal;
+use super::pair_residuals::PairResiduals;
+use super::residual::Evaluator;
 use crate::parallel::*;
-use crate::solve::continuous::data::pair::Pair;
-use crate::solve::continuous::linear::normal::Normal;
-use crate::solve::continuous::linear::pair_residuals::PairResiduals;
-use crate::solve::continuous::linear::residual::View;
-use crate::solve::continuous::trajectory::splines::SplinePath;
+use crate::solve::continuous::data::FramePair;
+use crate::solve::continuous::trajectory::Splines;
 use nalgebra::Vector2;
 
 /// On what the normal equations of a pair depend, beside the path.
@@ -17,7 +17,7 @@ struct Seen {
     stamps: [f64; 2],
     /// Where the first match arrives, as timestamps may come twice.
     first: Option<Vector2<f64>>,
-    readout: f64,
+    gamma: f64,
     kappa: f64,
     /// Whether the path reaches to the pair before.
     tracks: bool,
@@ -40,16 +40,17 @@ pub fn invalidate(evaluated: &mut [EvaluatedPair]) {
 }
 
 /// Evaluates pairs that follow one another against a path; those that were are not again.
-pub fn evaluate(evaluated: &mut Vec<EvaluatedPair>, pairs: &[&Pair], view: &View<'_>) {
-    let wanted = |(index, pair): (usize, &&Pair)| Seen {
+pub fn evaluate(evaluated: &mut Vec<EvaluatedPair>, pairs: &[&FramePair], evaluator: &Evaluator<'_>) {
+    let splines = &evaluator.trajectory.splines;
+    let wanted = |(index, pair): (usize, &&FramePair)| Seen {
         stamps: pair.stamps,
         first: pair.matches.first().map(|m| m.to),
-        readout: view.readout,
-        kappa: view.path.kappa,
+        gamma: evaluator.shutter.gamma,
+        kappa: splines.kappa,
         tracks: index > 0,
     };
     let wanted: Vec<Seen> = pairs.iter().enumerate().map(wanted).collect();
-    evaluated.iter_mut().for_each(|evaluated| evaluated.move_to(view.path));
+    evaluated.iter_mut().for_each(|evaluated| evaluated.move_to(splines));
     // Each pair that is wanted in its place, the others behind.
     evaluated.resize_with(pairs.len().max(evaluated.len()), EvaluatedPair::default);
     for (index, wanted) in wanted.iter().enumerate() {
@@ -65,9 +66,9 @@ pub fn evaluate(evaluated: &mut Vec<EvaluatedPair>, pairs: &[&Pair], view: &View
     evaluated.par_iter_mut().zip(pairs).zip(&wanted).zip(&changed).for_each(
         |(((evaluated, pair), wanted), is_changed)| {
             if *is_changed {
-                view.residuals(pair, wanted.tracks, &mut evaluated.residuals);
-                evaluated.normal.estimate_scatter(&evaluated.residuals, view.noise);
-                (evaluated.seen, evaluated.base) = (Some(*wanted), view.path.base);
+                evaluator.residuals(pair, wanted.tracks, &mut evaluated.residuals);
+                evaluated.normal.estimate_scatter(&evaluated.residuals, evaluator.noise);
+                (evaluated.seen, evaluated.base) = (Some(*wanted), splines.base);
             }
         },
     );
@@ -78,14 +79,14 @@ pub fn evaluate(evaluated: &mut Vec<EvaluatedPair>, pairs: &[&Pair], view: &View
     }
     evaluated.par_iter_mut().zip(&changed).for_each(|(evaluated, is_changed)| {
         if *is_changed {
-            view.normal(&evaluated.residuals, &mut evaluated.normal);
+            evaluator.normal(&evaluated.residuals, &mut evaluated.normal);
         }
     });
 }
 
 impl EvaluatedPair {
     /// Goes on with a path that begins at another block.
-    fn move_to(&mut self, path: &SplinePath) {
+    fn move_to(&mut self, path: &Splines) {
         if self.base != path.base && !self.normal.equations.shift(path.base - self.base, path) {
             self.seen = None;
         }
@@ -99,16 +100,15 @@ mod tests {
     use crate::correspond::Correspondence;
     use crate::cpu::CpuLevel;
     use crate::motion::generators::GENERATORS;
-    use crate::solve::continuous::data::matches::ScanAxis;
-    use crate::solve::continuous::trajectory::homographies::Flow;
-    use crate::solve::continuous::trajectory::splines::{BLOCK, ratio};
+    use crate::solve::continuous::data::{ScanAxis, Shutter};
+    use crate::solve::continuous::trajectory::{BLOCK, KnotDensity, Trajectory, ratio};
     use nalgebra::Matrix2;
 
     const RADIUS: f64 = 320.0;
 
     /// A path over 9 blocks that goes to and fro by this many pixels, the same for the same instants.
-    fn path(base: i64, pixels: f64) -> SplinePath {
-        let mut path = SplinePath { base, coefficients: vec![0.0; 9 * BLOCK], kappa: 0.3 };
+    fn path(base: i64, pixels: f64) -> Splines {
+        let mut path = Splines { base, coefficients: vec![0.0; 9 * BLOCK], kappa: 0.3 };
         for j in 0..GENERATORS {
             for knot in path.knots(j) {
                 let place = path.place(j, knot) as usize;
@@ -119,7 +119,7 @@ mod tests {
     }
 
     /// A hundred points that move by up to two pixels.
-    fn pair(stamp: f64) -> Pair {
+    fn pair(stamp: f64) -> FramePair {
         let found: Vec<Correspondence> = (0..100)
             .map(|k| {
                 let from = Vector2::new(-300.0 + 60.0 * (k % 10) as f64, -225.0 + 45.0 * (k / 10) as f64);
@@ -128,27 +128,15 @@ mod tests {
                 Correspondence { from, to, texture: 1.0, residual: 0.0, covariance: Matrix2::zeros() }
             })
             .collect();
-        Pair::new(&found, Vector2::zeros(), RADIUS, [stamp, stamp + 1.0], None).unwrap()
+        FramePair::new(&found, Vector2::zeros(), RADIUS, [stamp, stamp + 1.0], None).unwrap()
     }
 
-    fn evaluate_against(evaluated: &mut Vec<EvaluatedPair>, pairs: &[&Pair], path: &SplinePath) {
-        let mut flow = Flow::default();
-        flow.follow(path, [path.base as f64, path.base as f64 + 6.0], RADIUS);
-        let scan_axis = ScanAxis { by_rows: true, length: 1.5 };
-        evaluate(
-            evaluated,
-            pairs,
-            &View {
-                cpu: CpuLevel::detect(),
-                path,
-                flow: &flow,
-                scan_axis,
-                density: 1.0,
-                readout: 0.7,
-                radius: RADIUS,
-                noise: 0.1,
-            },
-        );
+    fn evaluate_against(evaluated: &mut Vec<EvaluatedPair>, pairs: &[&FramePair], path: &Splines) {
+        let blocks = [path.base as f64, path.base as f64 + 6.0];
+        let trajectory = &Trajectory::of(path.clone(), KnotDensity::Usual, RADIUS, blocks);
+        let shutter = Shutter { scan_axis: ScanAxis { by_rows: true, length: 1.5 }, gamma: 0.7 };
+        let evaluator = Evaluator { cpu: CpuLevel::detect(), trajectory, shutter, noise: 0.1 };
+        evaluate(evaluated, pairs, &evaluator);
     }
 
     /// Place and value of all entries of a pair's matrix, and what is left of the pair.
@@ -174,8 +162,8 @@ mod tests {
 
     #[test]
     fn the_next_window_finds_what_the_one_before_left() {
-        let pairs: Vec<Pair> = [0.0, 1.0, 2.0, 3.0, 4.0].map(pair).into();
-        let windows: [Vec<&Pair>; 2] = [pairs[..4].iter().collect(), pairs[1..].iter().collect()];
+        let pairs: Vec<FramePair> = [0.0, 1.0, 2.0, 3.0, 4.0].map(pair).into();
+        let windows: [Vec<&FramePair>; 2] = [pairs[..4].iter().collect(), pairs[1..].iter().collect()];
         let (mut evaluated, mut fresh) = (Vec::new(), Vec::new());
         evaluate_against(&mut evaluated, &windows[0], &path(-1, 2.0));
         evaluate_against(&mut evaluated, &windows[1], &path(0, 2.0));
@@ -185,8 +173,8 @@ mod tests {
 
     #[test]
     fn nothing_is_done_again_before_the_path_changes() {
-        let pairs: Vec<Pair> = [0.0, 1.0, 2.0].map(pair).into();
-        let pairs: Vec<&Pair> = pairs.iter().collect();
+        let pairs: Vec<FramePair> = [0.0, 1.0, 2.0].map(pair).into();
+        let pairs: Vec<&FramePair> = pairs.iter().collect();
         let (mut evaluated, mut fresh) = (Vec::new(), Vec::new());
         evaluate_against(&mut evaluated, &pairs, &path(-1, 2.0));
         evaluate_against(&mut fresh, &pairs, &path(-1, 5.0));

@@ -1,10 +1,18 @@
 //! Residuals of the pairs, and their normal equations.
 
-pub mod banded;
-pub mod bands;
-pub mod equations;
+mod banded;
+mod bands;
+mod equations;
 pub mod evaluated;
-pub mod normal;
-pub mod pair_residuals;
-pub mod parallax;
-pub mod residual;
+mod normal;
+mod pair_residuals;
+mod parallax;
+mod residual;
+mod shared;
+mod system;
+
+pub use banded::Banded;
+pub use evaluated::EvaluatedPair;
+pub use residual::Evaluator;
+pub use shared::{SHARED, Shared};
+pub use system::{SharedEquations, System};

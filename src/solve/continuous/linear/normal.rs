@@ -11,21 +11,21 @@
 //! The splines are evaluated once for a *band* of correspondences exposed at about the same time.
 //! That rounds the slopes, never the residuals.
 
+use super::bands::{Band, Slopes, mixed};
+use super::equations::Equations;
+use super::pair_residuals::PairResiduals;
+use super::parallax::{Innovation, Scatter};
+use super::residual::{Evaluator, Leg};
+use super::shared::SHARED;
 use crate::cpu::for_each_cpu;
 use crate::motion::generators::{TURNS, fields};
-use crate::solve::continuous::linear::bands::{Band, SHARED, Slopes, mixed};
-use crate::solve::continuous::linear::equations::Equations;
-use crate::solve::continuous::linear::pair_residuals::PairResiduals;
-use crate::solve::continuous::linear::parallax::{Innovation, Scatter};
-use crate::solve::continuous::linear::residual::{Leg, View};
+use crate::robust::loss::{EffectiveNumber, Loss, Mixture};
 use nalgebra::{Matrix2, SMatrix, SVector};
 
 /// Bands to a pair.
 const BANDS: usize = 24;
 /// Degrees of freedom of Student's t, as which residuals are distributed.
-const FREEDOM: f64 = 4.0;
-/// Exponent of their density in two dimensions: −(ν + 2)/2.
-const EXPONENT: i32 = -3;
+const FREEDOM: i32 = 4;
 /// However many correspondences a pair has, they are worth no more than so many independent ones of equal weight: what the
 /// path does not explain is alike in neighbours.
 const INDEPENDENT_MATCHES: f64 = 25.0;
@@ -64,46 +64,33 @@ impl Normal {
     pub fn log_likelihood(&self, residuals: &PairResiduals) -> f64 {
         let likely = residuals.legs.iter().zip(&residuals.before).map(|(leg, before)| {
             let new = self.scatter.innovation(leg, before.as_ref());
-            let [scene, other] = densities_of(&new, leg, residuals.others);
-            (scene + other).ln()
+            loss_of(&new, leg, residuals.others).log_likelihood(new.square())
         });
         independent_share(residuals) * likely.filter(|likely| likely.is_finite()).sum::<f64>()
     }
 }
 
-/// Densities of a match as one of the scene and as anything else, each times its prior probability, up to a constant.
-///
-/// The scene's are distributed as Student's t about the path, all others about evenly over as far as points move in the
-/// pair, `others` being their variance: with the tails of t alone a path that fits two thirds of the matches well is as likely
-/// as one that fits all of them badly.
+/// The loss of a match's innovation: matches of the scene are distributed as Student's t about the path, all others about evenly
+/// over as far as points move in the pair, whose variance is `others` in px².
 #[inline(always)]
-fn densities(prior: f64, square: f64, inverse_scale: f64, others: f64) -> [f64; 2] {
-    let student = (1.0 + square / FREEDOM).powi(EXPONENT) * inverse_scale;
-    [prior * student, (1.0 - prior) / others]
-}
-
-/// Of what is new in a match.
-#[inline(always)]
-fn densities_of(new: &Innovation, leg: &Leg, others: f64) -> [f64; 2] {
+fn loss_of(new: &Innovation, leg: &Leg, others: f64) -> Mixture<FREEDOM> {
     let inverse_scale = new.weight.determinant().sqrt() * leg.whitening.determinant();
-    densities(leg.prior, new.square(), inverse_scale, others)
+    Mixture::new(leg.prior, inverse_scale, others)
 }
 
-/// How many independent matches one is worth: of weights w, there are as many as (Σw)²/Σw² equal ones (L. Kish, *Survey
-/// Sampling*, 1965).
+/// The factor on each weight by which a pair counts as at most [`INDEPENDENT_MATCHES`].
 fn independent_share(residuals: &PairResiduals) -> f64 {
     let weights = residuals.legs.iter().map(|leg| leg.prior * leg.whitening.norm_squared());
-    let [sum, squares] = weights.fold([0.0; 2], |[sum, squares], w| [sum + w, squares + w * w]);
-    if sum > 0.0 { (INDEPENDENT_MATCHES * squares / (sum * sum)).min(1.0) } else { 0.0 }
+    weights.collect::<EffectiveNumber>().independent_share(INDEPENDENT_MATCHES)
 }
 
 for_each_cpu! {
-    fn add_up(view: &View<'_>, residuals: &PairResiduals, out: &mut Normal) {
+    fn add_up(view: &Evaluator<'_>, residuals: &PairResiduals, out: &mut Normal) {
         view.add_up(residuals, out);
     }
 }
 
-impl View<'_> {
+impl Evaluator<'_> {
     /// Adds up what a pair says, given the one before and the variances of its residuals.
     pub fn normal(&self, residuals: &PairResiduals, out: &mut Normal) {
         add_up(self.cpu, self, residuals, out);
@@ -120,19 +107,18 @@ impl View<'_> {
         out.shared_right = SVector::zeros();
         for (leg, before) in residuals.legs.iter().zip(&residuals.before) {
             let mut new = scatter.innovation(leg, before.as_ref());
-            let [scene, other] = densities_of(&new, leg, residuals.others);
-            new.weight *= independent * (FREEDOM + 2.0) / (FREEDOM + new.square()) * scene / (scene + other);
+            new.weight *= loss_of(&new, leg, residuals.others).weight_times(independent, new.square());
             if !new.weight.iter().all(|weight| weight.is_finite()) {
                 continue;
             }
-            let band =
-                (self.scan_axis.place(leg.m.from).clamp(0.0, 1.0) * (BANDS - 1) as f64).round() as usize;
+            let band = (self.shutter.scan_axis.place(leg.m.from).clamp(0.0, 1.0) * (BANDS - 1) as f64).round()
+                as usize;
             let shared = self.add(&new, leg, before.as_ref(), &mut out.bands[band]);
             out.shared += shared.transpose() * new.weight * shared;
             out.shared_right += shared.transpose() * new.weight * new.error;
         }
         out.weight = out.bands.iter().map(|band| band.weight).sum();
-        out.equations.fill(&out.bands, self.path);
+        out.equations.fill(&out.bands, &self.trajectory.splines);
     }
 
     /// Adds what is new in a match to its band; what the shared unknowns change of it.
@@ -164,7 +150,7 @@ impl View<'_> {
     /// inverse depth `depth`.
     #[inline(always)]
     fn slopes(&self, leg: &Leg, depth: f64) -> (Slopes, SMatrix<f64, 2, SHARED>) {
-        let phi = fields((leg.m.from + leg.m.to) / 2.0, self.path.kappa);
+        let phi = fields((leg.m.from + leg.m.to) / 2.0, self.trajectory.splines.kappa);
         let by_readout = leg.by_readout[0] + leg.by_readout[1] * depth;
         let depth = |j: usize| if j < TURNS { 1.0 } else { depth };
         let slopes = [0, 1].map(|end| std::array::from_fn(|j| phi[(end, j)] * depth(j)));

@@ -4,10 +4,8 @@ use super::*;
 use crate::correspond::Correspondence;
 use crate::cpu::CpuLevel;
 use crate::motion::generators::GENERATORS;
-use crate::solve::continuous::data::matches::{Match, ScanAxis};
-use crate::solve::continuous::data::pair::{Pair, Track};
-use crate::solve::continuous::trajectory::homographies::Flow;
-use crate::solve::continuous::trajectory::splines::{BLOCK, SplinePath, ratio};
+use crate::solve::continuous::data::{FramePair, Match, ScanAxis, Shutter, Track};
+use crate::solve::continuous::trajectory::{BLOCK, KnotDensity, Splines, Trajectory, ratio};
 use nalgebra::{Matrix2, Vector2};
 
 const RADIUS: f64 = 320.0;
@@ -17,17 +15,17 @@ const STEP: f64 = 1e-4;
 /// A camera's path, shutter and κ, as numbers that can be varied.
 #[derive(Clone)]
 struct Setting {
-    path: SplinePath,
+    path: Splines,
     by_rows: bool,
     readout: f64,
-    density: f64,
+    density: KnotDensity,
 }
 
 impl Setting {
     /// Up to a pixel a frame of everything: the slopes are those of small motions.
-    fn new(by_rows: bool, readout: f64, density: f64) -> Self {
+    fn new(by_rows: bool, readout: f64, density: KnotDensity) -> Self {
         let blocks = 10;
-        let mut path = SplinePath { base: -2, coefficients: vec![0.0; blocks * BLOCK], kappa: 0.35 };
+        let mut path = Splines { base: -2, coefficients: vec![0.0; blocks * BLOCK], kappa: 0.35 };
         for j in 0..GENERATORS {
             for knot in path.knots(j) {
                 let place = path.place(j, knot) as usize;
@@ -39,46 +37,38 @@ impl Setting {
     }
 
     /// Hands out the estimate at which a pair is evaluated.
-    fn view<T>(&self, with: impl FnOnce(&View<'_>) -> T) -> T {
-        let mut flow = Flow::default();
-        flow.follow(&self.path, [-1.0, 5.0], RADIUS);
+    fn evaluate<T>(&self, with: impl FnOnce(&Evaluator<'_>) -> T) -> T {
+        let trajectory = &Trajectory::of(self.path.clone(), self.density, RADIUS, [-1.0, 5.0]);
         let length = if self.by_rows { 1.5 } else { 2.0 };
-        with(&View {
-            cpu: CpuLevel::detect(),
-            path: &self.path,
-            flow: &flow,
-            scan_axis: ScanAxis { by_rows: self.by_rows, length },
-            density: self.density,
-            readout: self.readout,
-            radius: RADIUS,
-            noise: NOISE,
-        })
+        let scan_axis = ScanAxis { by_rows: self.by_rows, length };
+        let shutter = Shutter { scan_axis, gamma: self.readout };
+        with(&Evaluator { cpu: CpuLevel::detect(), trajectory, shutter, noise: NOISE })
     }
 
     /// What is left of a pair, tracks and all, and what it says.
-    fn sums(&self, pair: &Pair) -> (PairResiduals, Normal) {
+    fn sums(&self, pair: &FramePair) -> (PairResiduals, Normal) {
         let (mut residuals, mut normal) = (PairResiduals::default(), Normal::default());
-        self.view(|view| {
-            view.residuals(pair, true, &mut residuals);
-            normal.estimate_scatter(&residuals, view.noise);
-            view.normal(&residuals, &mut normal);
+        self.evaluate(|evaluator| {
+            evaluator.residuals(pair, true, &mut residuals);
+            normal.estimate_scatter(&residuals, evaluator.noise);
+            evaluator.normal(&residuals, &mut normal);
         });
         (residuals, normal)
     }
 
     /// Residuals in pixels.
-    fn residuals(&self, pair: &Pair) -> Vec<Vector2<f64>> {
-        self.view(|view| {
+    fn residuals(&self, pair: &FramePair) -> Vec<Vector2<f64>> {
+        self.evaluate(|evaluator| {
             let residual = |m: &Match| {
-                let [from, to] = view.times(pair.stamps, m);
-                (m.to - view.flow.carry(m.from, from, to)) * RADIUS
+                let [from, to] = evaluator.times(pair.stamps, m);
+                (m.to - evaluator.trajectory.carry(m.from, from, to)) * RADIUS
             };
             pair.matches.iter().map(residual).collect()
         })
     }
 
     /// A pair that the path explains but for what is known in closed form: up to so many pixels.
-    fn pair(&self, most: f64) -> Pair {
+    fn pair(&self, most: f64) -> FramePair {
         let nodes = (0..300).map(|node| (node % 20, node / 20));
         let from = nodes.map(|(i, j)| Vector2::new(-0.95 + 0.1 * i as f64, -0.7 + 0.1 * j as f64));
         let pixel = |point: Vector2<f64>| point * RADIUS;
@@ -91,15 +81,15 @@ impl Setting {
                 covariance: Matrix2::zeros(),
             })
             .collect();
-        let mut pair = Pair::new(&found, Vector2::zeros(), RADIUS, [0.2, 1.2], None).unwrap();
-        self.view(|view| {
+        let mut pair = FramePair::new(&found, Vector2::zeros(), RADIUS, [0.2, 1.2], None).unwrap();
+        self.evaluate(|evaluator| {
             for (k, m) in pair.matches.clone().iter().enumerate() {
                 let off = Vector2::new((k as f64 * 1.7).sin(), (k as f64 * 2.9).cos()) * (most / RADIUS);
                 let mut to = m.from;
                 for _ in 0..20 {
-                    let [before, after] =
-                        view.times(pair.stamps, &Match { from: m.from, to, covariance: Matrix2::zeros() });
-                    to = view.flow.carry(m.from, before, after) + off;
+                    let [before, after] = evaluator
+                        .times(pair.stamps, &Match { from: m.from, to, covariance: Matrix2::zeros() });
+                    to = evaluator.trajectory.carry(m.from, before, after) + off;
                 }
                 pair.matches[k].to = to;
             }
@@ -135,7 +125,7 @@ impl Setting {
     }
 
     /// What a direction changes of the residuals, negative: the slope of what the path predicts.
-    fn slopes(&self, pair: &Pair, direction: Direction) -> Vec<Vector2<f64>> {
+    fn slopes(&self, pair: &FramePair, direction: Direction) -> Vec<Vector2<f64>> {
         let [less, more] = [-STEP, STEP].map(|by| self.moved(direction, by).residuals(pair));
         less.iter().zip(&more).map(|(less, more)| (less - more) / (2.0 * STEP)).collect()
     }
@@ -180,7 +170,11 @@ fn forms(setting: &Setting, normal: &Normal, a: Direction, b: Direction) -> (f64
 
 #[test]
 fn the_normal_equations_are_those_of_the_residuals() {
-    for (by_rows, readout, density) in [(true, 0.8, 1.0), (false, -0.6, 1.0), (true, 0.9, 2.0)] {
+    for (by_rows, readout, density) in [
+        (true, 0.8, KnotDensity::Usual),
+        (false, -0.6, KnotDensity::Usual),
+        (true, 0.6, KnotDensity::Vibrating),
+    ] {
         let setting = Setting::new(by_rows, readout, density);
         let pair = setting.pair(1.0);
         let (evaluated, normal) = setting.sums(&pair);
@@ -190,8 +184,8 @@ fn the_normal_equations_are_those_of_the_residuals() {
         let variance = evaluated.sigma * evaluated.sigma;
         let weight = |r: &Vector2<f64>| {
             let square = r.norm_squared() / variance;
-            let [scene, other] = densities(0.9, square, variance.recip(), evaluated.others);
-            25.0 / 300.0 / variance * 6.0 / (4.0 + square) * scene / (scene + other)
+            let scene = Mixture::<4>::new(0.9, variance.recip(), evaluated.others).inlier_probability(square);
+            25.0 / 300.0 / variance * 6.0 / (4.0 + square) * scene
         };
         let sum = |a: &[Vector2<f64>], b: &[Vector2<f64>]| -> f64 {
             residuals.iter().zip(a.iter().zip(b)).map(|(r, (a, b))| weight(r) * a.dot(b)).sum()
@@ -206,23 +200,23 @@ fn the_normal_equations_are_those_of_the_residuals() {
                 let (matrix, _) = forms(&setting, &normal, a, b);
                 let off = (matrix - sum(&along, &other)) / scale;
                 // Slopes are rounded to the middle of a band and to half a step of the flow.
-                assert!(off.abs() < 0.04, "{by_rows} {readout} {density}: {a:?} {b:?} {off}");
+                assert!(off.abs() < 0.04, "{by_rows} {readout} {density:?}: {a:?} {b:?} {off}");
             }
             let (_, right) = forms(&setting, &normal, a, a);
             let off = (right - sum(&along, &residuals)) / (size * norm);
-            assert!(off.abs() < 0.02, "{by_rows} {readout} {density}: {a:?} {off}");
+            assert!(off.abs() < 0.02, "{by_rows} {readout} {density:?}: {a:?} {off}");
         }
     }
 }
 
 #[test]
 fn all_instructions_add_up_the_same() {
-    let setting = Setting::new(true, 0.8, 1.0);
+    let setting = Setting::new(true, 0.8, KnotDensity::Usual);
     let (residuals, normal) = setting.sums(&setting.pair(1.0));
     let found: Vec<_> = CpuLevel::supported()
         .map(|cpu| {
             let mut normal = normal.clone();
-            setting.view(|view| View { cpu, ..*view }.normal(&residuals, &mut normal));
+            setting.evaluate(|evaluator| Evaluator { cpu, ..*evaluator }.normal(&residuals, &mut normal));
             let size = normal.equations.places.len();
             let entries: Vec<f64> =
                 (0..size * size).map(|k| normal.equations.entry(k / size, k % size)).collect();
@@ -234,27 +228,27 @@ fn all_instructions_add_up_the_same() {
 
 #[test]
 fn the_normal_equations_of_tracks_are_those_of_what_is_new() {
-    let setting = Setting::new(true, 0.8, 1.0);
+    let setting = Setting::new(true, 0.8, KnotDensity::Usual);
     let mut pair = setting.pair(0.01);
     // The points came to where they set out from where the path has them one frame before.
-    setting.view(|view| {
+    setting.evaluate(|evaluator| {
         for index in 0..pair.matches.len() {
             let to = pair.matches[index].from;
             let (mut before, stamps) = (Match { from: to, to, covariance: Matrix2::zeros() }, [-0.8, 0.2]);
             for _ in 0..20 {
-                let [start, end] = view.times(stamps, &before);
-                before.from = view.flow.carry(to, end, start);
+                let [start, end] = evaluator.times(stamps, &before);
+                before.from = evaluator.trajectory.carry(to, end, start);
             }
             pair.tracks[index] = Some(Track { before, stamps, is_scene: true });
         }
     });
     let (mut residuals, mut normal) = setting.sums(&pair);
     let scatter = Scatter { noise: 0.25, depths: 0.25 };
-    setting.view(|view| {
+    setting.evaluate(|evaluator| {
         // So little is left that they would have no say.
-        view.legs_before(&pair, &mut residuals);
+        evaluator.legs_before(&pair, &mut residuals);
         normal.scatter = scatter;
-        view.normal(&residuals, &mut normal);
+        evaluator.normal(&residuals, &mut normal);
     });
     let innovations: Vec<Innovation> = residuals
         .legs
@@ -273,8 +267,7 @@ fn the_normal_equations_of_tracks_are_those_of_what_is_new() {
     let weighted = |a: &[Vector2<f64>], b: &[Vector2<f64>]| -> f64 {
         // All residuals are next to nothing: 6/4 of Student's t, a pair being worth 25.
         let probable = |new: &Innovation, leg: &Leg| {
-            let [scene, other] = densities_of(new, leg, residuals.others);
-            scene / (scene + other)
+            loss_of(new, leg, residuals.others).inlier_probability(new.square())
         };
         let weighted =
             innovations.iter().zip(&residuals.legs).map(|(new, leg)| new.weight * probable(new, leg));
@@ -300,7 +293,7 @@ fn the_normal_equations_of_tracks_are_those_of_what_is_new() {
 
 #[test]
 fn sigma_is_that_of_a_coordinate_and_the_wild_are_told_apart() {
-    let setting = Setting::new(true, 0.7, 1.0);
+    let setting = Setting::new(true, 0.7, KnotDensity::Usual);
     let mut pair = setting.pair(1.0);
     // Squares of residuals are sin² + cos² with a median of 1: variance 1/(2 ln 2).
     let (residuals, _) = setting.sums(&pair);
@@ -325,12 +318,12 @@ fn thinned_out_matches_are_counted_all_the_same() {
         };
         (0..count).map(found).collect()
     };
-    let pair = |count| Pair::new(&found(count), Vector2::new(319.5, 239.5), RADIUS, [0.0, 1.0], None);
+    let pair = |count| FramePair::new(&found(count), Vector2::new(319.5, 239.5), RADIUS, [0.0, 1.0], None);
     assert!(pair(15).is_none() && pair(16).is_some());
     let many = pair(1600).unwrap();
     assert_eq!((many.matches.len(), many.count()), (400, 1600));
     assert_eq!(many.moved(), 0.0);
-    let mut still = Setting::new(true, 0.7, 1.0);
+    let mut still = Setting::new(true, 0.7, KnotDensity::Usual);
     still.path.coefficients.fill(0.0);
     let (residuals, _) = still.sums(&many);
     assert_eq!((residuals.inliers, residuals.sigma), (1600, NOISE));
@@ -351,7 +344,7 @@ fn a_place_along_the_axis_is_its_line_s_share_of_the_readout() {
 #[test]
 fn to_fit_two_thirds_of_the_matches_well_is_likelier_than_to_fit_all_badly() {
     let log = |distance: f64, sigma: f64| {
-        densities(0.9, (distance / sigma).powi(2), sigma.powi(-2), 100.0).iter().sum::<f64>().ln()
+        Mixture::<FREEDOM>::new(0.9, sigma.powi(-2), 100.0).log_likelihood((distance / sigma).powi(2))
     };
     // Two thirds of them within 0.2 px, the others 20 px off; or all of them 3 px off.
     let two_thirds = (2.0 * log(0.2, 0.2) + log(20.0, 0.2)) / 3.0;

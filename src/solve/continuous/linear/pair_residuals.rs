@@ -1,9 +1,8 @@
 //! The residuals of a pair: what a path does not explain of its matches.
 
-use crate::solve::continuous::data::matches::ScanAxis;
-use crate::solve::continuous::data::pair::{Pair, Track};
-use crate::solve::continuous::linear::residual::{Leg, View};
-use crate::solve::median::{MEDIAN_TO_VARIANCE, weighted_median};
+use super::residual::{Evaluator, Leg};
+use crate::robust::median::{MEDIAN_TO_VARIANCE, weighted_median};
+use crate::solve::continuous::data::{FramePair, ScanAxis, Track};
 use nalgebra::Vector2;
 
 /// Bands of lines in which residuals are alike if a motion is faster than the path.
@@ -125,17 +124,17 @@ pub fn parallax<'a, T>(
     known.then_some(parallax)
 }
 
-impl View<'_> {
+impl Evaluator<'_> {
     /// Follows the path along a pair, and along the tracks that it continues if that is wanted and they may
     /// tell its parallax from its noise.
-    pub fn residuals(&self, pair: &Pair, tracks: bool, out: &mut PairResiduals) {
+    pub fn residuals(&self, pair: &FramePair, tracks: bool, out: &mut PairResiduals) {
         out.legs.clear();
         let matches = pair.matches.iter().zip(&pair.scene);
         out.legs.extend(matches.filter_map(|(m, prior)| self.leg(pair.stamps, m, *prior)));
         let least = self.noise * self.noise;
         let variance = out.misfit(least);
         out.sigma = variance.sqrt();
-        out.others = variance + 0.5 * pair.moved() * self.radius * self.radius;
+        out.others = variance + 0.5 * pair.moved() * self.trajectory.radius() * self.trajectory.radius();
         out.legs.iter_mut().for_each(|leg| leg.whiten(variance));
         let near = out.legs.iter().filter(|leg| leg.residual.norm_squared() < 2.0 * 9.0 * variance).count();
         out.inliers = near * pair.count() / pair.matches.len().max(1);
@@ -150,7 +149,7 @@ impl View<'_> {
     }
 
     /// Follows the path along the tracks that a pair continues.
-    pub fn legs_before(&self, pair: &Pair, out: &mut PairResiduals) {
+    pub fn legs_before(&self, pair: &FramePair, out: &mut PairResiduals) {
         let variance = out.sigma * out.sigma;
         let leg = |track: &Track| {
             let mut leg = self.leg(track.stamps, &track.before, 1.0)?;
@@ -165,7 +164,7 @@ impl View<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::solve::continuous::data::matches::Match;
+    use crate::solve::continuous::data::Match;
     use crate::solve::random::Random;
     use nalgebra::Matrix2;
 

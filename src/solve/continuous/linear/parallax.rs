@@ -11,9 +11,9 @@
 //! chain of residuals, each given the one before. A camera that moves before a scene of any depth thus says
 //! as much of its path and its shutter as one that turns.
 
-use crate::solve::continuous::linear::pair_residuals::PairResiduals;
-use crate::solve::continuous::linear::residual::Leg;
-use crate::solve::median::{MEDIAN_TO_VARIANCE, weighted_median};
+use super::pair_residuals::PairResiduals;
+use super::residual::Leg;
+use crate::robust::median::{MEDIAN_TO_VARIANCE, weighted_median};
 use nalgebra::{Matrix2, Vector2};
 
 /// Standard deviation τ of λ at most: inverse depths spread by half of what is usual in the scene.
@@ -140,7 +140,7 @@ impl Innovation {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::solve::continuous::data::matches::Match;
+    use crate::solve::continuous::data::Match;
     use crate::solve::continuous::linear::pair_residuals::parallax;
     use crate::solve::random::Random;
     use nalgebra::{Matrix4, Vector4};

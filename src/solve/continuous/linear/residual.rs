@@ -2,26 +2,18 @@
 
 use crate::cpu::CpuLevel;
 use crate::motion::generators::{GENERATORS, TURNS, fields};
-use crate::solve::continuous::data::matches::{Match, ScanAxis};
-use crate::solve::continuous::trajectory::homographies::Flow;
-use crate::solve::continuous::trajectory::splines::SplinePath;
+use crate::solve::continuous::data::{Match, Shutter};
+use crate::solve::continuous::trajectory::Trajectory;
 use nalgebra::{Matrix2, SVector, Vector2};
 
 /// Generators other than the turns.
 const OTHERS: usize = GENERATORS - TURNS;
 
 /// The estimate at which a pair is evaluated.
-pub struct View<'a> {
+pub struct Evaluator<'a> {
     pub cpu: CpuLevel,
-    pub path: &'a SplinePath,
-    pub flow: &'a Flow,
-    pub scan_axis: ScanAxis,
-    /// Blocks to a frame period.
-    pub density: f64,
-    /// Signed readout time in frame periods.
-    pub readout: f64,
-    /// Pixels to the unit of points.
-    pub radius: f64,
+    pub trajectory: &'a Trajectory,
+    pub shutter: Shutter,
     /// Least standard deviation of a coordinate in pixels.
     pub noise: f64,
 }
@@ -69,30 +61,30 @@ fn inverse_root(matrix: Matrix2<f64>) -> Matrix2<f64> {
     inverse.filter(|inverse| inverse.iter().all(|value| value.is_finite())).unwrap_or_else(Matrix2::identity)
 }
 
-impl View<'_> {
+impl Evaluator<'_> {
     /// Blocks at which both ends of a match are exposed.
     pub fn times(&self, stamps: [f64; 2], m: &Match) -> [f64; 2] {
-        let places = [self.scan_axis.place(m.from), self.scan_axis.place(m.to)];
-        [0, 1].map(|end| self.density * (stamps[end] + self.readout * places[end]))
+        let places = [m.from, m.to].map(|point| self.shutter.scan_axis.place(point));
+        [0, 1].map(|end| self.trajectory.block(self.shutter.exposure(stamps[end], places[end])))
     }
 
     /// A match against the path; `None` where there is no path.
     pub fn leg(&self, stamps: [f64; 2], m: &Match, prior: f64) -> Option<Leg> {
         let times = self.times(stamps, m);
-        let (from, to) = (self.flow.at(times[0])?, self.flow.at(times[1])?);
-        let places = [m.from, m.to].map(|point| self.scan_axis.place(point) * self.density);
+        let (from, to) = (self.trajectory.at(times[0])?, self.trajectory.at(times[1])?);
+        let places = [m.from, m.to].map(|point| self.trajectory.block(self.shutter.scan_axis.place(point)));
         let (rates, values) = ([from.rates(), to.rates()], [from.values(), to.values()]);
         let rates =
             SVector::<f64, GENERATORS>::from_fn(|j, _| rates[1][j] * places[1] - rates[0][j] * places[0]);
         let moved = SVector::<f64, GENERATORS>::from_fn(|j, _| values[1][j] - values[0][j]);
         let middle = (m.from + m.to) / 2.0;
-        let fields = fields(middle, self.path.kappa);
+        let fields = fields(middle, self.trajectory.splines.kappa);
         let (turns, others) = (fields.fixed_columns::<TURNS>(0), fields.fixed_columns::<OTHERS>(TURNS));
         Some(Leg {
             m: *m,
             prior,
             times,
-            residual: (m.to - from.carry(m.from, to)) * self.radius,
+            residual: (m.to - from.carry(m.from, to)) * self.trajectory.radius(),
             parallax: others * moved.fixed_rows::<OTHERS>(TURNS),
             by_readout: [turns * rates.fixed_rows::<TURNS>(0), others * rates.fixed_rows::<OTHERS>(TURNS)],
             by_kappa: middle * middle.dot(&moved.xy()),

@@ -11,10 +11,9 @@
 //! the path's coefficients, and v what path and residual velocities leave of the flow.
 
 use crate::motion::generators::{GENERATORS, fields};
-use crate::solve::continuous::camera::bank::Bank;
-use crate::solve::continuous::fit::solver::Solver;
-use crate::solve::continuous::trajectory::spline;
-use crate::solve::continuous::trajectory::splines::{BLOCK, ratio};
+use crate::solve::continuous::camera::{CameraPosterior, Hypothesis};
+use crate::solve::continuous::fit::Covariance;
+use crate::solve::continuous::trajectory::{BLOCK, Trajectory, ratio, spline};
 use crate::solve::residual::{REGIONS, Region};
 use nalgebra::{SMatrix, SVector, Vector2};
 
@@ -25,7 +24,7 @@ const WHOLE: f64 = 0.5;
 const UNLIKELY: f64 = 1e-3;
 
 /// Covariance of the paths of the generators in px².
-type Covariance = SMatrix<f64, GENERATORS, GENERATORS>;
+type PathCovariance = SMatrix<f64, GENERATORS, GENERATORS>;
 
 /// What is expected of a frame's correction.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -47,23 +46,21 @@ struct Frame<'a> {
     sigma: f64,
 }
 
-impl Bank {
+impl CameraPosterior {
     /// What is expected of the correction of a frame with these regions; without any flow, of one in which the path leaves
     /// residuals of `sigma` pixels in a coordinate. Nothing is applied where it cannot be told.
     pub fn expected(&self, stamp: f64, regions: &[Region], sigma: f64) -> Expected {
-        let leading = &self.leading().solver;
+        let leading = self.leading();
         let points = middles(self.size());
-        let frame = Frame::new(stamp, points, regions, sigma, leading.shared[0].abs());
-        let is_known = self.knows_readout_time();
+        let frame = Frame::new(stamp, points, regions, sigma, leading.gamma().abs());
         let own = frame.corrections(leading);
         let all: Vec<(f64, Vec<Vector2<f64>>)> = self
-            .probabilities()
-            .into_iter()
-            .zip(&self.hypotheses)
+            .hypotheses()
             .filter(|(probability, _)| *probability > UNLIKELY)
-            .map(|(probability, hypothesis)| (probability, frame.corrections(&hypothesis.solver)))
+            .map(|(probability, hypothesis)| (probability, frame.corrections(hypothesis)))
             .collect();
-        let errors = frame.errors(leading, if is_known { 0.0 } else { leading.readout_error() });
+        let gamma_error = if self.is_readout_given() { 0.0 } else { leading.gamma_error() };
+        let errors = frame.errors(leading, gamma_error);
         let product = |other: &[Vector2<f64>]| own.iter().zip(other).map(|(a, b)| a.dot(b)).sum::<f64>();
         let square = product(&own);
         // The share of d₁ that comes nearest to all of them.
@@ -105,35 +102,35 @@ impl<'a> Frame<'a> {
         Self { stamp, points, velocities, regions, sigma }
     }
 
-    /// What a solver does to the points, in pixels.
-    fn corrections(&self, solver: &Solver) -> Vec<Vector2<f64>> {
+    /// The correction of the points by a hypothesis, in pixels.
+    fn corrections(&self, hypothesis: &Hypothesis) -> Vec<Vector2<f64>> {
         let correction = |(point, velocity): (&Vector2<f64>, &Vector2<f64>)| {
-            let late = solver.shared[0] * (0.5 - solver.scan_axis.place(*point));
-            solver.correction(self.stamp, *point) + velocity * late
+            let late = hypothesis.gamma() * (0.5 - hypothesis.setup.scan_axis.place(*point));
+            hypothesis.correction(self.stamp, *point) + velocity * late
         };
         self.points.iter().zip(&self.velocities).map(correction).collect()
     }
 
-    /// Mean squares in px² by which that is wrong if γ is off by `readout_error` (root mean square): by path, γ
-    /// and what moves on its own.
-    fn errors(&self, solver: &Solver, readout_error: f64) -> Vec<f64> {
+    /// Expected squares in px² of its error where that of γ is `gamma_error` (root mean square): of the path, of γ, and of what
+    /// moves on its own.
+    fn errors(&self, hypothesis: &Hypothesis, gamma_error: f64) -> Vec<f64> {
         // All points of a line are exposed at once.
-        let mut lines: Vec<(f64, Covariance)> = Vec::new();
+        let mut lines: Vec<(f64, PathCovariance)> = Vec::new();
         let mut path_covariance = |place: f64| {
             let known = lines.iter().find(|(other, _)| *other == place).map(|(_, covariance)| *covariance);
             known.unwrap_or_else(|| {
-                let covariance = solver.path_covariance(self.stamp, place);
+                let covariance = hypothesis.path_covariance(self.stamp, place);
                 lines.push((place, covariance));
                 covariance
             })
         };
         let error = |(index, (point, velocity)): (usize, (&Vector2<f64>, &Vector2<f64>))| {
-            let place = solver.scan_axis.place(*point);
+            let place = hypothesis.setup.scan_axis.place(*point);
             let late = 0.5 - place;
-            let fields = fields(*point, solver.path.kappa);
+            let fields = fields(*point, hypothesis.posterior.trajectory.splines.kappa);
             let by_path = (fields * path_covariance(place) * fields.transpose()).trace().max(0.0);
-            let by_readout = (solver.velocity(self.stamp, *point) + velocity) * (late * readout_error);
-            let from_frame_to_frame = || 2.0 * (self.sigma * solver.shared[0] * late).powi(2);
+            let by_readout = (hypothesis.velocity(self.stamp, *point) + velocity) * (late * gamma_error);
+            let from_frame_to_frame = || 2.0 * (self.sigma * hypothesis.gamma() * late).powi(2);
             let local = self.regions.get(index).map_or_else(from_frame_to_frame, |region| region.error);
             by_path + by_readout.norm_squared() + local
         };
@@ -141,35 +138,38 @@ impl<'a> Frame<'a> {
     }
 }
 
-impl Solver {
+impl Hypothesis {
     /// Where the path takes a point of a frame, less where it is seen, in pixels.
     fn correction(&self, stamp: f64, point: Vector2<f64>) -> Vector2<f64> {
-        let [seen, middle] = self.times_to_middle(stamp, self.scan_axis.place(point));
-        (self.flow.carry(point, seen, middle) - point) * self.radius
+        let trajectory = &self.posterior.trajectory;
+        let [seen, middle] = self.blocks_to_middle(stamp, self.setup.scan_axis.place(point));
+        (trajectory.carry(point, seen, middle) - point) * trajectory.radius()
     }
 
     /// Velocity of a point when it is seen, in pixels a frame period.
     fn velocity(&self, stamp: f64, point: Vector2<f64>) -> Vector2<f64> {
-        let seen = self.time(stamp, self.scan_axis.place(point));
-        let rates = SVector::<f64, GENERATORS>::from(self.path.rates(seen));
-        fields(point, self.path.kappa) * rates * self.density.blocks()
+        let Trajectory { splines, .. } = &self.posterior.trajectory;
+        let seen = self.posterior.block(stamp, self.setup.scan_axis.place(point));
+        let rates = SVector::<f64, GENERATORS>::from(splines.rates(seen));
+        fields(point, splines.kappa) * rates * self.density().blocks()
     }
 
     /// Blocks at which a place along the scan axis is exposed and at which the middle of the readout is.
-    fn times_to_middle(&self, stamp: f64, place: f64) -> [f64; 2] {
-        [place, 0.5].map(|place| self.time(stamp, place))
+    fn blocks_to_middle(&self, stamp: f64, place: f64) -> [f64; 2] {
+        [place, 0.5].map(|place| self.posterior.block(stamp, place))
     }
 
     /// Root mean square error that is expected of γ: that of a window is another one than is believed.
-    fn readout_error(&self) -> f64 {
-        self.readout_deviation().hypot(self.shared[0] - self.beliefs[0].mean)
+    fn gamma_error(&self) -> f64 {
+        self.setup.camera.gamma_deviation().hypot(self.gamma() - self.setup.camera.means().gamma)
     }
 
     /// Covariance in px² of what the paths of the generators do from when a place along the scan axis is exposed until the
     /// middle of the readout.
-    fn path_covariance(&self, stamp: f64, place: f64) -> Covariance {
-        let times = self.times_to_middle(stamp, place);
-        let (covariance, base) = self.covariance();
+    fn path_covariance(&self, stamp: f64, place: f64) -> PathCovariance {
+        let times = self.blocks_to_middle(stamp, place);
+        let splines = &self.posterior.trajectory.splines;
+        let Covariance { matrix: covariance, base } = &self.posterior.covariance;
         let size = covariance.size();
         let weights: Vec<Vec<(usize, f64)>> = (0..GENERATORS)
             .map(|generator| {
@@ -178,10 +178,10 @@ impl Solver {
                     (support.first..).zip(support.weights.map(|weight| sign * weight))
                 };
                 let knots = times.into_iter().zip([-1.0, 1.0]).flat_map(of);
-                let moved = (self.path.base - base) * BLOCK as i64;
+                let moved = (splines.base - base) * BLOCK as i64;
                 knots
                     .filter_map(|(knot, weight)| {
-                        Some((usize::try_from(self.path.place(generator, knot) + moved).ok()?, weight))
+                        Some((usize::try_from(splines.place(generator, knot) + moved).ok()?, weight))
                     })
                     .filter(|(place, _)| *place < size)
                     .collect()
@@ -196,7 +196,7 @@ impl Solver {
             });
             sums.sum()
         };
-        let lower = Covariance::from_fn(|j, k| if j < k { 0.0 } else { entry(j, k) });
-        Covariance::from_fn(|j, k| lower[(j.max(k), j.min(k))]) * self.chance_share()
+        let lower = PathCovariance::from_fn(|j, k| if j < k { 0.0 } else { entry(j, k) });
+        PathCovariance::from_fn(|j, k| lower[(j.max(k), j.min(k))]) * self.posterior.noise_share(&self.setup)
     }
 }

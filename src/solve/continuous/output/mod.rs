@@ -1,4 +1,6 @@
-//! What is given out of a frame.
+//! What is given out of a frame: its expected error, and how its correspondences fit.
 
-pub mod expected_error;
-pub mod fitted;
+mod expected_error;
+mod fitted;
+
+pub use fitted::FittedPair;

@@ -12,7 +12,7 @@ const SCATTER_RATE: f64 = 0.05;
 
 /// What was seen of a number so far.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Running {
+pub struct Belief {
     /// Best estimate.
     pub mean: f64,
     /// Inverse variance, if the estimates scattered as their variances say.
@@ -23,7 +23,7 @@ pub struct Running {
     prior: f64,
 }
 
-impl Running {
+impl Belief {
     /// A belief before anything was seen.
     pub fn new(mean: f64, deviation: f64) -> Self {
         let prior = 1.0 / (deviation * deviation);
@@ -65,11 +65,11 @@ mod tests {
     #[test]
     fn estimates_that_agree_add_their_information() {
         // 0 ± 1 and 3 ± 1/2 (information 1 and 4), both new: (0 + 4·3)/5.
-        let mut running = Running::new(0.0, 1.0);
+        let mut running = Belief::new(0.0, 1.0);
         running.add(3.0, 4.0, 1.0);
         // The normalised square 9 / (1/4 + 1) counts from the next estimate on.
         assert!((running.mean - 2.4).abs() < 1e-12 && (running.information() - 5.0).abs() < 1e-12);
-        let mut shared = Running::new(0.0, 1.0);
+        let mut shared = Belief::new(0.0, 1.0);
         (0..4).for_each(|_| shared.add(0.0, 4.0, 0.25));
         // A quarter new, four times, of which a sixtieth is forgotten three, two and one time.
         let kept: f64 = (0..4).map(|times| (59.0_f64 / 60.0).powi(times)).sum();
@@ -79,7 +79,7 @@ mod tests {
     #[test]
     fn estimates_that_scatter_more_than_they_say_count_less() {
         // Ten times the deviation that they claim: a hundredth of the information, once that is known.
-        let mut running = Running::new(0.0, 1.0);
+        let mut running = Belief::new(0.0, 1.0);
         let swing = |k: usize| if k.is_multiple_of(2) { 1.0 } else { -1.0 };
         (0..500).for_each(|k| running.add(swing(k), 100.0, 1.0));
         // Sixty are remembered.
@@ -91,13 +91,13 @@ mod tests {
 
     #[test]
     fn what_was_seen_long_ago_is_forgotten_but_not_the_prior() {
-        let mut running = Running::new(0.0, 0.5);
+        let mut running = Belief::new(0.0, 0.5);
         (0..200).for_each(|_| running.add(0.8, 4.0, 1.0));
         assert!((running.information() - 4.0 - 60.0 * 4.0).abs() < 10.0, "{running:?}");
         // Another camera.
         (0..200).for_each(|_| running.add(0.3, 4.0, 1.0));
         assert!((running.mean - 0.3).abs() < 0.05, "{running:?}");
-        let known = Running::new(0.7, 1e-6);
+        let known = Belief::new(0.7, 1e-6);
         let mut told = known;
         (0..200).for_each(|_| told.add(0.2, 4.0, 1.0));
         assert!((told.mean - 0.7).abs() < 1e-4 && told.information() >= known.information());
@@ -105,7 +105,7 @@ mod tests {
 
     #[test]
     fn nonsense_is_not_taken_in() {
-        let mut running = Running::new(0.3, 0.1);
+        let mut running = Belief::new(0.3, 0.1);
         let before = running;
         for (value, information) in [
             (f64::NAN, 1.0),
@@ -122,7 +122,7 @@ mod tests {
 
     #[test]
     fn other_units_change_mean_and_deviation_alike() {
-        let mut running = Running::new(0.4, 0.1);
+        let mut running = Belief::new(0.4, 0.1);
         running.scale(2.0);
         assert!((running.mean - 0.8).abs() < 1e-12);
         assert!((running.information().sqrt().recip() - 0.2).abs() < 1e-12);

@@ -12,7 +12,7 @@
 //! sinusoids ask for, and they are held small: so the surplus ones describe motions that die down (D. W.
 //! Tufts, R. Kumaresan, *Estimation of frequencies of multiple sinusoids*, Proc. IEEE 70(9), 1982).
 
-use crate::solve::continuous::linear::banded::Banded;
+use crate::solve::continuous::linear::Banded;
 use nalgebra::{DMatrix, DVector};
 
 /// Expectation and maximisation approaches slowly from one side: its steps are taken so many times, where

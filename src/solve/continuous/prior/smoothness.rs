@@ -7,10 +7,10 @@
 //! in the prior one. A generator that the picture does not bear out goes to nothing, and one that is needed
 //! is left free.
 
+use super::prediction::{Moments, Prediction};
 use crate::motion::generators::{GENERATORS, TURNS};
-use crate::solve::continuous::linear::banded::Banded;
-use crate::solve::continuous::prior::prediction::{Moments, Prediction};
-use crate::solve::continuous::trajectory::splines::SplinePath;
+use crate::solve::continuous::linear::Banded;
+use crate::solve::continuous::trajectory::Splines;
 
 /// Variance with which the other generators start.
 const OTHERS_START: f64 = 0.01;
@@ -49,6 +49,13 @@ pub struct Smoothness {
     variance: [f64; GENERATORS],
 }
 
+impl Default for Smoothness {
+    /// Of a model without generators.
+    fn default() -> Self {
+        Self::new([false; GENERATORS], OTHERS_START)
+    }
+}
+
 impl Smoothness {
     /// A prior for a model with these generators, and the variance in px² with which turns start: rather
     /// too large, for calm is learnt sooner than shake.
@@ -74,7 +81,7 @@ impl Smoothness {
 
     /// Moves the columns at which the rows of a matrix begin back to where the prior needs them, and learning
     /// from up to `order` steps.
-    pub fn reach(&self, path: &SplinePath, order: usize, first: &mut [usize]) {
+    pub fn reach(&self, path: &Splines, order: usize, first: &mut [usize]) {
         for j in 0..GENERATORS {
             let places = path.places(j);
             let order = Self::order(j, order, places.count).max(self.predictions[j].order());
@@ -87,7 +94,7 @@ impl Smoothness {
     }
 
     /// Adds the prior to normal equations about the path as it is; with `share` of the variances that were learnt.
-    pub fn add(&self, path: &SplinePath, share: f64, matrix: &mut Banded, right: &mut [f64]) {
+    pub fn add(&self, path: &Splines, share: f64, matrix: &mut Banded, right: &mut [f64]) {
         let c = &path.coefficients;
         for j in 0..GENERATORS {
             let rate = RATES[usize::from(j >= TURNS)];
@@ -114,7 +121,7 @@ impl Smoothness {
     /// Learns from a path and the covariance of its coefficients. A turn's next step is told from up to
     /// `order` before it, where the path bends by more than `noise`, the deviation of a point in pixels, may
     /// make it.
-    pub fn learn(&mut self, path: &SplinePath, covariance: &Banded, order: usize, noise: f64) {
+    pub fn learn(&mut self, path: &Splines, covariance: &Banded, order: usize, noise: f64) {
         for j in (0..GENERATORS).filter(|j| self.active[*j]) {
             let places = path.places(j);
             let moments =
@@ -149,7 +156,7 @@ mod tests {
     use super::*;
     use crate::cpu::CpuLevel;
     use crate::motion::generators::Model;
-    use crate::solve::continuous::trajectory::splines::BLOCK;
+    use crate::solve::continuous::trajectory::BLOCK;
     use crate::solve::random::Random;
 
     /// Room for all that the prior adds.
@@ -158,11 +165,11 @@ mod tests {
     }
 
     /// What is learnt of coefficients of which each was measured with deviation `noise`.
-    fn learnt(truth: &SplinePath, noise: f64, random: &mut Random) -> Smoothness {
+    fn learnt(truth: &Splines, noise: f64, random: &mut Random) -> Smoothness {
         let measured: Vec<f64> =
             truth.coefficients.iter().map(|value| value + noise * random.normal()).collect();
         let mut smoothness = Smoothness::new(Model::Auto.generators(), 1.0);
-        let mut path = SplinePath { coefficients: measured.clone(), ..truth.clone() };
+        let mut path = Splines { coefficients: measured.clone(), ..truth.clone() };
         let (mut matrix, mut covariance) = (Banded::default(), Banded::default());
         for _ in 0..60 {
             matrix.reset(band(measured.len()));
@@ -184,7 +191,7 @@ mod tests {
         let blocks = 50;
         let mut random = Random(11);
         for variance in [0.01, 0.2] {
-            let mut truth = SplinePath { base: 0, coefficients: vec![0.0; blocks * BLOCK], kappa: 0.3 };
+            let mut truth = Splines { base: 0, coefficients: vec![0.0; blocks * BLOCK], kappa: 0.3 };
             // Yaw has second differences of this variance, everything else is still.
             let (mut value, mut rate) = (0.0, 0.0);
             for knot in truth.knots(0) {
@@ -207,7 +214,7 @@ mod tests {
         // Matches tell that each second difference is ±1 px, with the variance `told`; the prior holds them at next to nothing.
         let (held, told) = (LIMITS[0], 0.01);
         let share = held / (held + told);
-        let mut path = SplinePath { base: 0, coefficients: vec![0.0; 10 * BLOCK], kappa: 0.3 };
+        let mut path = Splines { base: 0, coefficients: vec![0.0; 10 * BLOCK], kappa: 0.3 };
         let mut covariance = Banded::default();
         covariance.reset(band(path.coefficients.len()));
         for knot in path.knots(TURNS) {
@@ -226,7 +233,7 @@ mod tests {
     #[test]
     fn what_the_model_lacks_stays_still() {
         let smoothness = Smoothness::new(Model::Translation.generators(), 1.0);
-        let path = SplinePath { base: 0, coefficients: vec![0.0; 4 * BLOCK], kappa: 0.0 };
+        let path = Splines { base: 0, coefficients: vec![0.0; 4 * BLOCK], kappa: 0.0 };
         let mut matrix = Banded::default();
         matrix.reset(band(path.coefficients.len()));
         smoothness.add(&path, 1.0, &mut matrix, &mut vec![0.0; path.coefficients.len()]);
@@ -238,9 +245,9 @@ mod tests {
     #[test]
     fn an_even_motion_costs_next_to_nothing() {
         // xᵀ·P·x for a line: only the all but free first differences and levels count.
-        let mut path = SplinePath { base: 0, coefficients: vec![0.0; 4 * BLOCK], kappa: 0.0 };
+        let mut path = Splines { base: 0, coefficients: vec![0.0; 4 * BLOCK], kappa: 0.0 };
         let smoothness = Smoothness::new(Model::Auto.generators(), 1.0);
-        let energy = |path: &SplinePath| {
+        let energy = |path: &Splines| {
             let mut matrix = Banded::default();
             let mut right = vec![0.0; path.coefficients.len()];
             matrix.reset(band(right.len()));

@@ -2,7 +2,7 @@
 
 use super::film::*;
 use super::*;
-use crate::solve::continuous::fit::multistart::TOLD;
+use crate::solve::continuous::fit::DECISIVE_LOG_BAYES_FACTOR;
 
 #[test]
 fn a_camera_at_rest_is_left_alone() {
@@ -11,7 +11,7 @@ fn a_camera_at_rest_is_left_alone() {
     let (motions, continuous) = film.solved(UNKNOWN, &regular(40), 5);
     for motion in motions {
         let motion = motion.expect("what is still is measured");
-        let error = film.error(&motion.homographies, 0.0);
+        let error = film.error(motion.motion.path(), 0.0);
         assert!(motion.confidence == 0.0 && error < 0.01, "{}, {error} px", motion.confidence);
         assert!(motion.readout_deviation > 0.49, "{}", motion.readout_deviation);
     }
@@ -49,8 +49,8 @@ fn errors_are_no_larger_than_expected_and_not_far_below() {
         let (motions, _) = film.solved(camera, &stamps, 7);
         let frames = motions.iter().flatten().zip(&stamps).skip(LOOKAHEAD);
         let squares = frames.map(|(motion, stamp)| {
-            let expected = motion.errors.iter().map(|error| error * error).sum::<f64>();
-            [film.error(&motion.homographies, *stamp).powi(2), expected / motion.errors.len() as f64]
+            let expected = motion.region_errors.iter().map(|error| error * error).sum::<f64>();
+            [film.error(motion.motion.path(), *stamp).powi(2), expected / motion.region_errors.len() as f64]
         });
         let [left, expected] = squares.fold([0.0; 2], |[a, b], [left, expected]| [a + left, b + expected]);
         let ratio = (left / expected).sqrt();
@@ -64,25 +64,26 @@ fn errors_are_no_larger_than_expected_and_not_far_below() {
 fn a_hypothesis_takes_a_smoothness_that_explains_more_and_no_other() {
     let film = Film::new(0.8, true);
     let (_, mut continuous) = film.solved(film.camera(), &regular(20), 5);
-    let pairs: Vec<&Pair> = continuous.frames.iter().filter_map(|entry| entry.to_next.as_ref()).collect();
+    let pairs: Vec<&FramePair> =
+        continuous.frames.iter().filter_map(|entry| entry.to_next.as_ref()).collect();
     let window = PairWindow { pairs: &pairs[pairs.len() - 6..], past: 4 };
-    let bank = &mut continuous.bank;
-    bank.settle(window, Break::Gap);
+    let camera = &mut continuous.posterior;
+    camera.settle(window, Break::Gap);
     // What was learnt while the camera stood still.
-    let mut still = bank.leading().clone();
-    still.solver.restart();
-    still.solver.smoothness = still.solver.smoothness.started(1e-7);
-    let most = bank.hypotheses[0].solver.evidence(window.pairs).unwrap();
-    let least = still.solver.evidence(window.pairs).unwrap();
-    assert!(least < most - TOLD, "{least} {most}");
-    let learnt = still.solver.smoothness.clone();
-    bank.hypotheses[0].try_smoothness(&learnt, most, window);
-    assert!(bank.hypotheses[0].solver.evidence(window.pairs).unwrap() >= most);
-    bank.hypotheses.push(still);
-    bank.settle(window, Break::None);
+    let mut still = camera.leading().clone();
+    still.posterior.restart();
+    still.posterior.smoothness = still.posterior.smoothness.started(1e-7);
+    let most = camera.hypotheses[0].log_evidence(window).unwrap();
+    let least = still.log_evidence(window).unwrap();
+    assert!(least < most - DECISIVE_LOG_BAYES_FACTOR, "{least} {most}");
+    let learnt = still.posterior.smoothness.clone();
+    camera.hypotheses[0].try_smoothness(&learnt, most, window);
+    assert!(camera.hypotheses[0].log_evidence(window).unwrap() >= most);
+    camera.hypotheses.push(still);
+    camera.settle(window, Break::None);
     let [least, most] = [f64::min, f64::max].map(|of| {
-        let evidence = bank.hypotheses.iter_mut().map(|one| one.solver.evidence(window.pairs).unwrap());
+        let evidence = camera.hypotheses.iter_mut().map(|one| one.log_evidence(window).unwrap());
         evidence.reduce(of).unwrap()
     });
-    assert!(bank.hypotheses.len() == 2 && least > most - TOLD, "{least} of {most}");
+    assert!(camera.hypotheses.len() == 2 && least > most - DECISIVE_LOG_BAYES_FACTOR, "{least} of {most}");
 }

@@ -159,7 +159,12 @@ impl Film {
     }
 
     /// Frames at these instants, solved with a camera of which so much is known.
-    pub fn solved(&self, camera: Camera, stamps: &[f64], seed: u64) -> (Vec<Option<Motion>>, Continuous) {
+    pub fn solved(
+        &self,
+        camera: Camera,
+        stamps: &[f64],
+        seed: u64,
+    ) -> (Vec<Option<FrameSolution>>, Continuous) {
         let mut random = Random(seed);
         let mut continuous = Continuous::new(camera, SIZE[0], SIZE[1], 1.0);
         let mut motions = Vec::new();
@@ -167,16 +172,16 @@ impl Film {
             let found = k.checked_sub(1).map(|before| self.pair(stamps[before], stamp, &mut random));
             push(&mut continuous, found.as_deref(), stamp);
             if k >= LOOKAHEAD {
-                motions.push(continuous.settle());
+                motions.push(settle(&mut continuous));
             }
         }
-        motions.extend((0..LOOKAHEAD.min(stamps.len())).map(|_| continuous.settle()));
+        motions.extend((0..LOOKAHEAD.min(stamps.len())).map(|_| settle(&mut continuous)));
         (motions, continuous)
     }
 
-    /// Root mean square distance in pixels of where the homographies of a motion show the points of a frame at half the
-    /// readout from where they were seen then.
-    pub fn error(&self, homographies: &[Matrix3<f64>], stamp: f64) -> f64 {
+    /// Root mean square distance in pixels of where a path shows the points of a frame at half the readout from where they were
+    /// seen then.
+    pub fn error(&self, path: &MotionPath, stamp: f64) -> f64 {
         let (centre, time) = (image_centre(SIZE[0], SIZE[1]), self.readout().time);
         let mut squares = Vec::new();
         for index in [0, 5, 11, 16, 20, 27, 32] {
@@ -185,31 +190,31 @@ impl Film {
             for across in [0.05, 0.5, 0.95] {
                 let at = if self.by_rows { [across, line] } else { [line, across] };
                 let pixel = Vector2::new(at[0] * SIZE[0] as f64 - 0.5, at[1] * SIZE[1] as f64 - 0.5);
-                let shown = homographies[index] * (pixel - centre).push(1.0);
+                let shown = path.carry(pixel - centre, share, 0.5);
                 let truth = self.carry(pixel, stamp + time * share, stamp + time / 2.0);
-                squares.push((shown.xy() / shown.z + centre - truth).norm_squared());
+                squares.push((shown + centre - truth).norm_squared());
             }
         }
         (squares.iter().sum::<f64>() / squares.len() as f64).sqrt()
     }
 
     /// Root mean square error over that of frames left as they are.
-    pub fn share_left(&self, motions: &[Option<Motion>], stamps: &[f64]) -> f64 {
-        let still = vec![Matrix3::identity(); SHARES + 1];
+    pub fn share_left(&self, solutions: &[Option<FrameSolution>], stamps: &[f64]) -> f64 {
         let [mut left, mut whole] = [0.0, 0.0];
-        for (motion, stamp) in motions.iter().zip(stamps) {
-            let homographies = motion.as_ref().map_or(&still, |motion| &motion.homographies);
-            left += self.error(homographies, *stamp).powi(2);
-            whole += self.error(&still, *stamp).powi(2);
+        for (solution, stamp) in solutions.iter().zip(stamps) {
+            let still = self.error(&MotionPath::STILL, *stamp);
+            let error = solution.as_ref().map_or(still, |s| self.error(s.motion.path(), *stamp));
+            left += error.powi(2);
+            whole += still.powi(2);
         }
         (left / whole).sqrt()
     }
 
     /// The worst error from frame `first` on.
-    pub fn worst(&self, motions: &[Option<Motion>], stamps: &[f64], first: usize) -> f64 {
+    pub fn worst(&self, motions: &[Option<FrameSolution>], stamps: &[f64], first: usize) -> f64 {
         let frames = motions.iter().zip(stamps).skip(first);
         let errors = frames.map(|(motion, stamp)| {
-            motion.as_ref().map_or(f64::INFINITY, |m| self.error(&m.homographies, *stamp))
+            motion.as_ref().map_or(f64::INFINITY, |m| self.error(m.motion.path(), *stamp))
         });
         errors.fold(0.0, f64::max)
     }
@@ -217,7 +222,12 @@ impl Film {
 
 /// Adds a frame with its correspondences to the one before, if it has any.
 pub fn push(continuous: &mut Continuous, found: Option<&[Correspondence]>, stamp: f64) {
-    continuous.push(found.map(|grid| PairMeasurement { grid, flow: None }), stamp, PERIOD);
+    continuous.push(found, stamp, PERIOD);
+}
+
+/// Settles a frame of which only the path is known.
+pub fn settle(continuous: &mut Continuous) -> Option<FrameSolution> {
+    continuous.settle(&mut LocalMotions::default())
 }
 
 pub const UNKNOWN: Camera = Camera {

@@ -22,7 +22,7 @@ fn what_is_expected_is_acted_upon_from_the_first_frame() {
         let first = |camera| {
             let (motions, _) = film.solved(camera, &stamps[..2 + LOOKAHEAD], 41);
             let first = motions[0].clone().unwrap();
-            let miss = (first.readout.time / PERIOD - gamma.abs()).abs();
+            let miss = (first.motion.readout().time / PERIOD - gamma.abs()).abs();
             (miss, first.readout_deviation, first.confidence, film.worst(&motions[..1], &stamps, 0))
         };
         let (miss, deviation, confidence, worst) = first(expecting(expected, 0.03));

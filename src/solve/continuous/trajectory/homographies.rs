@@ -7,8 +7,8 @@
 //! A₂ at the two nodes of Gauss's quadrature. Against Runge–Kutta with 400 steps, shake of 180 px a block on a frame of
 //! 640 px is followed to 0.03 px; a turn about one axis, whose points have a closed form, to 0.001 px.
 
+use super::splines::Splines;
 use crate::motion::generators::{GENERATORS, flow_matrix};
-use crate::solve::continuous::trajectory::splines::SplinePath;
 use nalgebra::{Matrix3, Vector2};
 
 /// Blocks between nodes: half a knot spacing of the turns.
@@ -70,15 +70,15 @@ impl Instant<'_> {
 
 /// The homographies of a path between two instants, in units of the radius.
 #[derive(Clone, Debug, Default)]
-pub struct Flow {
+pub struct Homographies {
     /// Time of the first node, in steps.
     first: f64,
     nodes: Vec<Node>,
 }
 
-impl Flow {
-    /// Follows a path whose points are in units of `radius` pixels from block `from` to block `to`.
-    pub fn follow(&mut self, path: &SplinePath, [from, to]: [f64; 2], radius: f64) {
+impl Homographies {
+    /// Integrates a path whose points are in units of `radius` pixels from block `from` to block `to`.
+    pub fn integrate(&mut self, path: &Splines, [from, to]: [f64; 2], radius: f64) {
         self.first = (from / STEP).floor();
         let count = ((to / STEP).ceil() - self.first).max(1.0) as usize;
         let rates = |steps: f64| path.rates(STEP * (self.first + steps));
@@ -167,8 +167,8 @@ mod tests {
     const POINTS: [[f64; 2]; 4] = [[0.0, 0.0], [0.9, -0.6], [-0.8, 0.7], [0.3, 0.5]];
 
     /// A path over blocks −1 to 5 whose coefficient of generator j at time t is `coefficient(j, t)`.
-    fn path(kappa: f64, coefficient: impl Fn(usize, f64) -> f64) -> SplinePath {
-        let mut path = SplinePath { base: -1, coefficients: vec![0.0; 9 * BLOCK], kappa };
+    fn path(kappa: f64, coefficient: impl Fn(usize, f64) -> f64) -> Splines {
+        let mut path = Splines { base: -1, coefficients: vec![0.0; 9 * BLOCK], kappa };
         for j in 0..GENERATORS {
             for knot in path.knots(j) {
                 let spacing = if path.knots(j).end > 8 { 0.25 } else { 1.0 };
@@ -181,7 +181,7 @@ mod tests {
     }
 
     /// Runge and Kutta's method on ẋ = Σⱼ φⱼ(x)·rateⱼ.
-    fn integrate(path: &SplinePath, mut x: Vector2<f64>, from: f64, to: f64) -> Vector2<f64> {
+    fn integrate(path: &Splines, mut x: Vector2<f64>, from: f64, to: f64) -> Vector2<f64> {
         let steps = 400;
         let h = (to - from) / steps as f64;
         let velocity =
@@ -198,12 +198,12 @@ mod tests {
     }
 
     fn worst(
-        path: &SplinePath,
+        path: &Splines,
         times: &[[f64; 2]],
         expected: impl Fn(Vector2<f64>, f64, f64) -> Vector2<f64>,
     ) -> f64 {
-        let mut flow = Flow::default();
-        flow.follow(path, [0.0, 4.0], RADIUS);
+        let mut flow = Homographies::default();
+        flow.integrate(path, [0.0, 4.0], RADIUS);
         let off = |[from, to]: [f64; 2], x: Vector2<f64>| flow.carry(x, from, to) - expected(x, from, to);
         let all = times.iter().flat_map(|times| POINTS.map(|x| off(*times, x.into()).norm() * RADIUS));
         all.fold(0.0, f64::max)
@@ -213,8 +213,8 @@ mod tests {
     fn rates_between_nodes_are_those_of_the_path() {
         // A swing whose rate turns round within a block.
         let path = path(0.3, |j, t| if j == 1 { 10.0 * (4.0 * t).sin() } else { 0.0 });
-        let mut flow = Flow::default();
-        flow.follow(&path, [0.0, 4.0], RADIUS);
+        let mut flow = Homographies::default();
+        flow.integrate(&path, [0.0, 4.0], RADIUS);
         for time in [0.3, 1.07, 2.94] {
             let off = flow.at(time).unwrap().rates()[1] - path.rates(time)[1];
             // A chord is off by an eighth of the step squared times the second derivative, 640.
@@ -248,11 +248,11 @@ mod tests {
 
     #[test]
     fn beyond_what_was_followed_nothing_breaks() {
-        let mut flow = Flow::default();
+        let mut flow = Homographies::default();
         let point = Vector2::new(0.4, -0.2);
         assert_eq!(flow.carry(point, 0.0, 1.0), point);
         assert!(!flow.covers(0.0) && flow.at(0.0).is_none());
-        flow.follow(&path(0.3, |j, t| t * (j + 1) as f64), [0.0, 4.0], RADIUS);
+        flow.integrate(&path(0.3, |j, t| t * (j + 1) as f64), [0.0, 4.0], RADIUS);
         assert!(flow.covers(0.0) && flow.covers(4.0) && !flow.covers(-0.01) && !flow.covers(4.01));
         assert!(flow.carry(point, -0.3, 4.3).iter().all(|coordinate| coordinate.is_finite()));
     }

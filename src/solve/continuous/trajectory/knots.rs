@@ -1,9 +1,10 @@
 //! How densely the knots of a path lie.
 
 /// How fast the motion may change.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum KnotDensity {
     /// Up to about a cycle a frame period: all that hands do.
+    #[default]
     Usual,
     /// Up to about two and a half: engines, rotors, bad roads.
     Vibrating,

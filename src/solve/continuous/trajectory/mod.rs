@@ -1,7 +1,13 @@
-//! The motion path: splines over exposure time, and the homographies that they make.
+//! The motion path: splines over exposure time, and the homographies that follow from them.
 
-pub mod homographies;
-pub mod knots;
-pub mod pixels;
+mod homographies;
+mod knots;
+mod path;
+mod pixels;
 pub mod spline;
-pub mod splines;
+mod splines;
+
+pub use knots::KnotDensity;
+pub use path::Trajectory;
+pub use pixels::FramePath;
+pub use splines::{BLOCK, Splines, ratio};

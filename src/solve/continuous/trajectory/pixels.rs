@@ -1,24 +1,26 @@
-//! The path as those see it who know pixels and seconds only.
+//! The path about a frame in pixels and seconds.
 
-use crate::solve::continuous::fit::solver::Solver;
+use super::path::Trajectory;
 use crate::solve::residual::Path;
 use nalgebra::{Matrix3, Vector2};
 
-/// A solver's path in pixels, with times in seconds after a frame's timestamp.
-pub struct PixelPath<'a> {
-    pub solver: &'a Solver,
-    /// The frame's timestamp and the seconds to a frame period.
-    pub frame: f64,
-    pub unit: f64,
+/// The path about a frame, in pixels, with times in seconds after the timestamp of the frame.
+#[derive(Clone, Copy, Debug)]
+pub struct FramePath<'a> {
+    pub trajectory: &'a Trajectory,
+    /// Instant in frame periods at which the first line is exposed.
+    pub first: f64,
+    /// Seconds to a frame period.
+    pub period: f64,
+    /// Image centre in pixels.
     pub centre: Vector2<f64>,
+    /// Pixels to the unit of points.
     pub radius: f64,
 }
 
-impl PixelPath<'_> {
-    fn instant(&self, time: f64) -> f64 {
-        // Where the far edge is read first, γ is negative and the first exposure that much before the stamp.
-        let start = self.frame + self.solver.shared[0].min(0.0);
-        self.solver.time(start + time / self.unit, 0.0)
+impl FramePath<'_> {
+    fn block(&self, time: f64) -> f64 {
+        self.trajectory.block(self.first + time / self.period)
     }
 
     fn in_pixels(&self, homography: Matrix3<f64>) -> Matrix3<f64> {
@@ -28,12 +30,12 @@ impl PixelPath<'_> {
     }
 }
 
-impl Path for PixelPath<'_> {
+impl Path for FramePath<'_> {
     fn until(&self, time: f64) -> Matrix3<f64> {
-        self.in_pixels(self.solver.flow.until(self.instant(time)))
+        self.in_pixels(self.trajectory.until(self.block(time)))
     }
 
     fn back(&self, time: f64) -> Matrix3<f64> {
-        self.in_pixels(self.solver.flow.back(self.instant(time)))
+        self.in_pixels(self.trajectory.back(self.block(time)))
     }
 }

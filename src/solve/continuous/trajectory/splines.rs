@@ -3,8 +3,8 @@
 //! Time is in *blocks*, about a frame period each. What a turning camera does may change four times
 //! as fast as the rest: rotation has little inertia, a translation before the scene has much.
 
+use super::spline::{self, Support};
 use crate::motion::generators::{GENERATORS, TURNS};
-use crate::solve::continuous::trajectory::spline::{self, Support};
 
 /// Knots of a turn to a block; the other generators have one.
 const RATIO: i64 = 4;
@@ -13,7 +13,7 @@ pub const BLOCK: usize = RATIO as usize * TURNS + (GENERATORS - TURNS);
 
 /// Paths of the generators over the blocks from `base` on.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct SplinePath {
+pub struct Splines {
     /// Number of the first block.
     pub base: i64,
     /// Coefficients in pixels at the radius, block by block: those of the turns knot by knot, then
@@ -28,7 +28,7 @@ pub const fn ratio(generator: usize) -> i64 {
     if generator < TURNS { RATIO } else { 1 }
 }
 
-impl SplinePath {
+impl Splines {
     /// Place of a coefficient among `coefficients`, which may be before the first or past the last.
     pub fn place(&self, generator: usize, knot: i64) -> i64 {
         let block = knot.div_euclid(ratio(generator)) - self.base;
@@ -140,7 +140,7 @@ mod tests {
 
     #[test]
     fn every_coefficient_has_a_place_of_its_own() {
-        let path = SplinePath { base: -3, coefficients: vec![0.0; 5 * BLOCK], kappa: 0.0 };
+        let path = Splines { base: -3, coefficients: vec![0.0; 5 * BLOCK], kappa: 0.0 };
         let mut places: Vec<i64> = (0..GENERATORS)
             .flat_map(|j| path.knots(j).map(|knot| path.place(j, knot)).collect::<Vec<_>>())
             .collect();
@@ -158,7 +158,7 @@ mod tests {
 
     #[test]
     fn a_shift_keeps_what_it_can_and_goes_on_evenly() {
-        let mut path = SplinePath { base: 10, coefficients: vec![0.0; 4 * BLOCK], kappa: 0.2 };
+        let mut path = Splines { base: 10, coefficients: vec![0.0; 4 * BLOCK], kappa: 0.2 };
         for j in 0..GENERATORS {
             for knot in path.knots(j) {
                 let place = path.place(j, knot) as usize;

@@ -1,11 +1,7 @@
-//! The exact truth of a sequence: where each pixel belongs, and where it is seen next.
-
-mod dense;
-
-pub use dense::DisplacementMap;
+//! The exact truth of a frame: where each pixel belongs, and where it is seen next.
 
 use crate::scene::Hit;
-use crate::sequence::{Take, Warp};
+use crate::sequence::{Settings, Take, Warp};
 use nalgebra::{Matrix2, Vector2};
 use rayon::prelude::*;
 use rsrectify::correspond::Correspondence;
@@ -102,7 +98,7 @@ impl Capture<'_> {
     }
 
     /// Where this frame sees a point of an object; `None` where that is outside it or hidden.
-    fn observe(&self, point: &Hit) -> Option<Vector2<f64>> {
+    pub(super) fn observe(&self, point: &Hit) -> Option<Vector2<f64>> {
         let Take { scene, camera } = self.take;
         let seen = camera.observe(self.start, |t| scene.position(t, point))?;
         self.take.shows(camera.exposure(self.start, seen), seen, point).then(|| self.delivered(seen))?
@@ -115,7 +111,7 @@ impl Capture<'_> {
     }
 
     /// The columns and the rows at which the frame is sampled every `step` pixels.
-    fn places(&self, step: usize) -> [Vec<usize>; 2] {
+    pub(super) fn places(&self, step: usize) -> [Vec<usize>; 2] {
         let lens = &self.take.camera.lens;
         [lens.width, lens.height].map(|length| (step / 2..length).step_by(step.max(1)).collect())
     }
@@ -128,8 +124,16 @@ impl Capture<'_> {
 }
 
 impl Take {
+    /// The truth of capture `k`.
+    pub fn capture(&self, settings: &Settings, k: usize) -> Capture<'_> {
+        let start = k as f64 / settings.fps;
+        let middle = start + settings.readout_time() / 2.0;
+        let stabilised = settings.stabilisation.map(|s| s.warp(&self.camera, middle, settings.fps));
+        Capture { take: self, start, warp: stabilised.unwrap_or_default() }
+    }
+
     /// What is seen at `pixel` at an instant.
-    fn look(&self, instant: f64, pixel: Vector2<f64>) -> Option<Hit> {
+    pub(super) fn look(&self, instant: f64, pixel: Vector2<f64>) -> Option<Hit> {
         let (from, direction) = self.camera.ray(instant, pixel);
         self.scene.hit(instant, from, direction)
     }
@@ -143,7 +147,7 @@ impl Take {
 }
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use super::*;
     use crate::scene::path::{Oscillation, Oscillations, uniform};
     use crate::scene::{CameraPath, FirstEdge, Lens, Mover, RollingCamera, Scene, Shutter, Surface};

@@ -1,9 +1,11 @@
 //! The residual field against motions in closed form.
 
+use super::super::path::Still;
 use super::*;
+
 use crate::flow::Cell;
 use crate::readout::{ReadoutDirection, ReadoutTime};
-use nalgebra::Vector2;
+use nalgebra::{Matrix3, Vector2};
 
 /// An invalid path.
 struct InvalidPath;

@@ -1,0 +1,7 @@
+//! The exact truth of a sequence: where each pixel belongs, and where it is seen next.
+
+mod capture;
+mod dense;
+
+pub use capture::{Capture, Sample};
+pub use dense::DisplacementMap;

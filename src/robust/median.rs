@@ -1,0 +1,96 @@
+//! The median, and what it says of the spread of two-dimensional errors.
+
+/// Variance of a coordinate over the median of an error that is, in units of that variance, χ² with 2 degrees
+/// of freedom, as |r|² of two normal coordinates is: its median is 2·ln 2.
+pub const MEDIAN_TO_VARIANCE: f64 = 0.5 / std::f64::consts::LN_2;
+
+/// The median (of an even number the upper middle one), 0 of nothing; reorders the values.
+pub fn median(values: &mut [f64]) -> f64 {
+    let middle = values.len() / 2;
+    if values.is_empty() { 0.0 } else { *values.select_nth_unstable_by(middle, f64::total_cmp).1 }
+}
+
+/// The variance of a coordinate, given |r|² of errors of which over half are normal: by their median, and at least `least`.
+/// Reorders them.
+pub fn variance_of(squares: &mut [f64], least: f64) -> f64 {
+    (median(squares) * MEDIAN_TO_VARIANCE).max(least)
+}
+
+/// The value below which half of the weight of `(value, weight)` lies; 0 for none. Reorders them.
+pub fn weighted_median(values: &mut [(f64, f64)]) -> f64 {
+    let half = 0.5 * values.iter().map(|(_, weight)| weight).sum::<f64>();
+    let (mut rest, mut below) = (values, 0.0);
+    // Halves what is left: the value that is sought lies there, and all that was left out before it has the weight `below`.
+    loop {
+        let Some(middle) = rest.len().checked_sub(1).map(|last| last / 2) else { return 0.0 };
+        let (lower, (value, own), _) = rest.select_nth_unstable_by(middle, |a, b| a.0.total_cmp(&b.0));
+        let value = *value;
+        let weight = lower.iter().map(|(_, weight)| weight).sum::<f64>() + *own;
+        let is_past = below + weight > half;
+        if rest.len() == 1 || is_past && middle == 0 {
+            return value;
+        }
+        rest = if is_past {
+            &mut rest[..=middle]
+        } else {
+            below += weight;
+            &mut rest[middle + 1..]
+        };
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    #[test]
+    fn worked_by_hand() {
+        assert_eq!(median(&mut []), 0.0);
+        assert_eq!(median(&mut [3.0]), 3.0);
+        assert_eq!(median(&mut [5.0, 1.0, 3.0]), 3.0);
+        assert_eq!(median(&mut [4.0, 1.0, 3.0, 2.0]), 3.0);
+    }
+
+    #[test]
+    fn the_variance_is_that_of_a_normal_distribution() {
+        // Quantiles of χ² with 2 degrees of freedom, times a variance of 9, and a third of outliers.
+        let normal = (0..1000).map(|i| -18.0 * (1.0 - (f64::from(i) + 0.5) / 1000.0).ln());
+        let mut squares: Vec<f64> = normal.clone().collect();
+        assert!((variance_of(&mut squares, 0.0) - 9.0).abs() < 0.05);
+        assert_eq!(variance_of(&mut squares, 10.0), 10.0);
+        squares.extend([1e9; 500]);
+        // The median is then the upper quartile of the normal ones, ln 4 over ln 2 times as far.
+        assert!((variance_of(&mut squares, 0.0) - 18.0).abs() < 0.1);
+        assert_eq!(variance_of(&mut [], 0.5), 0.5);
+    }
+
+    #[test]
+    fn half_of_the_weight_lies_below() {
+        assert_eq!(weighted_median(&mut []), 0.0);
+        assert_eq!(weighted_median(&mut [(5.0, 1.0), (1.0, 1.0), (3.0, 1.0)]), 3.0);
+        assert_eq!(weighted_median(&mut [(9.0, 5.0), (1.0, 1.0), (2.0, 1.0)]), 9.0);
+        assert_eq!(weighted_median(&mut [(4.0, 0.0), (7.0, 0.0)]), 7.0);
+    }
+
+    proptest! {
+        #[test]
+        fn values_in_any_order_have_the_median_of_the_sorted_ones(
+            // Quarters add up without rounding; some values come twice.
+            values in prop::collection::vec((0..10u8, 0..8u8), 1..60)
+        ) {
+            let values: Vec<(f64, f64)> =
+                values.into_iter().map(|(value, weight)| (f64::from(value), f64::from(weight) / 4.0)).collect();
+            let mut sorted = values.clone();
+            sorted.sort_by(|a, b| a.0.total_cmp(&b.0));
+            let half = 0.5 * values.iter().map(|(_, weight)| weight).sum::<f64>();
+            let mut sum = 0.0;
+            let past = sorted.iter().find(|(_, weight)| {
+                sum += weight;
+                sum > half
+            });
+            let truth = past.or(sorted.last()).map_or(0.0, |(value, _)| *value);
+            prop_assert_eq!(weighted_median(&mut values.clone()), truth);
+        }
+    }
+}

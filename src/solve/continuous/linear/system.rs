@@ -1,0 +1,88 @@
+//! The normal equations of a window: a band of the path's coefficients, bordered by γ and κ.
+//!
+//! γ and κ belong to all pairs: N·δc + b·δ = g, N being the matrix of the path and b the border. The path is eliminated by
+//! the Schur complement S′ = S − bᵀN⁻¹b, γ and κ are solved first, and the path follows.
+
+use super::banded::Banded;
+use super::normal::Normal;
+use super::shared::{SHARED, Shared};
+use crate::cpu::CpuLevel;
+use nalgebra::{SMatrix, SVector};
+
+/// Normal equations of γ and κ alone.
+#[derive(Clone, Copy, Debug)]
+pub struct SharedEquations {
+    pub information: SMatrix<f64, SHARED, SHARED>,
+    pub right: SVector<f64, SHARED>,
+}
+
+/// The normal equations of a window; keeps its memory.
+#[derive(Clone, Debug, Default)]
+pub struct System {
+    /// N, and its Cholesky factor once it was factorised.
+    pub matrix: Banded,
+    /// g, and the step of the path once it was solved.
+    pub right: Vec<f64>,
+    /// b and N⁻¹·b.
+    border: Shared<Vec<f64>>,
+    weighted: Shared<Vec<f64>>,
+}
+
+impl System {
+    /// Makes these the sum of the equations of some pairs, with room for a band whose rows begin at these columns; returns the
+    /// sums for γ and κ.
+    pub fn assemble<'a>(
+        &mut self,
+        first: Vec<usize>,
+        pairs: impl Iterator<Item = &'a Normal>,
+    ) -> SharedEquations {
+        let size = first.len();
+        self.matrix.reset(first);
+        for values in self.border.as_mut().into_array().into_iter().chain([&mut self.right]) {
+            values.clear();
+            values.resize(size, 0.0);
+        }
+        let mut shared = SharedEquations { information: SMatrix::zeros(), right: SVector::zeros() };
+        for normal in pairs {
+            normal.equations.add_to(&mut self.matrix, &mut self.right, &mut self.border);
+            shared.information += normal.shared;
+            shared.right += normal.shared_right;
+        }
+        shared
+    }
+
+    /// Replaces the matrix by its factor and the right side by the step of a path whose camera stays; whether that could be
+    /// done.
+    pub fn solve_path(&mut self, cpu: CpuLevel) -> bool {
+        let is_definite = self.matrix.factorise(cpu);
+        if is_definite {
+            self.matrix.solve(&mut self.right);
+        }
+        is_definite
+    }
+
+    /// The equations of γ and κ where the path is free to follow; of a system whose path was solved.
+    pub fn eliminate_path(&mut self, mut shared: SharedEquations) -> SharedEquations {
+        for (weighted, border) in self.weighted.as_mut().zip(self.border.as_ref()).into_array() {
+            weighted.clone_from(border);
+            self.matrix.solve(weighted);
+        }
+        let dot = |a: &[f64], b: &[f64]| -> f64 { a.iter().zip(b).map(|(a, b)| a * b).sum() };
+        let weighted = self.weighted.as_ref().into_array();
+        for (p, border) in self.border.as_ref().into_array().into_iter().enumerate() {
+            shared.right[p] -= dot(border, &self.right);
+            for (q, weighted) in weighted.into_iter().enumerate() {
+                shared.information[(p, q)] -= dot(border, weighted);
+            }
+        }
+        shared
+    }
+
+    /// Has the step of the path follow changes of γ and κ; whether it is finite.
+    pub fn follow(&mut self, changes: Shared<f64>) -> bool {
+        for (by, change) in self.weighted.as_ref().zip(changes).into_array() {
+            self.right.iter_mut().zip(by).for_each(|(step, by)| *step -= by * change);
+        }
+        self.right.iter().all(|step| step.is_finite())
+    }
+}

@@ -1,0 +1,26 @@
+//! Nodes along an axis of the frame.
+
+/// Equidistant nodes along one axis of the frame.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Axis {
+    /// Frame pixel of the first node.
+    pub first: f64,
+    /// Frame pixels from one node to the next.
+    pub spacing: f64,
+    /// Number of nodes.
+    pub count: usize,
+}
+
+impl Axis {
+    /// Nodes from `from` to `to` with a margin of at least one on each side.
+    pub fn over(from: f64, to: f64, spacing: f64) -> Self {
+        let first = ((from / spacing).floor() - 1.0) * spacing;
+        let count = (((to - first) / spacing).ceil() as usize + 2).max(4);
+        Self { first, spacing, count }
+    }
+
+    /// Frame pixel of a node.
+    pub fn at(&self, index: usize) -> f64 {
+        self.first + index as f64 * self.spacing
+    }
+}

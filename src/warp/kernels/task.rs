@@ -1,0 +1,54 @@
+//! The input of a pass over one output row.
+
+use crate::plane::Plane;
+use crate::warp::blocks::Block;
+use crate::warp::settings::BorderMode;
+
+/// One output row of the vertical pass.
+#[derive(Clone, Copy)]
+pub(in crate::warp) struct Vertical<'a> {
+    /// The source plane.
+    pub plane: Plane<'a>,
+    /// The picture outside of it.
+    pub border: BorderMode,
+    /// Value outside for [`BorderMode::Constant`], one per channel.
+    pub fill: [u16; 4],
+    /// The output row.
+    pub row: isize,
+    /// The first column, a multiple of 16.
+    pub column: isize,
+    /// Displacements of the columns.
+    pub blocks: &'a [Block],
+}
+
+/// One output row of the horizontal pass.
+#[derive(Clone, Copy)]
+pub(in crate::warp) struct Horizontal<'a, M> {
+    /// Samples from the vertical pass, `step` per pixel.
+    pub middle: &'a [M],
+    /// Column of the first sample.
+    pub column: isize,
+    /// Samples from one pixel to the next in `middle`.
+    pub step: usize,
+    /// Displacements of the pixels.
+    pub blocks: &'a [Block],
+    /// Pixels in the row.
+    pub width: usize,
+    /// How the output row is stored.
+    pub output: OutputFormat,
+}
+
+/// How the output row is stored.
+#[derive(Clone, Copy)]
+pub(in crate::warp) struct OutputFormat {
+    /// Bytes a sample: 1 or 2.
+    pub bytes: usize,
+    /// Samples written per pixel.
+    pub channels: usize,
+    /// Samples from one pixel to the next.
+    pub step: usize,
+    /// The largest value, before the shift.
+    pub max: u16,
+    /// The format's shift.
+    pub shift: u32,
+}

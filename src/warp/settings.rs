@@ -1,0 +1,63 @@
+//! How a frame is rectified.
+
+/// The interpolation kernel.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+#[non_exhaustive]
+pub enum Interpolation {
+    /// The nearest sample.
+    Nearest,
+    /// 2 × 2 samples.
+    Linear,
+    /// 4 × 4 samples, Catmull–Rom kernel.
+    #[default]
+    Cubic,
+    /// 6 × 6 samples, Lanczos kernel with three lobes.
+    Lanczos,
+}
+
+/// The picture outside the frame.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+#[non_exhaustive]
+pub enum BorderMode {
+    /// The nearest edge sample.
+    #[default]
+    Replicate,
+    /// The picture mirrored at its edge.
+    Mirror,
+    /// A fill value.
+    Constant,
+}
+
+/// How a frame is rectified.
+///
+/// ```
+/// let mut settings = rsrectify::warp::WarpSettings::default();
+/// settings.strength = 0.5;
+/// ```
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[non_exhaustive]
+pub struct WarpSettings {
+    /// The interpolation kernel.
+    pub interpolation: Interpolation,
+    /// The picture outside the frame.
+    pub border: BorderMode,
+    /// Share of the readout whose instant the output shows, 0 to 1; 0 = first read.
+    pub reference_row: f64,
+    /// Share of the correction that is applied, 0 to 1: each point is displaced by this share of its full
+    /// displacement, so that 0 gives the original frame and the transition is linear for any motion.
+    pub strength: f64,
+    /// Magnification about the picture's centre, at least 1, to hide borders.
+    pub zoom: f64,
+}
+
+impl Default for WarpSettings {
+    fn default() -> Self {
+        Self {
+            interpolation: Interpolation::Cubic,
+            border: BorderMode::Replicate,
+            reference_row: 0.5,
+            strength: 1.0,
+            zoom: 1.0,
+        }
+    }
+}
