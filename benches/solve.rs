@@ -7,7 +7,7 @@ use nalgebra::{Matrix2, Vector2};
 use rsrectify::correspond::Correspondence;
 use rsrectify::motion::{Twist, image_centre};
 use rsrectify::readout::{Readout, ReadoutDirection, ReadoutTime};
-use rsrectify::solve::link::{Known, Scratch};
+use rsrectify::solve::link::{FitBuffers, KnownFrame};
 use rsrectify::solve::{Link, Window};
 
 const PERIOD: f64 = 1.0 / 30.0;
@@ -34,10 +34,10 @@ fn solve(criterion: &mut Criterion) {
     let twists =
         [Twist::new(0.2, 200.0, -90.0), Twist::new(0.3, 260.0, -30.0), Twist::new(0.1, 230.0, -70.0)];
     let links: Vec<_> = (0..32).map(|i| link(twists[i % 3], i as f64)).collect();
-    let scratch = &mut Scratch::default();
+    let scratch = &mut FitBuffers::default();
     criterion.bench_function("solve/uniform", |b| b.iter(|| links[0].uniform(scratch)));
     criterion.bench_function("solve/step", |b| {
-        b.iter(|| links[0].sequential_step(Known::First, twists[0], scratch))
+        b.iter(|| links[0].sequential_step(KnownFrame::First, twists[0], scratch))
     });
     for lookahead in [0, 4, 12] {
         let mut window = Window::default();

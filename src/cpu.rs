@@ -1,29 +1,29 @@
-//! Which instructions of the machine the kernels of all modules may use.
+//! The instruction sets that the kernels of all modules can use.
 
 use std::fmt;
 
-/// Proof that the CPU has AVX2 and FMA, which came together: detection is the only thing that makes one.
+/// Proof that the CPU has AVX2 and FMA; only detection creates one.
 ///
-/// A kernel compiled for AVX2 and FMA may be called wherever one of these is at hand.
+/// With this proof a kernel compiled for AVX2 and FMA can be called safely.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct Avx2(());
 
 impl Avx2 {
-    /// The proof, where the CPU has AVX2 and FMA.
+    /// The proof, if the CPU has AVX2 and FMA.
     #[cfg(target_arch = "x86_64")]
     pub fn detect() -> Option<Self> {
         (is_x86_feature_detected!("avx2") && is_x86_feature_detected!("fma")).then_some(Self(()))
     }
 
-    /// The proof, where the CPU has AVX2 and FMA: never here.
+    /// The proof, if the CPU has AVX2 and FMA: never on this architecture.
     #[cfg(not(target_arch = "x86_64"))]
     pub fn detect() -> Option<Self> {
         None
     }
 }
 
-/// Which instructions the kernels may use. A level exists only on a machine that has its instructions, so that
-/// no caller can ask for what would be undefined behaviour:
+/// The instruction set that the kernels use. A level can be created only on a machine that has its
+/// instructions, so that no safe code can cause undefined behaviour:
 ///
 /// ```compile_fail
 /// let forged = rsrectify::CpuLevel::Avx2(rsrectify::cpu::Avx2(()));
@@ -62,10 +62,10 @@ impl CpuLevel {
     }
 }
 
-/// Compiles a function twice, for any CPU and for AVX2 and FMA; which one is called is told by a [`CpuLevel`] before its other
-/// arguments. Both find the same: the compiler puts more numbers into a vector, and fuses nothing.
+/// Compiles a function twice, for any CPU and for AVX2 and FMA; the first argument, a [`CpuLevel`], selects
+/// the version. Both give the same results: the compiler uses wider vectors, and fuses no operations.
 ///
-/// What the function calls is to be `inline(always)`: the rest is compiled for any CPU.
+/// All functions that it calls must be `inline(always)`: others are compiled for any CPU.
 macro_rules! for_each_cpu {
     ($(#[$attribute:meta])* $visible:vis fn $name:ident($($argument:ident: $type:ty),* $(,)?) $(-> $out:ty)? $body:block) => {
         $(#[$attribute])*

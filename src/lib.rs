@@ -1,38 +1,39 @@
 //! Takes rolling-shutter distortion (lean, jello, wobble, stretch) out of video from **unknown**
 //! cameras: no gyroscope, no calibration, no metadata.
 //!
-//! The library knows nothing of any media framework: it is given borrowed image planes and their
-//! times, and gives back the motion of each frame and rectified planes.
+//! The library does not depend on any media framework: its input are borrowed image planes and their
+//! times, its output the motion of each frame and rectified planes.
 //!
-//! A [`Rectifier`] takes the frames' luma planes one by one and gives a
-//! [`FrameSolution`](rectifier::FrameSolution) for each; a [`Warper`] rectifies any plane of a frame by its motion.
+//! A [`Rectifier`] takes the frames' luma planes in order and returns a
+//! [`FrameSolution`](rectifier::FrameSolution) for each; a [`Warper`] rectifies any plane of a frame by its
+//! motion.
 //!
 //! Data flows one way, and no module imports from a later one:
 //!
 //! | module | from | to |
 //! |---|---|---|
 //! | [`plane`] | bytes | borrowed views of image planes |
-//! | [`readout`] | direction, time, delay | when a point of a frame was exposed |
-//! | `pyramid` | a luma plane | the same at several resolutions |
+//! | [`readout`] | direction, time, delay | exposure time of each point of a frame |
+//! | `pyramid` | a luma plane | its image pyramid |
 //! | `robust` | residuals | robust losses, the median, the motion that most displacements share |
 //! | `flow` | two pyramids | dense optical flow |
-//! | `correspond` | flow | point correspondences at a grid, to sub-pixel accuracy |
-//! | [`motion`] | | what an image motion is: the twist, the path over a readout |
+//! | `correspond` | flow | point correspondences on a grid, to sub-pixel accuracy |
+//! | [`motion`] | | representations of image motion: the twist, the path over a readout, the residual field |
 //! | `solve` | correspondences of a window | a motion path for each frame |
 //! | [`warp`] | a path and a plane | the rectified plane |
-//! | [`rectifier`] | luma planes, one by one | the motions, in order |
+//! | [`rectifier`] | luma planes, in order | the motions, in order |
 //!
 //! Modules without a link are private, except with the feature `unstable`.
 //!
 //! | feature | default | |
 //! |---|---|---|
-//! | `rayon` | yes | spreads the work over the threads of the rayon pool in which the library is called, the global one by default; without it all work is done on the calling thread, with the same results |
-//! | `unstable` | no | makes the other modules public, for the project's own tools; nothing that it adds is covered by semantic versioning |
+//! | `rayon` | yes | distributes the work over the threads of the rayon pool in which the library is called, the global one by default; without it all work is done on the calling thread, with the same results |
+//! | `unstable` | no | makes the other modules public, for the project's own tools; they are not covered by semantic versioning |
 //!
 //! Equation numbers 25.n cite *A Rectification Method for Removing Rolling Shutter Distortion*
 //! (chapter 25), from which the method starts.
 
-// Whoever embeds it owns the terminal.
+// A library must not write to the terminal of its user.
 #![cfg_attr(not(test), warn(clippy::print_stdout, clippy::print_stderr))]
 
 mod parallel;
@@ -56,7 +57,7 @@ pub mod robust;
 #[cfg(feature = "unstable")]
 pub mod solve;
 
-// What only the project's tools call is not dead: they build with the feature.
+// Some items are used by the project's tools only, which build with the feature `unstable`.
 #[cfg(not(feature = "unstable"))]
 #[allow(dead_code, unused_imports)]
 mod correspond;
@@ -76,7 +77,7 @@ mod robust;
 #[allow(dead_code, unused_imports)]
 mod solve;
 
-/// The linear algebra of [`motion`]: the version whose types the library takes and gives.
+/// The linear algebra of [`motion`], in the version used in the public interface.
 pub use nalgebra;
 
 pub use cpu::CpuLevel;
@@ -84,7 +85,7 @@ pub use plane::{Plane, PlaneMut};
 pub use rectifier::Rectifier;
 pub use warp::Warper;
 
-/// The example of the documents is a test.
+/// Compiles the examples of the documentation as tests.
 #[cfg(doctest)]
 #[doc = include_str!("../docs/library.md")]
 pub struct Documents;

@@ -1,6 +1,7 @@
-//! Independent parts of the work: spread over rayon's threads with the feature `rayon`, one after another without it.
+//! Parallel iteration: on rayon's threads with the feature `rayon`, sequential without it.
 //!
-//! Without the feature, the names are those of rayon that the library uses, for the iterators of the standard library.
+//! Without the feature, this module provides the used names of rayon for the iterators of the standard
+//! library.
 
 #[cfg(feature = "rayon")]
 pub(crate) use rayon::{join, prelude::*, scope};

@@ -72,13 +72,13 @@ impl PlaneLayout {
     /// A plane of one channel without padding.
     #[must_use]
     pub const fn packed(width: usize, height: usize, format: SampleFormat) -> Self {
-        // What overflows fits in no buffer, and is refused there.
+        // On overflow the stride saturates; no buffer is large enough for it, which `Plane::new` reports.
         let stride = width.saturating_mul(format.bytes());
         Self { width, height, stride, step: 1, channels: 1, format }
     }
 
-    /// Bytes from the first sample to the end of the last one: what a buffer must hold.
-    /// `None` where that does not fit in memory's address range.
+    /// Bytes from the first sample to the end of the last one: the least length of a buffer.
+    /// `None` on overflow of `usize`.
     #[must_use]
     pub fn required_bytes(&self) -> Option<usize> {
         if self.width == 0 || self.height == 0 {
@@ -89,8 +89,9 @@ impl PlaneLayout {
         (self.height - 1).checked_mul(self.stride)?.checked_add(row)
     }
 
-    /// The layout, if `len` bytes hold it. Of a plane one pixel wide the step says nothing, of one row the stride: those
-    /// are set to what a pixel and a row take, so that no arithmetic with them overflows.
+    /// The layout, if `len` bytes are enough. The step of a plane one pixel wide and the stride of a single
+    /// row are not used: they are set to the size of a pixel and of a row, so that arithmetic with them
+    /// cannot overflow.
     fn checked(self, len: usize) -> Result<Self, PlaneError> {
         self.check(len)?;
         let step = if self.width > 1 { self.step } else { self.channels };
@@ -115,16 +116,16 @@ impl PlaneLayout {
     }
 }
 
-/// Why bytes and a layout do not make a plane.
+/// Why bytes and a layout are not a valid plane.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
 #[non_exhaustive]
 pub enum PlaneError {
     /// The buffer ends before the last sample.
     #[error("plane needs {needed} bytes, the buffer holds {len}")]
     TooShort {
-        /// Bytes there are.
+        /// Bytes in the buffer.
         len: usize,
-        /// Bytes there must be.
+        /// Bytes needed.
         needed: usize,
     },
     /// Rows overlap.
@@ -156,7 +157,7 @@ impl<'a> Plane<'a> {
     /// Checks that `data`, which starts at the first sample, holds the whole plane.
     ///
     /// # Errors
-    /// If it does not, or the layout cannot be; see [`PlaneError`].
+    /// If it does not, or the layout is invalid; see [`PlaneError`].
     pub fn new(data: &'a [u8], layout: PlaneLayout) -> Result<Self, PlaneError> {
         let layout = layout.checked(data.len())?;
         Ok(Self { data, layout })
@@ -192,7 +193,7 @@ impl<'a> PlaneMut<'a> {
     /// Checks that `data`, which starts at the first sample, holds the whole plane.
     ///
     /// # Errors
-    /// If it does not, or the layout cannot be; see [`PlaneError`].
+    /// If it does not, or the layout is invalid; see [`PlaneError`].
     pub fn new(data: &'a mut [u8], layout: PlaneLayout) -> Result<Self, PlaneError> {
         let layout = layout.checked(data.len())?;
         Ok(Self { data, layout })
@@ -225,9 +226,9 @@ fn row_range(layout: &PlaneLayout, y: usize) -> Option<std::ops::Range<usize>> {
     Some(start..start + samples * layout.format.bytes())
 }
 
-/// A view whose weighted channels make the luma that is analysed.
+/// A plane with channel weights whose weighted sum is the analysed luma.
 ///
-/// Of a plane whose first channel is the luma, `Luma::from(plane)` makes one.
+/// Use `Luma::from(plane)` for a plane whose first channel is the luma.
 #[derive(Clone, Copy, Debug)]
 pub struct Luma<'a> {
     pub(crate) plane: Plane<'a>,
@@ -235,7 +236,7 @@ pub struct Luma<'a> {
 }
 
 impl<'a> Luma<'a> {
-    /// The sum of a plane's channels, each times its weight; weights past the plane's channels are not read.
+    /// The weighted sum of a plane's channels; weights past the plane's channels are ignored.
     ///
     /// # Errors
     /// If one of the weights is not finite.
@@ -259,11 +260,11 @@ impl<'a> Luma<'a> {
     }
 }
 
-/// Why a plane and weights do not make a luma.
+/// Why a plane and weights are not a valid luma.
 #[derive(Clone, Copy, Debug, PartialEq, Error)]
 #[non_exhaustive]
 pub enum LumaError {
-    /// A weight that is infinite or not a number.
+    /// A weight that is infinite or NaN.
     #[error("weight {weight} of channel {channel} is not finite")]
     Weight {
         /// The channel, counted from 0.
@@ -331,7 +332,7 @@ mod tests {
     }
 
     #[test]
-    fn steps_and_strides_that_lead_nowhere_say_nothing() {
+    fn unused_steps_and_strides_are_replaced() {
         let one = PlaneLayout::packed(1, 1, SampleFormat::U16);
         let plane = PlaneLayout { step: usize::MAX, stride: usize::MAX, ..one };
         assert_eq!(*Plane::new(&[0; 2], plane).unwrap().layout(), one);

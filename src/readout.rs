@@ -1,4 +1,4 @@
-//! The shutter: when each point of a frame was exposed. The only place that knows it.
+//! The shutter: when each point of a frame was exposed. No other module computes exposure times.
 //!
 //! A point is exposed at t = t_k + T·s, with t_k the frame's timestamp, T the readout time and
 //! s the *elapsed share* of the readout at that point.
@@ -8,10 +8,10 @@ use thiserror::Error;
 /// Which edge of the frame, as it arrives, is read first.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub enum ReadoutDirection {
-    /// Row 0 first: what most cameras do when held upright.
+    /// Row 0 first: most cameras held upright.
     #[default]
     TopToBottom,
-    /// The last row first: a camera upside down.
+    /// The last row first: a camera held upside down.
     BottomToTop,
     /// Column 0 first: a portrait clip.
     LeftToRight,
@@ -20,24 +20,24 @@ pub enum ReadoutDirection {
 }
 
 impl ReadoutDirection {
-    /// Whether rows (true) or columns (false) are read one after another.
+    /// Whether the sensor is read row by row (true) or column by column (false).
     #[must_use]
     pub const fn is_by_rows(self) -> bool {
         matches!(self, Self::TopToBottom | Self::BottomToTop)
     }
 
-    /// Whether the readout runs against growing coordinates.
+    /// Whether the readout runs from the last row or column to the first.
     #[must_use]
     pub const fn is_reversed(self) -> bool {
         matches!(self, Self::BottomToTop | Self::RightToLeft)
     }
 }
 
-/// What is known of a camera's readout time.
+/// A camera's readout time, if known.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[non_exhaustive]
 pub enum ReadoutTime {
-    /// To be found from the picture; where that is not possible, as the whole period.
+    /// Estimated from the picture; if that is not possible, the whole frame period.
     #[default]
     Unknown,
     /// The readout takes the whole frame period: the paper's assumption, inter-frame delay 0.
@@ -49,12 +49,12 @@ pub enum ReadoutTime {
 }
 
 impl ReadoutTime {
-    /// Whether the readout time need not be found from the picture; what cannot be is not known.
+    /// Whether the readout time is given; an invalid value counts as unknown.
     pub(crate) fn is_known(&self) -> bool {
         *self != Self::Unknown && self.check().is_ok()
     }
 
-    /// Refuses a time or a delay that is negative, infinite or not a number.
+    /// Returns an error if the time or the delay is negative, infinite or NaN.
     ///
     /// # Errors
     /// [`ReadoutError::Time`] and [`ReadoutError::Delay`].
@@ -68,7 +68,7 @@ impl ReadoutTime {
     }
 }
 
-/// What a camera's readout is expected to be, as where its model is known: the evidence of the picture overrules it.
+/// Prior of a camera's readout, for example from its model; combined with the likelihood of the picture.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ReadoutPrior {
     /// Finite and not negative, in seconds.
@@ -79,8 +79,8 @@ pub struct ReadoutPrior {
 }
 
 impl ReadoutPrior {
-    /// A readout time of `time` ± `deviation` seconds (mean and standard deviation), read from an edge of the frame, as it
-    /// arrives, or from any where none is expected.
+    /// A readout time of `time` ± `deviation` seconds (mean and standard deviation), and the edge of the
+    /// frame, as it arrives, that is read first; `None` for any edge.
     ///
     /// # Errors
     /// [`ReadoutError::Time`] and [`ReadoutError::Deviation`].
@@ -104,54 +104,55 @@ impl ReadoutPrior {
         self.deviation
     }
 
-    /// The edge that is expected to be read first; `None`: any.
+    /// The edge expected to be read first; `None`: any.
     #[must_use]
     pub const fn direction(&self) -> Option<ReadoutDirection> {
         self.direction
     }
 }
 
-/// One way in which a sensor may be read, and how likely it is by what was seen.
+/// A readout hypothesis with its posterior probability.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[non_exhaustive]
 pub struct ReadoutHypothesis {
-    /// The likeliest readout of this way.
+    /// The most probable readout under this hypothesis.
     pub readout: Readout,
     /// Standard deviation of its time in seconds.
     pub deviation: f64,
-    /// How likely it is; all hypotheses together 1.
+    /// Posterior probability; sums to 1 over all hypotheses.
     pub probability: f64,
 }
 
-/// What is believed of a readout that is sought: a mixture of normal densities of the signed readout time (negative where the
-/// bottom row or the right column is read first), some for sensors that are read by rows, some for those read by columns.
+/// Posterior of an unknown readout: a mixture of normal densities of the signed readout time (negative if the
+/// bottom row or the right column is read first), with components for sensors read by rows and for sensors
+/// read by columns.
 ///
-/// Divided by the prior, which several streams of one camera have in common, it is what this stream says of the camera.
+/// Divided by the prior, which is common to all streams of one camera, it is the likelihood of this stream.
 #[derive(Clone, Debug, PartialEq)]
 #[non_exhaustive]
 pub struct ReadoutPosterior {
-    /// The mixture, the likeliest first.
+    /// The components of the mixture, the most probable first.
     pub hypotheses: Vec<ReadoutHypothesis>,
-    /// Standard deviation in seconds of the signed readout time about 0 before anything was seen.
+    /// Prior standard deviation of the signed readout time about 0, in seconds.
     pub prior_deviation: f64,
-    /// How likely it was before that the sensor is read by rows.
+    /// Prior probability that the sensor is read by rows.
     pub prior_by_rows: f64,
 }
 
-/// Why there can be no such readout.
+/// Why a readout is invalid.
 #[derive(Clone, Copy, Debug, PartialEq, Error)]
 #[non_exhaustive]
 pub enum ReadoutError {
-    /// A readout time that is negative, infinite or not a number.
+    /// A readout time that is negative, infinite or NaN.
     #[error("readout time of {0} s: must be finite and not negative")]
     Time(f64),
-    /// A standard deviation that is not positive, infinite or not a number.
+    /// A standard deviation that is not positive, infinite or NaN.
     #[error("deviation of {0} s: must be finite and positive")]
     Deviation(f64),
-    /// An inter-frame delay that is negative, infinite or not a number.
+    /// An inter-frame delay that is negative, infinite or NaN.
     #[error("inter-frame delay of {0} rows: must be finite and not negative")]
     Delay(f64),
-    /// A frame period that is not positive, infinite or not a number.
+    /// A frame period that is not positive, infinite or NaN.
     #[error("frame period of {0} s: must be finite and positive")]
     Period(f64),
 }
@@ -169,10 +170,10 @@ pub struct Readout {
 impl Readout {
     /// The shutter of frames of `width` × `height` pixels, `period` seconds apart.
     ///
-    /// With N rows and a delay of B, T = period · N / (N + B). Unknown, T is the whole period.
+    /// With N rows and a delay of B, T = period · N / (N + B). If unknown, T is the whole period.
     ///
     /// # Errors
-    /// If the time, the delay or the period cannot be; see [`ReadoutError`].
+    /// If the time, the delay or the period is invalid; see [`ReadoutError`].
     pub fn new(
         width: usize,
         height: usize,
@@ -193,7 +194,7 @@ impl Readout {
         Self { width, height, direction: ReadoutDirection::TopToBottom, time: 0.0 }
     }
 
-    /// The same of a time that was checked and a period that is finite and positive.
+    /// As [`new`](Self::new), for a valid time and a finite, positive period.
     pub(crate) fn resolved(
         width: usize,
         height: usize,
@@ -236,8 +237,7 @@ impl Readout {
 
     /// Elapsed share s of the readout at a point given in pixels (pixel centres at integers).
     ///
-    /// Runs from 0.5/N in the first row read to 1 − 0.5/N in the last, and goes on linearly
-    /// outside the frame.
+    /// Runs from 0.5/N in the first row read to 1 − 0.5/N in the last; linear outside the frame, too.
     #[must_use]
     pub fn share(&self, x: f64, y: f64) -> f64 {
         let (along, rows) = if self.direction.is_by_rows() { (y, self.height) } else { (x, self.width) };
@@ -245,7 +245,7 @@ impl Readout {
         if self.direction.is_reversed() { 1.0 - share } else { share }
     }
 
-    /// Exposure time in seconds of a point (pixels) after its frame's timestamp: T·s.
+    /// Exposure time of a point (pixels) in seconds after its frame's timestamp: T·s.
     #[must_use]
     pub fn offset(&self, x: f64, y: f64) -> f64 {
         self.time * self.share(x, y)
@@ -276,7 +276,7 @@ mod tests {
     }
 
     #[test]
-    fn what_cannot_be_is_refused() {
+    fn invalid_values_are_refused() {
         let new = |time, period| Readout::new(4, 4, ReadoutDirection::TopToBottom, time, period);
         for value in [f64::NAN, -1.0, -1e-300, f64::INFINITY, f64::NEG_INFINITY] {
             assert!(matches!(new(ReadoutTime::Seconds(value), 0.04), Err(ReadoutError::Time(_))));
@@ -289,7 +289,7 @@ mod tests {
     }
 
     #[test]
-    fn an_expectation_that_cannot_be_is_refused() {
+    fn an_invalid_prior_is_refused() {
         let prior = |time, deviation| ReadoutPrior::new(time, deviation, None);
         assert!(prior(0.02, 0.001).is_ok() && prior(0.0, 0.001).is_ok());
         for wrong in [-0.02, f64::NAN, f64::INFINITY] {

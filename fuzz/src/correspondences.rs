@@ -8,7 +8,7 @@ use rsrectify::flow::{Cell, FlowField};
 use rsrectify::motion::{Twist, image_centre};
 use rsrectify::readout::Readout;
 use rsrectify::solve::continuous::{Camera, Continuous};
-use rsrectify::solve::link::{Known, Scratch};
+use rsrectify::solve::link::{FitBuffers, KnownFrame};
 use rsrectify::solve::residual::{FrameFlow, LocalMotions, ResidualSolver, Still};
 use rsrectify::solve::{FrameSolution, Link, Window};
 
@@ -96,10 +96,11 @@ fn one_pair(
     readout: &Readout,
     interval: f64,
 ) -> Result<()> {
-    let (link, mut scratch) = (Link::new(pair, readout, interval, NOISE), Scratch::default());
+    let (link, mut scratch) = (Link::new(pair, readout, interval, NOISE), FitBuffers::default());
     let known = Twist::new(real(u, 1.0)?, real(u, 100.0)?, real(u, 100.0)?);
     let uniform = link.uniform(&mut scratch);
-    let stepped = [Known::First, Known::Second].map(|side| link.sequential_step(side, known, &mut scratch));
+    let stepped =
+        [KnownFrame::First, KnownFrame::Second].map(|side| link.sequential_step(side, known, &mut scratch));
     for fit in stepped.into_iter().chain([uniform]).flatten() {
         assert!(fit.twist.is_finite() && fit.energy.is_finite() && fit.energy >= 0.0, "{fit:?}");
         assert!((0.0..=1.0).contains(&fit.confidence) && fit.inliers <= fit.correspondences, "{fit:?}");

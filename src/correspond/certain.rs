@@ -1,24 +1,26 @@
-//! Which correspondences are certain enough for solvers that know one noise for all.
+//! Selects correspondences of small variance, for solvers that assume the same noise for all.
 
 use super::correspondence::Correspondence;
 
-/// Those whose deviation is so many times the usual one are left out …
-const UNSURE: f64 = 2.0;
+/// Correspondences are dropped if their standard deviation is more than this many times the median of the
+/// pair …
+const MAX_DEVIATION_RATIO: f64 = 2.0;
 
-/// … if it is larger than this as well, in analysed pixels.
-const MOST_DEVIATION: f64 = 0.3;
+/// … and more than this, in analysed pixels.
+const MIN_DEVIATION_LIMIT: f64 = 0.3;
 
-/// Leaves in `out` those of the correspondences of a pair whose deviation along any axis is at most 0.3 analysed pixels, or
-/// twice what is usual in the pair. `scale` are the full-frame pixels to an analysed one.
+/// Copies to `out` the correspondences of a pair whose standard deviation along every axis is at most 0.3
+/// analysed pixels, or twice the median of the pair. `scale` is the width of an analysed pixel in full-frame
+/// pixels.
 pub fn certain(found: &[Correspondence], scale: f64, out: &mut Vec<Correspondence>) {
     let mut variances: Vec<f64> = found.iter().map(Correspondence::variance).collect();
     let middle = variances.len() / 2;
-    let usual = match variances.get(middle) {
+    let median = match variances.get(middle) {
         Some(_) => *variances.select_nth_unstable_by(middle, f64::total_cmp).1,
         None => 0.0,
     };
-    let most = MOST_DEVIATION * scale;
-    let limit = (most * most).max(UNSURE * UNSURE * usual);
+    let least = MIN_DEVIATION_LIMIT * scale;
+    let limit = (least * least).max(MAX_DEVIATION_RATIO * MAX_DEVIATION_RATIO * median);
     out.clear();
     out.extend(found.iter().filter(|found| found.variance() <= limit));
 }
@@ -43,12 +45,12 @@ mod tests {
     }
 
     #[test]
-    fn what_is_uncertain_is_left_out_unless_most_is() {
+    fn uncertain_points_are_dropped_relative_to_the_median() {
         assert_eq!(certain_of(&[], 1.0), 0);
-        assert_eq!(certain_of(&[0.1, 0.29, 0.31, 2.0], 1.0), 3, "0.29 is usual");
+        assert_eq!(certain_of(&[0.1, 0.29, 0.31, 2.0], 1.0), 3, "0.29 is the median");
         assert_eq!(certain_of(&[0.1, 0.1, 0.1, 0.31, 2.0], 1.0), 3);
         assert_eq!(certain_of(&[0.1, 0.1, 0.1, 0.31, 2.0], 2.0), 4, "0.6 full-frame pixels");
-        assert_eq!(certain_of(&[1.0, 1.0, 1.9, 2.1], 1.0), 4, "1.9 is usual");
+        assert_eq!(certain_of(&[1.0, 1.0, 1.9, 2.1], 1.0), 4, "1.9 is the median");
         assert_eq!(certain_of(&[1.0, 1.0, 1.0, 1.9, 2.1], 1.0), 4);
         assert_eq!(certain_of(&[f64::NAN, 0.1, 0.1], 1.0), 2);
     }

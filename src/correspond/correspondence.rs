@@ -9,10 +9,9 @@ pub struct Correspondence {
     pub from: Vector2<f64>,
     /// Pixels of the full frame in the second frame.
     pub to: Vector2<f64>,
-    /// The smaller eigenvalue of the patch's gradient matrix, per pixel, in squared grey levels
-    /// (0 to 255) per squared analysed pixel: how well the patch can be located. The patch is as the
-    /// second frame is to show it, and of its gradients only what neither its mean nor a change of
-    /// contrast explains counts.
+    /// The smaller eigenvalue of the patch's gradient matrix, per pixel, in squared grey levels (0 to 255)
+    /// per squared analysed pixel: how well the patch can be located. Computed from the patch distorted as it
+    /// appears in the second frame, with gradients orthogonal to the mean and to the patch itself.
     pub texture: f32,
     /// Root mean square difference of the two patches in grey levels after brightness was matched.
     pub residual: f32,
@@ -28,7 +27,7 @@ impl Correspondence {
     }
 }
 
-/// Full-frame pixels from analysed ones, of which each is `scale` wide.
+/// Converts analysed pixels, each `scale` full-frame pixels wide, to full-frame pixels.
 pub(super) fn to_full(at: Vector2<f32>, scale: f64) -> Vector2<f64> {
     at.map(f64::from).add_scalar(0.5) * scale - Vector2::repeat(0.5)
 }

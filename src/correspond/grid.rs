@@ -1,23 +1,23 @@
-//! The points that are measured: a uniform grid over the whole frame.
+//! The measured points: a uniform grid over the whole frame.
 
-use super::patch::FINE;
+use super::patch::PATCH_SIDE;
 use nalgebra::Vector2;
 
-/// Pixels around a patch that its gradients need.
+/// Pixels around a patch that are needed for its gradients.
 const MARGIN: usize = 1;
 
 /// Patches centred in the cells of a grid, in analysed pixels, row by row.
 #[derive(Clone, Debug)]
 pub(super) struct Grid {
     pub(super) columns: usize,
-    /// The top left pixel of each patch; `None` where no patch fits near its cell.
+    /// The top left pixel of each patch; `None` if no patch fits near its cell.
     corners: Vec<Option<(usize, usize)>>,
 }
 
 impl Grid {
     /// A grid of `columns` × `rows` cells over `size` analysed pixels.
     ///
-    /// A patch that would reach out of the frame is moved in by at most half a cell.
+    /// A patch that would extend beyond the frame is moved inwards by at most half a cell.
     pub(super) fn new(size: (usize, usize), columns: usize, rows: usize) -> Self {
         let across: Vec<_> = (0..columns).map(|i| place(i, columns, size.0)).collect();
         let down: Vec<_> = (0..rows).map(|j| place(j, rows, size.1)).collect();
@@ -25,7 +25,7 @@ impl Grid {
         Self { columns, corners }
     }
 
-    /// Cells.
+    /// Number of cells.
     pub(super) fn len(&self) -> usize {
         self.corners.len()
     }
@@ -38,19 +38,19 @@ impl Grid {
 
 /// The first pixel of the patch in cell `index` of `cells` over `length` pixels.
 fn place(index: usize, cells: usize, length: usize) -> Option<usize> {
-    let last = length.checked_sub(FINE + MARGIN)?;
+    let last = length.checked_sub(PATCH_SIDE + MARGIN)?;
     if last < MARGIN {
         return None;
     }
     let cell = length as f64 / cells as f64;
-    let wanted = (index as f64 + 0.5) * cell - 0.5 * FINE as f64;
+    let wanted = (index as f64 + 0.5) * cell - 0.5 * PATCH_SIDE as f64;
     let corner = wanted.round().clamp(MARGIN as f64, last as f64);
     ((corner - wanted).abs() <= (0.5 * cell).max(0.5)).then_some(corner as usize)
 }
 
 /// The centre of a patch, given its top left pixel.
 pub(super) fn centre(corner: Vector2<f32>) -> Vector2<f32> {
-    corner.add_scalar(0.5 * (FINE as f32 - 1.0))
+    corner.add_scalar(0.5 * (PATCH_SIDE as f32 - 1.0))
 }
 
 #[cfg(test)]

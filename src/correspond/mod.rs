@@ -2,23 +2,23 @@
 //!
 //! | step | file | what it does |
 //! |---|---|---|
-//! | reduce | [`pyramid`](crate::pyramid) | any luma view → grey of at most 960 pixels a side, and coarser levels |
-//! | follow | [`flow`](crate::flow) | dense optical flow, both ways |
-//! | place | `grid` | the points that are measured: the middles of a uniform grid of cells |
+//! | reduce | [`pyramid`](crate::pyramid) | luma → grey of at most 960 pixels a side, and coarser levels |
+//! | flow | [`flow`](crate::flow) | dense optical flow, both ways |
+//! | place | `grid` | the measured points: the centres of a uniform grid of cells |
 //! | sample | `sampler` | the flow at these points, and which of them are kept |
-//! | agree | `field` | what the neighbours of a point say of its local distortion |
+//! | distortion | `distortion` | local distortion at a point, from the displacements of its neighbours |
 //! | polish | `polish` | registration of one point to sub-pixel accuracy, and its covariance |
 //! | register | `template` | one patch: inverse-compositional Lucas–Kanade |
-//! | choose | `certain` | those that are certain enough for solvers that know one noise for all |
-//! | sum | `patch` | its kernels: patches between pixels, stretched patches, sums |
+//! | select | `certain` | correspondences of small variance, for solvers that assume one noise level |
+//! | kernels | `patch` | patches at sub-pixel positions, distorted patches, sums |
 //!
-//! Three coordinate systems occur: *full-frame* pixels, which callers see; *analysed* pixels, those
+//! Three coordinate systems occur: *full-frame* pixels, used by callers; *analysed* pixels, those
 //! of the reduced grey; and pixels of level l, each 2^l analysed pixels wide. In all of them pixel
 //! centres are integers, so that going to a system s times coarser is x ↦ (x + ½)/s − ½.
 //!
 //! # Cost
 //!
-//! For 1920×1080 in 8 bits, hence 960×540 analysed, on a grid of 32×24, beside that of the flow:
+//! For 1920×1080 in 8 bits, hence 960×540 analysed, on a grid of 32×24, without the flow:
 //!
 //! | step | bytes read and written | multiply-adds |
 //! |---|---|---|
@@ -28,7 +28,7 @@
 
 mod certain;
 mod correspondence;
-mod field;
+mod distortion;
 mod grid;
 mod patch;
 mod polish;

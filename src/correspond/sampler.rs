@@ -1,9 +1,9 @@
-//! Correspondences sampled from dense flow at the grid.
+//! Correspondences sample_flow from dense flow at the grid.
 
 use super::correspondence::{Correspondence, to_full};
-use super::field::{Motion, Slopes};
+use super::distortion::{DisplacementGradients, GridDisplacement};
 use super::grid::{Grid, centre};
-use super::polish::{Start, polish};
+use super::polish::{InitialEstimate, polish};
 use crate::cpu::CpuLevel;
 use crate::flow::{DenseFlow, FlowField};
 use crate::parallel::*;
@@ -11,23 +11,23 @@ use crate::plane::Luma;
 use crate::pyramid::{Pyramid, Reducer, block_difference};
 use nalgebra::Vector2;
 
-/// From this confidence on a displacement of the flow is taken up.
-const LEAST_CONFIDENCE: f64 = 0.5;
+/// Least confidence at which a displacement of the flow is used.
+const MIN_CONFIDENCE: f64 = 0.5;
 
-/// First decile of the smallest of the four squared deviations of [`scatter`] where the covariances are true: by
-/// simulation of 60,000 points with normal errors.
-const USUAL_DEVIATION: f64 = 0.0269;
+/// First decile of the smallest of the four squared deviations of [`covariance_factor`] if the covariances
+/// are correct: by simulation of 60,000 points with normal errors.
+const EXPECTED_FIRST_DECILE: f64 = 0.0269;
 
-/// Errors that are larger than their covariance says are in part the same for neighbours, where they do not show: as
-/// much again, measured on footage through H.264 at 1.5 Mbit/s.
-const SHARED: f64 = 2.0;
+/// Factor on the excess of the measured variance: excess errors are in part common to neighbours and cancel
+/// in their difference; the common part is as large again, measured on footage through H.264 at 1.5 Mbit/s.
+const COMMON_ERROR_FACTOR: f64 = 2.0;
 
-/// Fewer deviations tell nothing.
-const FEWEST_DEVIATIONS: usize = 30;
+/// With fewer deviations than this the factor is 1.
+const MIN_DEVIATIONS: usize = 30;
 
-/// What the covariances are multiplied by at least and at most.
-const LEAST_SCATTER: f64 = 0.5;
-const MOST_SCATTER: f64 = 100.0;
+/// Bounds of the factor on the covariances.
+const MIN_COVARIANCE_FACTOR: f64 = 0.5;
+const MAX_COVARIANCE_FACTOR: f64 = 100.0;
 
 /// Measures correspondences between frames of one size on a uniform grid, from dense flow.
 #[derive(Debug)]
@@ -36,22 +36,22 @@ pub struct Sampler {
     reducer: Reducer,
     grid: Grid,
     flow: DenseFlow,
-    motions: Vec<Option<Motion>>,
+    displacements: Vec<Option<GridDisplacement>>,
     found: Vec<Option<Correspondence>>,
-    slopes: Slopes,
+    gradients: DisplacementGradients,
     /// Scratch.
     deviations: Vec<f64>,
 }
 
 impl Sampler {
-    /// For frames of `width` × `height` pixels and a grid of cells, one point in each.
+    /// For frames of `width` × `height` pixels and a grid of cells with one point each.
     ///
-    /// Any size will do; frames (or grids) too small for a single patch yield no correspondences.
+    /// Any size is valid; frames (or grids) too small for a single patch yield no correspondences.
     pub fn new(width: usize, height: usize, grid_columns: usize, grid_rows: usize) -> Self {
         Self::with_cpu(CpuLevel::detect(), width, height, grid_columns, grid_rows)
     }
 
-    /// As [`new`](Self::new), with the instructions of `cpu`; all measure the same but for rounding.
+    /// As [`new`](Self::new), with the instructions of `cpu`; results differ by rounding only.
     pub fn with_cpu(
         cpu: CpuLevel,
         width: usize,
@@ -68,27 +68,28 @@ impl Sampler {
             reducer,
             grid,
             flow,
-            motions: vec![None; cells],
+            displacements: vec![None; cells],
             found: vec![None; cells],
-            slopes: Slopes::default(),
+            gradients: DisplacementGradients::default(),
             deviations: Vec::new(),
         }
     }
 
-    /// Full-frame pixels to an analysed pixel.
+    /// Width of an analysed pixel in full-frame pixels.
     pub fn pixel_scale(&self) -> f64 {
         self.reducer.scale()
     }
 
-    /// Reduces `luma` into `pyramid`. A luma that is not of the sampler's size leaves nothing to be seen.
+    /// Reduces `luma` into `pyramid`. A luma that is not of the sampler's size leaves the pyramid empty.
     pub fn build(&self, luma: &Luma<'_>, pyramid: &mut Pyramid) {
         self.reducer.build(luma, pyramid);
     }
 
-    /// Estimates the flow between two frames, and measures its correspondences into `out`, in the order of the grid.
+    /// Estimates the flow between two frames, and measures its correspondences into `out`, in the order of
+    /// the grid.
     ///
-    /// `predict` says where a point (full-frame pixels) of the first frame is expected in the second; the identity where
-    /// nothing is known.
+    /// `predict` maps a point of the first frame (full-frame pixels) to its expected position in the second:
+    /// the identity without a prediction.
     pub fn correspond(
         &mut self,
         first: &Pyramid,
@@ -103,21 +104,25 @@ impl Sampler {
             return;
         }
         let (scale, grid, field) = (self.reducer.scale(), &self.grid, self.flow.forward());
-        for (index, motion) in self.motions.iter_mut().enumerate() {
-            *motion = grid.corner(index).and_then(|corner| sampled(field, corner, scale));
+        for (index, displacement) in self.displacements.iter_mut().enumerate() {
+            *displacement = grid.corner(index).and_then(|corner| sample_flow(field, corner, scale));
         }
-        self.slopes.fill(&self.motions, grid.columns);
-        let (motions, slopes, cpu) = (&self.motions, &self.slopes, self.cpu);
+        self.gradients.fill(&self.displacements, grid.columns);
+        let (displacements, gradients, cpu) = (&self.displacements, &self.gradients, self.cpu);
         self.found.par_iter_mut().enumerate().with_min_len(16).for_each(|(index, found)| {
             *found = grid.corner(index).and_then(|corner| {
-                let motion = motions.get(index).copied().flatten()?;
-                let start = Start { corner, shift: motion.shift, distortion: slopes.distortion(index) };
+                let displacement = displacements.get(index).copied().flatten()?;
+                let start = InitialEstimate {
+                    corner,
+                    shift: displacement.shift,
+                    distortion: gradients.distortion(index),
+                };
                 polish(cpu, [from, to], &start, scale)
             });
         });
-        let share = scatter(&self.found, self.grid.columns, &mut self.deviations);
+        let factor = covariance_factor(&self.found, self.grid.columns, &mut self.deviations);
         let scaled =
-            |found: &Correspondence| Correspondence { covariance: found.covariance * share, ..*found };
+            |found: &Correspondence| Correspondence { covariance: found.covariance * factor, ..*found };
         out.extend(self.found.iter().flatten().map(scaled));
     }
 
@@ -134,13 +139,13 @@ impl Sampler {
     }
 }
 
-/// By what the covariances of a pair are to be multiplied: what neighbours say of each other's errors.
+/// The factor on the covariances of a pair, estimated from the covariance_factor between neighbours.
 ///
-/// The residual of a patch tells nothing of errors that are the same all over it, as those of coded video are. They show
-/// between patches: the difference of a displacement from the mean of those on either side is free of all that changes
-/// evenly. Of the four pairs of opposite neighbours the best counts, and of all points the lowest tenth, so that depth
-/// edges have no say.
-fn scatter(found: &[Option<Correspondence>], columns: usize, deviations: &mut Vec<f64>) -> f64 {
+/// Errors that are constant over a patch, as in coded video, do not show in its residual. They show between
+/// patches: the difference of a displacement from the mean of two opposite neighbours cancels all linear
+/// change. The smallest of the four pairs of opposite neighbours and the first decile over all points are
+/// used, to exclude depth edges.
+fn covariance_factor(found: &[Option<Correspondence>], columns: usize, deviations: &mut Vec<f64>) -> f64 {
     let at = |index: Option<usize>| found.get(index?)?.as_ref();
     let shift = |found: &Correspondence| found.to - found.from;
     deviations.clear();
@@ -163,19 +168,20 @@ fn scatter(found: &[Option<Correspondence>], columns: usize, deviations: &mut Ve
             deviations.push(squares[0]);
         }
     }
-    if deviations.len() < FEWEST_DEVIATIONS {
+    if deviations.len() < MIN_DEVIATIONS {
         return 1.0;
     }
     let rank = deviations.len() / 10;
     let low = *deviations.select_nth_unstable_by(rank, f64::total_cmp).1;
-    (1.0 + SHARED * (low / USUAL_DEVIATION - 1.0)).clamp(LEAST_SCATTER, MOST_SCATTER)
+    (1.0 + COMMON_ERROR_FACTOR * (low / EXPECTED_FIRST_DECILE - 1.0))
+        .clamp(MIN_COVARIANCE_FACTOR, MAX_COVARIANCE_FACTOR)
 }
 
-/// The flow at the middle of a patch, in analysed pixels; `None` where it is not trusted.
-fn sampled(field: &FlowField, corner: (usize, usize), scale: f64) -> Option<Motion> {
+/// The flow at the centre of a patch, in analysed pixels; `None` if its confidence is too low.
+fn sample_flow(field: &FlowField, corner: (usize, usize), scale: f64) -> Option<GridDisplacement> {
     let at = centre(Vector2::new(corner.0 as f32, corner.1 as f32));
     let full = to_full(at, scale);
     let (flow, confidence) = field.sample(full.x, full.y)?;
     let shift = Vector2::from(flow).map(|value| (value / scale) as f32);
-    (confidence >= LEAST_CONFIDENCE).then_some(Motion { at, shift })
+    (confidence >= MIN_CONFIDENCE).then_some(GridDisplacement { at, shift })
 }

@@ -29,7 +29,7 @@ impl Random {
     }
 }
 
-/// A sum of waves of 7 to 400 pixels in all directions: smooth, and nowhere the same twice.
+/// A sum of waves of 7 to 400 pixels in all directions: smooth and not repetitive.
 struct Texture(Vec<[f64; 4]>);
 
 impl Texture {
@@ -51,7 +51,7 @@ impl Texture {
     }
 }
 
-/// A frame of 16-bit samples: fine enough that the rounding is nothing beside what is measured.
+/// A frame of 16-bit samples, whose rounding is negligible.
 struct Frame {
     data: Vec<u8>,
     layout: PlaneLayout,
@@ -101,7 +101,7 @@ fn errors(found: &[Correspondence], truth: impl Fn(Point) -> Point, scale: f64) 
     errors
 }
 
-/// Checks count, median and RMS (analysed pixels); prints them for those who want to know.
+/// Checks and prints count, median and RMS (analysed pixels).
 fn assert_accurate(what: &str, errors: &[f64], least: usize, median: f64, rms: f64) {
     let count = errors.len();
     assert!(count >= least, "{what}: {count} points, not {least}");
@@ -192,7 +192,7 @@ fn slow_changes_of_brightness_do_not_hide_a_shift() {
         });
         128.0 + waves.sum::<f64>()
     };
-    // Not reduced, the same waves are longer beside a patch, and more of them are too faint to keep.
+    // Without reduction the waves are longer relative to a patch, and more points have too little texture.
     for (width, height, least) in [(1280, 720, 600), (960, 540, 350)] {
         let first = Frame::new(width, height, grey);
         let shift = Point::new(22.4, -9.3);
@@ -228,7 +228,7 @@ fn brightness_may_change() {
 }
 
 #[test]
-fn noise_costs_what_it_must() {
+fn errors_grow_with_noise_without_bias() {
     let texture = Texture::new(7);
     let shift = Point::new(2.3, -1.6);
     let noisy = |seed: u64, shift: Point| {
@@ -240,13 +240,13 @@ fn noise_costs_what_it_must() {
     assert_accurate("noise of 5 grey levels", &errors(&found, |x| x + shift, 1.0), 600, 0.2, 0.35);
     let mean = found.iter().map(|c| c.to - c.from - shift).sum::<Point>() / found.len() as f64;
     assert!(mean.norm() < 0.03, "biased by {mean:?}");
-    // Two noises of 5 make 7.1, less what the interpolation smooths.
+    // Two noises of 5 add up to 7.1; interpolation reduces it.
     let residual = found.iter().map(|c| f64::from(c.residual)).sum::<f64>() / found.len() as f64;
     assert!((5.5..7.5).contains(&residual), "residual {residual}");
 }
 
 #[test]
-fn nothing_is_found_where_nothing_is_to_be_seen() {
+fn frames_without_texture_have_no_points() {
     for grey in [0.0, 128.0, 255.0] {
         let frame = Frame::new(320, 240, |_| grey);
         assert!(measure_frames(&frame, &frame).is_empty());
@@ -326,14 +326,14 @@ fn a_repeated_texture_is_taken_where_it_is_expected() {
     let mut found = Vec::new();
     sampler.correspond(&a, &b, |x| x + Point::new(22.0, 0.0), &mut found);
     assert_accurate("expected", &errors(&found, |x| x + shift, 1.0), 500, 0.03, 1.0);
-    // A prediction gone mad is only one start of several.
+    // An invalid prediction is one candidate of several.
     sampler.correspond(&a, &b, |x| x * f64::NAN, &mut found);
     sampler.correspond(&a, &b, |x| x * 1e300, &mut found);
 }
 
 #[test]
 fn an_alias_of_the_motion_is_refused() {
-    // Waves of 10 to 100 pixels that all but repeat, each moved as it is.
+    // Waves of 10 to 100 pixels that nearly repeat.
     let wave = |x: Point, length: f64, degrees: f64| {
         let (sin, cos) = degrees.to_radians().sin_cos();
         (std::f64::consts::TAU * (cos * x.x + sin * x.y) / length).sin()
@@ -363,7 +363,8 @@ fn all_levels_of_the_processor_measure_the_same() {
     };
     let scalar = run(CpuLevel::Scalar);
     assert!(scalar.len() > 500);
-    // Fused multiplications of the flow round otherwise, which decides where two displacements fit alike.
+    // Fused multiplications of the flow round differently, which decides between displacements of equal
+    // residual.
     for level in CpuLevel::supported() {
         let found = run(level);
         let is_same =
@@ -409,7 +410,7 @@ fn sample_formats_agree() {
     });
     assert!(planar.len() > 150);
     assert_eq!(planar, yuy2);
-    // Where two displacements fit alike, rounding decides: a few points may differ more than the others.
+    // Rounding decides between displacements of equal residual: a few points may differ more than the others.
     for (other, usual) in [(p010, 0.01), (rgbx, 1e-4)] {
         assert_eq!(planar.len(), other.len());
         let mut apart = Vec::new();

@@ -1,80 +1,83 @@
-//! The flow of one frame to the other on one level after another.
+//! The flow in one direction, from the coarsest level to the finest.
 
 use super::consensus::Consensus;
 use super::lanes::Cpu;
-use super::level::{CELL, Mean, Pair, PatchFlow, cells, find, overlap};
-use super::patch::Template;
-use super::prediction::Prediction;
+use super::level::{CELL, LevelPair, Mean, PatchFlow, cells, find, overlap};
+use super::patch::PatchTemplate;
+use super::prediction::FlowPrediction;
 use super::rows::{RowKernel, fill};
 use super::search::exhaustive;
 use crate::cpu::CpuLevel;
 
-/// Comparisons after the candidates': on the coarse levels, where steps are long, and on the finest.
+/// Gauss–Newton steps from the best candidate: on the coarse levels, where steps are long, and on the finest.
 const COARSE_STEPS: usize = 3;
 const FINE_STEPS: usize = 2;
 
-/// Comparisons after those with the neighbours' displacements.
-const SPREAD_STEPS: usize = 1;
+/// Gauss–Newton steps after propagation from neighbouring patches.
+const PROPAGATION_STEPS: usize = 1;
 
-/// Levels as fine as this take nothing from the patches beside: the coarser cells say what those would.
-const LAST_SPREAD: usize = 2;
+/// Levels up to this depth do not propagate between neighbouring patches: the coarser cells already provide
+/// the same candidates.
+const LAST_DEPTH_WITHOUT_PROPAGATION: usize = 2;
 
-/// Comparisons after the first one with what most of the picture does, which may be some pixels beside the truth: the
-/// readout and perspective bend a motion that is taken to be affine.
-const AGREEMENT_STEPS: usize = 4;
+/// Gauss–Newton steps from the dominant motion, which may be off by some pixels: the readout and perspective
+/// bend a motion that is modelled as affine.
+const CONSENSUS_STEPS: usize = 4;
 
-/// Patches that are further from it, in pixels of the level, are compared with it.
-const AGREEMENT: f32 = 2.0;
+/// Patches further than this from the dominant motion, in pixels of the level, are compared with it.
+const MIN_CONSENSUS_DISTANCE: f32 = 2.0;
 
-/// Two displacements of which one leaves less than this many times what the other does may both be right …
-const AS_GOOD: f32 = 2.0;
+/// The dominant motion is preferred if its residual is less than this many times that of the patch's own
+/// displacement …
+const CONSENSUS_RESIDUAL_RATIO: f32 = 2.0;
 
-/// … and this share of the contrast more, which linear interpolation of sharp edges leaves.
-const UNEXPLAINED: f32 = 0.05;
+/// … plus this share of the contrast: the residual of linear interpolation at sharp edges.
+const INTERPOLATION_RESIDUAL: f32 = 0.05;
 
-/// What the texture of a patch counts that takes an expected motion: the picture does not say that it is so, only that it
-/// may be. From a tenth to a thousandth changes little.
-const EXPECTED: f32 = 0.1;
+/// Factor on the structure tensor of a patch that takes the dominant motion: the picture is consistent with
+/// that motion but does not measure it. From a tenth to a thousandth changes little.
+const CONSENSUS_TEXTURE_FACTOR: f32 = 0.1;
 
-/// Where a level stands among the others.
+/// One level of the pyramids and its place among the others.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Stage<'a> {
     pub(super) cpu: CpuLevel,
-    pub(super) pair: Pair<'a>,
+    pub(super) pair: LevelPair<'a>,
     /// It is 2^depth times coarser than the analysed luma.
     pub(super) depth: usize,
-    /// It is the first of the levels.
+    /// The first level that is run.
     pub(super) is_coarsest: bool,
-    /// It is the last of them.
+    /// The last level that is run.
     pub(super) is_finest: bool,
 }
 
 impl Stage<'_> {
-    /// From the second frame to the first.
+    /// The same level from the second frame to the first.
     pub(super) fn reversed(self) -> Self {
         Self { pair: self.pair.reversed(), ..self }
     }
 }
 
-/// What one direction knows.
+/// State of one flow direction.
 #[derive(Debug, Default)]
-pub(super) struct Direction {
-    pub(super) prediction: Prediction,
+pub(super) struct FlowDirection {
+    pub(super) prediction: FlowPrediction,
     patches: Vec<PatchFlow>,
-    spread: Vec<PatchFlow>,
-    /// Of the level done last.
+    next_patches: Vec<PatchFlow>,
+    /// Cells of the level run last.
     pub(super) means: Vec<Mean>,
     pub(super) columns: usize,
     pub(super) rows: usize,
-    /// What the other direction says of each cell, where it says anything, and the residual of what led there.
+    /// Per cell, the negated displacement of the opposite direction that ends there and its residual, if any.
     reversed: Vec<Option<([f32; 2], f32)>>,
 }
 
-/// What a patch starts from.
+/// Kernel that finds the patches of a level from the coarser level, the prediction and the opposite
+/// direction.
 #[derive(Clone, Copy)]
-struct Known<'a> {
+struct CoarseToFine<'a> {
     stage: Stage<'a>,
-    prediction: &'a Prediction,
+    prediction: &'a FlowPrediction,
     /// The next coarser level's cells, in its pixels.
     coarse: &'a [Mean],
     reversed: &'a [Option<([f32; 2], f32)>],
@@ -82,12 +85,12 @@ struct Known<'a> {
     rows: usize,
 }
 
-impl Direction {
-    /// Does one level, given those that are coarser.
+impl FlowDirection {
+    /// Runs one level, starting from the coarser ones.
     pub(super) fn run(&mut self, stage: &Stage<'_>) {
         let (columns, rows) = cells(stage.pair.first);
         let (across, down) = (columns.saturating_sub(1).max(1), rows.saturating_sub(1).max(1));
-        let known = Known {
+        let kernel = CoarseToFine {
             stage: *stage,
             prediction: &self.prediction,
             coarse: &self.means,
@@ -96,21 +99,26 @@ impl Direction {
             rows: self.rows,
         };
         self.patches.resize(across * down, PatchFlow::default());
-        self.spread.resize(across * down, PatchFlow::default());
-        fill(stage.cpu, &known, across, &mut self.patches);
-        let spreads = if stage.is_coarsest { 2 } else { usize::from(stage.depth > LAST_SPREAD) };
-        for _ in 0..spreads {
-            let spread = Spread { pair: stage.pair, patches: &self.patches };
-            fill(stage.cpu, &spread, across, &mut self.spread);
-            std::mem::swap(&mut self.patches, &mut self.spread);
+        self.next_patches.resize(across * down, PatchFlow::default());
+        fill(stage.cpu, &kernel, across, &mut self.patches);
+        let propagations =
+            if stage.is_coarsest { 2 } else { usize::from(stage.depth > LAST_DEPTH_WITHOUT_PROPAGATION) };
+        for _ in 0..propagations {
+            let propagation = Propagation { pair: stage.pair, patches: &self.patches };
+            fill(stage.cpu, &propagation, across, &mut self.next_patches);
+            std::mem::swap(&mut self.patches, &mut self.next_patches);
         }
         let consensus =
             stage.is_finest.then(|| Consensus::of(&self.patches, across, stage.pair.noise)).flatten();
         if let Some(consensus) = consensus {
-            let agreement =
-                Agreement { stage: *stage, patches: &self.patches, prediction: &self.prediction, consensus };
-            fill(stage.cpu, &agreement, across, &mut self.spread);
-            std::mem::swap(&mut self.patches, &mut self.spread);
+            let trial = ConsensusTrial {
+                stage: *stage,
+                patches: &self.patches,
+                prediction: &self.prediction,
+                consensus,
+            };
+            fill(stage.cpu, &trial, across, &mut self.next_patches);
+            std::mem::swap(&mut self.patches, &mut self.next_patches);
         }
         (self.columns, self.rows) = (columns, rows);
         self.means.resize(columns * rows, Mean::default());
@@ -118,9 +126,9 @@ impl Direction {
         fill(stage.cpu, &overlap, columns, &mut self.means);
     }
 
-    /// Takes over what the other direction says: where its cells lead, minus their displacement; of two that lead to
-    /// one place the one that fits better.
-    pub(super) fn listen(&mut self, other: &Self) {
+    /// Stores the negated displacements of the opposite direction at the cells where they end; of two that
+    /// end in one cell the one of the smaller residual.
+    pub(super) fn take_reverse(&mut self, other: &Self) {
         self.reversed.clear();
         self.reversed.resize(self.columns * self.rows, None);
         let side = CELL as f32;
@@ -139,14 +147,14 @@ impl Direction {
         }
     }
 
-    /// Forgets the levels of the pair before.
+    /// Clears the state of the previous pair.
     pub(super) fn restart(&mut self) {
         self.means.clear();
         self.reversed.clear();
         (self.columns, self.rows) = (0, 0);
     }
 
-    /// The displacement at a point, pixels of the level both, interpolated linearly.
+    /// The displacement at a point, interpolated bilinearly; both in pixels of the level.
     #[inline(always)]
     pub(super) fn at(&self, x: f32, y: f32) -> [f32; 2] {
         let place = |at: f32| (at + 0.5) / CELL as f32 - 0.5;
@@ -154,8 +162,7 @@ impl Direction {
     }
 }
 
-/// Patches from what coarser levels say.
-impl RowKernel<PatchFlow> for Known<'_> {
+impl RowKernel<PatchFlow> for CoarseToFine<'_> {
     #[inline(always)]
     fn fill<C: Cpu>(&self, cpu: C, row: usize, out: &mut [PatchFlow]) {
         let Stage { pair, is_coarsest, is_finest, .. } = self.stage;
@@ -172,13 +179,13 @@ impl RowKernel<PatchFlow> for Known<'_> {
     }
 }
 
-/// Patches from what those beside them found.
-struct Spread<'a> {
-    pair: Pair<'a>,
+/// Kernel that tries the displacements of the four neighbouring patches.
+struct Propagation<'a> {
+    pair: LevelPair<'a>,
     patches: &'a [PatchFlow],
 }
 
-impl RowKernel<PatchFlow> for Spread<'_> {
+impl RowKernel<PatchFlow> for Propagation<'_> {
     #[inline(always)]
     fn fill<C: Cpu>(&self, cpu: C, row: usize, out: &mut [PatchFlow]) {
         let across = out.len();
@@ -188,36 +195,36 @@ impl RowKernel<PatchFlow> for Spread<'_> {
         };
         let candidates = |column: usize| {
             let own = at(row, column).unwrap_or_default();
-            // Before the first there is nothing either.
-            let beside = [
+            // Wraps at column 0 to an index that no row has.
+            let neighbours = [
                 at(row, column.wrapping_sub(1)),
                 at(row, column + 1),
                 row.checked_sub(1).and_then(|row| at(row, column)),
                 at(row + 1, column),
             ];
-            let [left, right, above, below] = beside.map(|beside| beside.unwrap_or(own));
+            let [left, right, above, below] = neighbours.map(|neighbour| neighbour.unwrap_or(own));
             [own, left, right, above, below]
         };
-        if find(cpu, self.pair, row, SPREAD_STEPS, candidates, out).is_none() {
+        if find(cpu, self.pair, row, PROPAGATION_STEPS, candidates, out).is_none() {
             out.fill(PatchFlow::default());
         }
     }
 }
 
-/// Where the picture does not tell a patch's motion from the one that most of it shares, or from the predicted one, that:
-/// along edges, in flat places, and where a pattern repeats itself.
-struct Agreement<'a> {
+/// Kernel that replaces a patch's displacement by the dominant or the predicted one where their residuals are
+/// comparable: along edges, in flat areas and on repetitive texture.
+struct ConsensusTrial<'a> {
     stage: Stage<'a>,
     patches: &'a [PatchFlow],
-    prediction: &'a Prediction,
+    prediction: &'a FlowPrediction,
     consensus: Consensus,
 }
 
-impl RowKernel<PatchFlow> for Agreement<'_> {
+impl RowKernel<PatchFlow> for ConsensusTrial<'_> {
     #[inline(always)]
     fn fill<C: Cpu>(&self, cpu: C, row: usize, out: &mut [PatchFlow]) {
         let pair = self.stage.pair;
-        let mut template = Template::new(cpu);
+        let mut template = PatchTemplate::new(cpu);
         let across = out.len();
         for (column, (out, own)) in out.iter_mut().zip(self.patches.iter().skip(row * across)).enumerate() {
             *out = *own;
@@ -225,7 +232,7 @@ impl RowKernel<PatchFlow> for Agreement<'_> {
             let is_apart = |other: [f32; 2]| {
                 let [x, y] = own.mean.shift();
                 let (dx, dy) = (x - other[0], y - other[1]);
-                dx * dx + dy * dy > AGREEMENT * AGREEMENT
+                dx * dx + dy * dy > MIN_CONSENSUS_DISTANCE * MIN_CONSENSUS_DISTANCE
             };
             let shared = self.consensus.of_patch(x, y);
             if !is_apart(shared) {
@@ -235,16 +242,17 @@ impl RowKernel<PatchFlow> for Agreement<'_> {
             if !is_apart(predicted) {
                 continue;
             }
-            let found = pair.best_of_two(&mut template, [x, y], AGREEMENT_STEPS, |_| [predicted, shared]);
-            let most = AS_GOOD * own.mean.residual() + UNEXPLAINED * own.mean.energy();
-            if let Some(found) = found.filter(|found| found.mean.residual() < most) {
-                *out = found.dimmed(EXPECTED);
+            let found = pair.best_of_two(&mut template, [x, y], CONSENSUS_STEPS, |_| [predicted, shared]);
+            let limit =
+                CONSENSUS_RESIDUAL_RATIO * own.mean.residual() + INTERPOLATION_RESIDUAL * own.mean.energy();
+            if let Some(found) = found.filter(|found| found.mean.residual() < limit) {
+                *out = found.with_scaled_tensor(CONSENSUS_TEXTURE_FACTOR);
             }
         }
     }
 }
 
-/// Cells from the patches that see them.
+/// Kernel that averages overlapping patches into cells.
 struct Overlap<'a> {
     patches: &'a [PatchFlow],
     across: usize,
@@ -258,12 +266,12 @@ impl RowKernel<Mean> for Overlap<'_> {
     }
 }
 
-impl Known<'_> {
-    /// Patches of the coarsest level. Near and far are compared after the steps: half a pixel of this level beside the
-    /// truth, a residual tells little.
+impl CoarseToFine<'_> {
+    /// Patches of the coarsest level. Prediction and search result are compared after the steps only: at half
+    /// a pixel of error on this level, residuals do not discriminate.
     #[inline(always)]
     fn search<C: Cpu>(&self, cpu: C, row: usize, out: &mut [PatchFlow]) -> Option<()> {
-        let mut template = Template::new(cpu);
+        let mut template = PatchTemplate::new(cpu);
         for (column, out) in out.iter_mut().enumerate() {
             let at = [column * CELL, row * CELL];
             let predicted = self.prediction.of_patch(self.stage.depth, at[0], at[1]);
@@ -275,9 +283,9 @@ impl Known<'_> {
         Some(())
     }
 
-    /// The coarser level's displacement at a patch, and those of the cells diagonally around.
+    /// The coarser level's displacement at a patch, and those of the four diagonal cells around it.
     ///
-    /// The middle of a patch is at half its index among the coarser cells: on one, or between two.
+    /// In coarser cells the centre of a patch lies at half its index: on a cell, or between two.
     #[inline(always)]
     fn coarser(&self, column: usize, row: usize) -> ([f32; 2], [[f32; 2]; 4]) {
         let at = |row: usize, column: usize| {
@@ -294,7 +302,8 @@ impl Known<'_> {
         (interpolated, around(before(column), column / 2 + 1, before(row), row / 2 + 1))
     }
 
-    /// Displacements to be tried. The prediction is preferred where the picture does not tell, as where it repeats itself.
+    /// Candidate displacements. The prediction comes first and so is preferred on ambiguous, such as
+    /// repetitive, texture.
     #[inline(always)]
     fn candidates(&self, column: usize, row: usize) -> [[f32; 2]; 8] {
         let predicted = self.prediction.of_patch(self.stage.depth, column * CELL, row * CELL);
@@ -304,7 +313,7 @@ impl Known<'_> {
         [predicted, interpolated, a, b, c, d, reversed, [0.0; 2]]
     }
 
-    /// Those of the finest level: of the cells around only the one that differs most.
+    /// Candidates of the finest level: of the surrounding cells only the one that differs most.
     #[inline(always)]
     fn fine_candidates(&self, column: usize, row: usize) -> [[f32; 2]; 2] {
         let (interpolated, around) = self.coarser(column, row);
@@ -324,7 +333,8 @@ fn twice(shift: [f32; 2]) -> [f32; 2] {
     shift.map(|value| 2.0 * value)
 }
 
-/// The displacement at a place among cells, whose centres are at integers; the outermost ones go on.
+/// Bilinear interpolation of displacements between cells, whose centres are at integers; constant beyond the
+/// outermost.
 #[inline(always)]
 fn between(means: &[Mean], columns: usize, rows: usize, x: f32, y: f32) -> [f32; 2] {
     let last = |count: usize| count.saturating_sub(1);

@@ -1,14 +1,15 @@
-//! What is found: a grid of cells with a displacement each.
+//! The flow field: a grid of cells with a displacement each.
 
-/// What is known of one cell.
+/// Displacement of one cell with its confidence and information.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Cell {
     /// Displacement to the other frame, x and y, in full-frame pixels.
     pub flow: [f32; 2],
-    /// Trust in the displacement, 0 to 1: from the residual, the texture and forward–backward consistency.
+    /// Confidence of the displacement, 0 to 1: from the residual, the texture and forward–backward
+    /// consistency.
     pub confidence: f32,
-    /// The inverse covariance of the displacement (xx, xy, yy) in full-frame pixels, if it is no mistake: from the
-    /// structure tensor and the residual. Along an edge the picture does not tell the displacement, and it is 0 there.
+    /// The inverse covariance of the displacement (xx, xy, yy) in full-frame pixels, provided that it is an
+    /// inlier: from the structure tensor and the residual. It is 0 along an edge (the aperture problem).
     pub information: [f32; 3],
 }
 
@@ -28,7 +29,7 @@ impl Clone for FlowField {
         other
     }
 
-    /// Keeps the memory of its cells.
+    /// Reuses the memory of the cells.
     fn clone_from(&mut self, other: &Self) {
         (self.columns, self.rows, self.side) = (other.columns, other.rows, other.side);
         self.cells.clone_from(&other.cells);
@@ -36,15 +37,15 @@ impl Clone for FlowField {
 }
 
 impl FlowField {
-    /// A field of cells, row by row with `columns` in a row, each `side` full-frame pixels wide. `None` where the rows are
-    /// not complete, or the side is not positive.
+    /// A field of cells, row by row with `columns` in a row, each `side` full-frame pixels wide. `None` if
+    /// the last row is incomplete or the side is not positive.
     pub fn new(columns: usize, side: f64, cells: Vec<Cell>) -> Option<Self> {
         let rows = cells.len().checked_div(columns)?;
         let is_complete = rows * columns == cells.len() && side.is_finite() && side > 0.0;
         is_complete.then_some(Self { columns, rows, side, cells })
     }
 
-    /// Takes all cells away.
+    /// Removes all cells.
     pub(crate) fn clear(&mut self) {
         self.cells.clear();
         (self.columns, self.rows) = (0, 0);
@@ -60,12 +61,12 @@ impl FlowField {
         self.rows
     }
 
-    /// Side of a cell in full-frame pixels; the first starts at the frame's corner.
+    /// Side of a cell in full-frame pixels; the first cell starts at the frame's corner.
     pub fn cell_side(&self) -> f64 {
         self.side
     }
 
-    /// The cells, row by row; none where one of the frames was empty.
+    /// The cells, row by row; none if one of the frames was empty.
     pub fn cells(&self) -> &[Cell] {
         &self.cells
     }
@@ -75,8 +76,8 @@ impl FlowField {
         [column, row].map(|index| (index as f64 + 0.5) * self.side - 0.5)
     }
 
-    /// The four cells around a point (full-frame pixels), each with its share in a bilinear interpolation; `None` for a
-    /// field without cells or a point that is not a number. Beyond the outermost centres the outermost cells go on.
+    /// The four cells around a point (full-frame pixels), each with its bilinear weight; `None` for a field
+    /// without cells or a NaN. Constant beyond the outermost centres.
     pub fn around(&self, x: f64, y: f64) -> Option<[(&Cell, f64); 4]> {
         let (column, across) = place(x, self.side, self.columns)?;
         let (row, down) = place(y, self.side, self.rows)?;
@@ -91,15 +92,15 @@ impl FlowField {
         ])
     }
 
-    /// The displacement at a point (both in full-frame pixels) and the trust in it, interpolated bilinearly; cells of
-    /// little confidence count little.
+    /// The displacement at a point (both in full-frame pixels) and its confidence, interpolated bilinearly;
+    /// displacements are weighted by confidence.
     pub fn sample(&self, x: f64, y: f64) -> Option<([f64; 2], f64)> {
-        /// What a cell without any confidence counts, so that where none has any there is a mean still.
-        const LEAST: f64 = 0.01;
+        /// Added to each confidence, so that four cells of confidence 0 still have a mean.
+        const MIN_WEIGHT: f64 = 0.01;
         let (mut flow, mut sum, mut confidence) = ([0.0; 2], 0.0, 0.0);
         for (cell, share) in self.around(x, y)? {
             let own = f64::from(cell.confidence);
-            let weight = share * (own + LEAST);
+            let weight = share * (own + MIN_WEIGHT);
             flow[0] += weight * f64::from(cell.flow[0]);
             flow[1] += weight * f64::from(cell.flow[1]);
             confidence += share * own;
@@ -109,11 +110,11 @@ impl FlowField {
     }
 }
 
-/// The cell whose centre lies at or before a position, and how far towards the next one that lies.
+/// The last cell whose centre is not beyond a position, and the fraction of the way to the next centre.
 fn place(position: f64, side: f64, cells: usize) -> Option<(usize, f64)> {
     let last = cells.checked_sub(1)?;
     let at = ((position + 0.5) / side - 0.5).clamp(0.0, last as f64);
-    // Not a number stays that.
+    // False for NaN.
     (at >= 0.0).then(|| (at as usize, at.fract()))
 }
 

@@ -1,18 +1,19 @@
-//! Eight samples at a time, for each level of instructions: what nearly all of the flow's time is spent on.
+//! Vectors of eight samples, one implementation per CPU level. Nearly all of the flow's time is spent here.
 //!
-//! All levels add in the same order; AVX2 multiplies and adds without rounding in between, which plain Rust could only do by
-//! a call where a machine has no such instruction. Lanes are made only where a [`Cpu`] is at hand, and what computes with them
-//! is `inline(always)`, up to a function compiled for that CPU.
+//! All levels add in the same order; AVX2 fuses multiplication and addition without intermediate rounding,
+//! for which plain Rust would call a function on machines without that instruction. Lanes are created only
+//! through a [`Cpu`]; all functions that compute with them are `inline(always)`, up to a function compiled
+//! for that CPU.
 
 #[cfg(target_arch = "x86_64")]
 use crate::cpu::Avx2;
 use std::fmt::Debug;
 use std::ops::{Add, Mul, Sub};
 
-/// Lanes, and samples in a row of a patch.
+/// Lanes in a vector, and samples in a row of a patch.
 pub(super) const SIDE: usize = 8;
 
-/// Instructions, and proof that the machine has them.
+/// A set of instructions; a value proves that the machine has them.
 pub(super) trait Cpu: Copy {
     type Lanes: Copy
         + Debug
@@ -20,22 +21,22 @@ pub(super) trait Cpu: Copy {
         + Sub<Output = Self::Lanes>
         + Mul<Output = Self::Lanes>;
 
-    /// The samples of a slice.
+    /// Loads eight samples.
     fn load(self, samples: &[f32; SIDE]) -> Self::Lanes;
 
-    /// All lanes.
+    /// Stores all lanes to an array.
     fn store(self, lanes: Self::Lanes) -> [f32; SIDE];
 
     /// The same value in all lanes.
     fn splat(self, value: f32) -> Self::Lanes;
 
-    /// a·b + c, rounded once or twice.
+    /// a·b + c, rounded once (AVX2) or twice (plain Rust).
     fn fused(self, a: Self::Lanes, b: Self::Lanes, c: Self::Lanes) -> Self::Lanes;
 
-    /// Sums of the left halves of four, then of the right halves.
+    /// Sums of the first four lanes of each of four vectors, then of the last four lanes of each.
     fn halves(self, four: [Self::Lanes; 4]) -> [f32; SIDE];
 
-    /// Sums of four.
+    /// Sums of all lanes of each of four vectors.
     #[inline(always)]
     fn totals(self, four: [Self::Lanes; 4]) -> [f32; 4] {
         let [a, b, c, d, e, f, g, h] = self.halves(four);
@@ -88,7 +89,7 @@ use std::arch::x86_64::{
     _mm256_storeu_ps, _mm256_sub_ps,
 };
 
-/// Made by [`Avx2`] alone, so that one of these is a proof as well.
+/// Created only through [`Avx2`], so a value is also a proof of AVX2.
 #[cfg(target_arch = "x86_64")]
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Register(__m256);
@@ -130,7 +131,7 @@ impl Cpu for Avx2 {
     }
 }
 
-/// An operation of two lanes.
+/// A binary operator on lanes.
 macro_rules! operation {
     ($name:ident, $function:ident, $intrinsic:ident) => {
         impl $name for Array {
@@ -159,15 +160,15 @@ operation!(Add, add, _mm256_add_ps);
 operation!(Sub, sub, _mm256_sub_ps);
 operation!(Mul, mul, _mm256_mul_ps);
 
-/// `COUNT` rows of samples of which the first `WIDTH` lie within a slice.
+/// `COUNT` rows of at least `WIDTH` samples, all within one slice.
 #[derive(Clone, Copy)]
-pub(super) struct Rows<'a, const COUNT: usize, const WIDTH: usize> {
+pub(super) struct SampleRows<'a, const COUNT: usize, const WIDTH: usize> {
     samples: &'a [f32],
     stride: usize,
 }
 
-impl<'a, const COUNT: usize, const WIDTH: usize> Rows<'a, COUNT, WIDTH> {
-    /// Rows `stride` samples apart, the first from the first sample on; `None` where the slice ends before they do.
+impl<'a, const COUNT: usize, const WIDTH: usize> SampleRows<'a, COUNT, WIDTH> {
+    /// Rows `stride` samples apart, starting at the first sample; `None` if the slice is too short.
     #[inline(always)]
     pub(super) fn new(samples: &'a [f32], stride: usize) -> Option<Self> {
         let reach = (COUNT - 1).checked_mul(stride)?.checked_add(WIDTH)?;
@@ -177,9 +178,10 @@ impl<'a, const COUNT: usize, const WIDTH: usize> Rows<'a, COUNT, WIDTH> {
     /// Eight samples of row `r` from column `c` on.
     #[inline(always)]
     pub(super) fn at(self, r: usize, c: usize) -> &'a [f32; SIDE] {
-        // Nothing is left of this where the indices are known.
+        // Compiled away where the indices are constants.
         assert!(r < COUNT && c + SIDE <= WIDTH);
-        // SAFETY: r·stride + c + 8 ≤ (COUNT − 1)·stride + WIDTH ≤ the slice's length, by `new` and the line above.
+        // SAFETY: r·stride + c + 8 ≤ (COUNT − 1)·stride + WIDTH ≤ the slice's length, by `new` and the line
+        // above.
         unsafe { &*self.samples.as_ptr().add(r * self.stride + c).cast() }
     }
 }
@@ -188,19 +190,20 @@ impl<'a, const COUNT: usize, const WIDTH: usize> Rows<'a, COUNT, WIDTH> {
 mod tests {
     use super::*;
 
-    /// A slice without a sample to spare does; a shorter one is refused, and no stride is too large to be multiplied.
+    /// A slice without a sample to spare does; a shorter one is refused, and no stride is too large to be
+    /// multiplied.
     #[test]
     fn rows_lie_within_their_slice() {
         let samples: Vec<f32> = (0..29).map(|i| i as f32).collect();
-        let rows = Rows::<3, 9>::new(&samples, 10).unwrap();
+        let rows = SampleRows::<3, 9>::new(&samples, 10).unwrap();
         assert_eq!((rows.at(0, 0)[0], rows.at(2, 1)[7]), (0.0, 28.0));
-        assert!(Rows::<3, 9>::new(&samples[1..], 10).is_none());
-        assert!(Rows::<3, 9>::new(&samples, usize::MAX / 2).is_none());
+        assert!(SampleRows::<3, 9>::new(&samples[1..], 10).is_none());
+        assert!(SampleRows::<3, 9>::new(&samples, usize::MAX / 2).is_none());
     }
 
     #[test]
     #[should_panic]
     fn a_row_too_many_is_no_row() {
-        Rows::<3, 9>::new(&[0.0; 100], 10).unwrap().at(3, 0);
+        SampleRows::<3, 9>::new(&[0.0; 100], 10).unwrap().at(3, 0);
     }
 }

@@ -1,30 +1,32 @@
-//! One level: candidates for each patch, steps from the best of them, and the mean of overlapping patches.
+//! One level: candidates for each patch, Gauss–Newton steps from the best one, and the mean of overlapping
+//! patches.
 //!
-//! Patches of 8 × 8 pixels overlap by half, so that each cell of 4 × 4 pixels is seen by up to four. A candidate is
-//! judged by its residual alone; what it comes from (the coarser level, cells beside it, the prediction, the other
-//! direction) only decides whether it is tried. A level sets the most comparisons of a patch; candidates that lie next to
-//! each other share one.
+//! Patches of 8 × 8 pixels overlap by half, so that each cell of 4 × 4 pixels is covered by up to four.
+//! Candidates are compared by residual alone, whatever their source (the coarser level, neighbouring cells,
+//! the prediction, the opposite direction). Candidates closer than [`SAME_CANDIDATE`] are compared once.
 
 use super::lanes::Cpu;
-use super::patch::{AREA, Difference, SIDE, Template};
+use super::patch::{AREA, Difference, PatchTemplate, SIDE};
 use crate::pyramid::Level;
 use std::hint::select_unpredictable;
 
 /// Side of a cell in pixels of the level.
 pub(super) const CELL: usize = SIDE / 2;
 
-/// A candidate replaces an earlier one that leaves more than this many times its residual, and the variance of a pixel's
-/// noise more a pixel.
-const BETTER: f32 = 1.15;
+/// A candidate replaces an earlier one whose residual is more than this many times its own, plus the noise
+/// variance per pixel.
+const RESIDUAL_GAIN: f32 = 1.15;
 
-/// Candidates that differ by less along both axes, in pixels, lead to the same place by steps.
-const ALIKE: f32 = 0.5;
+/// Candidates that differ by less than this along both axes, in pixels, converge to the same displacement.
+const SAME_CANDIDATE: f32 = 0.5;
 
-/// Patches that are searched together, for a comparison waits for the step before it; their templates take 4 KB.
-const TOGETHER: usize = 4;
+/// Patches searched in turn, so that one comparison does not wait for the previous step of the same patch;
+/// their templates take 4 KB.
+const INTERLEAVED: usize = 4;
 
-/// What is known of a patch or a cell, all but the shift a mean over its pixels: displacement x and y in pixels of the
-/// level; squared difference; structure tensor xx, xy, yy; squared difference from the mean; and 1, or 0 of nothing.
+/// The estimate for a patch or a cell: displacement x and y in pixels of the level; then means over its
+/// pixels: squared difference; structure tensor xx, xy, yy; squared difference from the mean grey; and last
+/// 1, or 0 without an estimate.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct Mean(pub(super) [f32; SIDE]);
 
@@ -50,82 +52,82 @@ impl Mean {
     }
 }
 
-/// What was found for one patch.
+/// The result for one patch.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct PatchFlow {
     pub(super) mean: Mean,
-    /// Mean squared difference of its quarters: top left, bottom left, top right, bottom right.
+    /// Mean squared differences of the quarters: top left, bottom left, top right, bottom right.
     pub(super) quarters: [f32; 4],
 }
 
 impl PatchFlow {
-    /// The same, with a structure tensor `share` times as large.
-    pub(super) fn dimmed(mut self, share: f32) -> Self {
+    /// The same, with the structure tensor multiplied by `share`.
+    pub(super) fn with_scaled_tensor(mut self, share: f32) -> Self {
         self.mean.0[3..6].iter_mut().for_each(|value| *value *= share);
         self
     }
 }
 
-/// Whether a residual is so much less than an earlier one that what leaves it takes its place; `noise` is the variance of a
-/// pixel's noise.
+/// Whether a candidate of residual `next` replaces an earlier one; `noise` is the noise variance of a pixel.
 #[inline(always)]
 fn is_better(next: f32, earlier: f32, noise: f32) -> bool {
-    BETTER * next + AREA * noise < earlier
+    RESIDUAL_GAIN * next + AREA * noise < earlier
 }
 
-/// Cells (columns, rows) of a level of `width` × `height` pixels; the last ones may reach out of it.
+/// Cells (columns, rows) of a level; the last ones may extend beyond it.
 pub(super) fn cells(level: &Level) -> (usize, usize) {
     (level.width().div_ceil(CELL), level.height().div_ceil(CELL))
 }
 
-/// Two levels, and the variance of a pixel's noise in squared grey levels.
+/// The same level of two frames, and the noise variance of a pixel in squared grey levels.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Pair<'a> {
+pub(super) struct LevelPair<'a> {
     pub(super) first: &'a Level,
     pub(super) second: &'a Level,
     pub(super) noise: f32,
 }
 
-/// The patch of the first level whose top left pixel is (x, y), and how the second is compared with it.
-pub(super) struct Search<'a, C: Cpu> {
-    pub(super) template: &'a Template<C>,
-    pub(super) pair: Pair<'a>,
+/// The search for the patch of the first level whose top left pixel is (x, y) in the second.
+pub(super) struct PatchSearch<'a, C: Cpu> {
+    pub(super) template: &'a PatchTemplate<C>,
+    pub(super) pair: LevelPair<'a>,
     pub(super) x: usize,
     pub(super) y: usize,
 }
 
-/// A displacement in pixels, and its residual.
+/// A displacement in pixels with its residual and Gauss–Newton step.
 #[derive(Clone, Copy, Debug, Default)]
-pub(super) struct Best {
+pub(super) struct Trial {
     shift: [f32; 2],
-    left: Difference,
+    difference: Difference,
 }
 
-impl Best {
-    /// Of two the later where it is clearly better; `noise` is the variance of a pixel's noise.
+impl Trial {
+    /// The later of two if it is clearly better, otherwise this one; `noise` is the noise variance of a
+    /// pixel.
     #[inline(always)]
     pub(super) fn or(self, later: Self, noise: f32) -> Self {
-        select_unpredictable(is_better(later.left.total, self.left.total, noise), later, self)
+        select_unpredictable(is_better(later.difference.total, self.difference.total, noise), later, self)
     }
 
-    /// Where its step leads.
+    /// The displacement after the step.
     #[inline(always)]
     fn next(&self) -> [f32; 2] {
-        [self.shift[0] + self.left.step[0], self.shift[1] + self.left.step[1]]
+        [self.shift[0] + self.difference.step[0], self.shift[1] + self.difference.step[1]]
     }
 }
 
-impl<C: Cpu> Search<'_, C> {
-    /// The residual of a displacement.
+impl<C: Cpu> PatchSearch<'_, C> {
+    /// Compares the patch at a displacement.
     #[inline(always)]
-    pub(super) fn at(&self, shift: [f32; 2]) -> Option<Best> {
+    pub(super) fn at(&self, shift: [f32; 2]) -> Option<Trial> {
         let corner = [self.x as f32 + shift[0], self.y as f32 + shift[1]];
-        Some(Best { shift, left: self.template.compare(self.pair.second, corner)? })
+        Some(Trial { shift, difference: self.template.compare(self.pair.second, corner)? })
     }
 
     #[inline(always)]
-    pub(super) fn found(&self, best: Best) -> PatchFlow {
-        let Difference { squares, total, .. } = best.left;
+    pub(super) fn found(&self, best: Trial) -> PatchFlow {
+        let Difference { squares, total, .. } = best.difference;
         let ([x, y], [xx, xy, yy]) = (best.shift, self.template.tensor);
         let [total, xx, xy, yy, energy] =
             [total, xx, xy, yy, self.template.energy].map(|sum| sum * (1.0 / AREA));
@@ -134,24 +136,24 @@ impl<C: Cpu> Search<'_, C> {
     }
 }
 
-impl Pair<'_> {
-    /// From the second frame to the first.
+impl LevelPair<'_> {
+    /// The same levels from the second frame to the first.
     pub(super) fn reversed(self) -> Self {
         Self { first: self.second, second: self.first, ..self }
     }
 
-    /// The patch whose top left pixel is `at` from two displacements, the first being preferred where the second leads to
-    /// something hardly better.
+    /// Refines the patch whose top left pixel is (x, y) from two displacements; the second result is taken
+    /// only if clearly better.
     #[inline(always)]
     pub(super) fn best_of_two<C: Cpu>(
         self,
-        template: &mut Template<C>,
+        template: &mut PatchTemplate<C>,
         [x, y]: [usize; 2],
         steps: usize,
-        from: impl FnOnce(&Search<'_, C>) -> [[f32; 2]; 2],
+        from: impl FnOnce(&PatchSearch<'_, C>) -> [[f32; 2]; 2],
     ) -> Option<PatchFlow> {
         template.take(self.first, self.noise, x, y)?;
-        let search = Search { template, pair: self, x, y };
+        let search = PatchSearch { template, pair: self, x, y };
         let [first, second] = from(&search);
         let mut both = [search.at(first)?, search.at(second)?];
         refine([&search, &search], &mut both, steps)?;
@@ -160,60 +162,62 @@ impl Pair<'_> {
     }
 }
 
-/// Goes on from a displacement of each of some searches by Gauss–Newton steps for as long as the residual falls.
+/// Gauss–Newton steps from one displacement per search, accepted if the residual falls.
 ///
-/// In turn, and without a branch on what is found: a comparison waits for the step before it, but not for another search.
+/// The searches take turns, and there is no branch on the results: a comparison waits for the previous step
+/// of its own search only.
 #[inline(always)]
 pub(super) fn refine<C: Cpu, const G: usize>(
-    searches: [&Search<'_, C>; G],
-    best: &mut [Best; G],
+    searches: [&PatchSearch<'_, C>; G],
+    best: &mut [Trial; G],
     steps: usize,
 ) -> Option<()> {
     for _ in 0..steps {
         for (search, best) in searches.iter().zip(best.iter_mut()) {
             let next = search.at(best.next())?;
-            // A step that leads away is halved.
-            let step = best.left.step.map(|step| 0.5 * step);
-            let halved = Best { left: Difference { step, ..best.left }, ..*best };
-            *best = select_unpredictable(next.left.total < best.left.total, next, halved);
+            // A step that raises the residual is halved.
+            let step = best.difference.step.map(|step| 0.5 * step);
+            let halved = Trial { difference: Difference { step, ..best.difference }, ..*best };
+            *best = select_unpredictable(next.difference.total < best.difference.total, next, halved);
         }
     }
     Some(())
 }
 
-/// Finds a row of patches: each from the best of its candidates (displacements in pixels), the first being preferred where
-/// others are hardly better.
+/// Finds a row of patches, each from the best of its candidates (displacements in pixels); a later candidate
+/// must be clearly better than an earlier one.
 #[inline(always)]
 pub(super) fn find<C: Cpu, const N: usize>(
     cpu: C,
-    pair: Pair<'_>,
+    pair: LevelPair<'_>,
     row: usize,
     steps: usize,
     candidates: impl Fn(usize) -> [[f32; 2]; N],
     out: &mut [PatchFlow],
 ) -> Option<()> {
     let last = out.len().checked_sub(1)?;
-    let mut templates: [_; TOGETHER] = std::array::from_fn(|_| Template::new(cpu));
-    for (group, out) in out.chunks_mut(TOGETHER).enumerate() {
-        let column = |k: usize| (group * TOGETHER + k).min(last);
+    let mut templates: [_; INTERLEAVED] = std::array::from_fn(|_| PatchTemplate::new(cpu));
+    for (group, out) in out.chunks_mut(INTERLEAVED).enumerate() {
+        let column = |k: usize| (group * INTERLEAVED + k).min(last);
         for (k, template) in templates.iter_mut().enumerate() {
             template.take(pair.first, pair.noise, column(k) * CELL, row * CELL)?;
         }
         let mut k = 0;
         let searches = templates.each_ref().map(|template| {
             k += 1;
-            Search { template, pair, x: column(k - 1) * CELL, y: row * CELL }
+            PatchSearch { template, pair, x: column(k - 1) * CELL, y: row * CELL }
         });
-        let mut best = [Best::default(); TOGETHER];
+        let mut best = [Trial::default(); INTERLEAVED];
         for (k, (search, best)) in searches.iter().zip(&mut best).enumerate() {
             let candidates = candidates(column(k));
             for (index, shift) in candidates.iter().enumerate() {
-                let is_alike = |other: &[f32; 2]| {
-                    (other[0] - shift[0]).abs() < ALIKE && (other[1] - shift[1]).abs() < ALIKE
+                let is_same = |other: &[f32; 2]| {
+                    (other[0] - shift[0]).abs() < SAME_CANDIDATE
+                        && (other[1] - shift[1]).abs() < SAME_CANDIDATE
                 };
                 if index == 0 {
                     *best = search.at(*shift)?;
-                } else if !candidates.iter().take(index).any(is_alike) {
+                } else if !candidates.iter().take(index).any(is_same) {
                     *best = best.or(search.at(*shift)?, pair.noise);
                 }
             }
@@ -226,8 +230,8 @@ pub(super) fn find<C: Cpu, const N: usize>(
     Some(())
 }
 
-/// A row of cells from the patches that see them, where `patches` has `across` of them in a row and `noise` is the variance of
-/// a pixel's noise.
+/// A row of cells, each the weighted mean of the patches that cover it. `patches` has `across` patches in a
+/// row; `noise` is the noise variance of a pixel.
 #[inline(always)]
 pub(super) fn overlap<C: Cpu>(
     cpu: C,
@@ -238,16 +242,16 @@ pub(super) fn overlap<C: Cpu>(
     out: &mut [Mean],
 ) {
     let line = |row: usize| patches.chunks(across.max(1)).nth(row).unwrap_or_default();
-    // Before the first there is nothing either.
+    // Wraps at row 0 to an index that no row has.
     let lines = [line(row), line(row.wrapping_sub(1))];
     for (column, out) in out.iter_mut().enumerate() {
         let (mut sum, mut residuals) = (cpu.splat(0.0), 0.0);
         for (j, line) in lines.iter().enumerate() {
             for i in 0..2 {
-                // The patch that has the cell as its quarter (i, j).
+                // The patch whose quarter (i, j) is this cell.
                 let Some(patch) = line.get(column.wrapping_sub(i)) else { continue };
                 let residual = patch.quarters[2 * i + j];
-                // Patches that fit to within the noise of two frames count alike.
+                // Residuals below the noise of two frames are not distinguished.
                 let weight = 1.0 / ((2.0 * noise + residual) * (2.0 * noise + patch.mean.residual()));
                 sum = cpu.fused(cpu.splat(weight), cpu.load(&patch.mean.0), sum);
                 residuals += weight * residual;

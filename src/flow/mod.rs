@@ -4,29 +4,30 @@
 //!
 //! | step | file | what it does |
 //! |---|---|---|
-//! | search | `search` | every patch of the coarsest level, over a quarter of the frame's width |
-//! | predict | `prediction` | a predicted motion as one more candidate |
-//! | compare | `patch`, `lanes` | residual and step of one patch, eight pixels at a time |
-//! | step | `level` | the best of some candidates, steps from it, the mean of overlapping patches |
-//! | descend | `direction` | from level to level |
-//! | agree | `consensus` | where the picture does not tell, the motion that most of it shares |
+//! | search | `search` | exhaustive search on the coarsest level, ± a quarter of the frame's width |
+//! | predict | `prediction` | the predicted motion as an additional candidate |
+//! | compare | `patch`, `lanes` | residual and Gauss–Newton step of one patch, eight pixels at a time |
+//! | step | `level` | best candidate, Gauss–Newton steps from it, mean of overlapping patches |
+//! | descend | `direction` | coarse to fine |
+//! | dominant motion | `consensus` | robust affine motion, used where the picture is ambiguous |
 //! | dispatch | `rows` | kernels on all cores, with the machine's instructions |
-//! | judge | `confidence` | forward–backward consistency, residual, texture |
-//! | conclude | `occlusion` | what the other frame hides goes with what it hides behind something |
-//! | hand out | `field` | cells, and interpolation between them |
+//! | confidence | `confidence` | forward–backward consistency, residual, texture |
+//! | occlusion | `occlusion` | occluded cells take the background's motion |
+//! | output | `field` | cells, and interpolation between them |
 //!
-//! What departs from the paper: candidates are compared by residual on every level, so that neither the coarser level
-//! nor the prediction can hide a motion that fits better; both directions run together, and what one finds is a
-//! candidate of the other; the mean of overlapping patches is taken for cells of 4 × 4 pixels, not for each pixel;
-//! no variational refinement.
+//! Differences from the paper: candidates are compared by residual on every level, so that neither the
+//! coarser level nor the prediction can hide a motion that fits better; both directions run together, and the
+//! result of one is a candidate of the other; the mean of overlapping patches is taken for cells of 4 × 4
+//! pixels, not for each pixel; no variational refinement.
 //!
 //! # Cost
 //!
-//! The finest level has half the analysed resolution. For 960×540 analysed pixels that is 480×270: 119 × 67 patches,
-//! each compared at most 2 + 2 times, on coarser levels at most 8 + 3 times and again; both directions: at most some 0.12 M
-//! comparisons of 64 pixels, 0.05 M where neighbours move alike. Only the patches that move otherwise than most are compared
-//! again, ten times. With AVX2 a comparison takes 16 loads of a row and 8 × 10 operations of eight lanes, and some 100
-//! instructions around these; the start of a patch some 200.
+//! The finest level has half the analysed resolution. For 960×540 analysed pixels that is 480×270: 119 × 67
+//! patches, each compared at most 2 + 2 times, on coarser levels at most 8 + 3 times and again; both
+//! directions: at most some 0.12 M comparisons of 64 pixels, 0.05 M where neighbours have the same motion.
+//! Only patches that disagree with the dominant motion are compared again, ten times. With AVX2 a comparison
+//! takes 16 loads of a row and 8 × 10 operations of eight lanes, and some 100 further instructions; taking a
+//! template some 200.
 
 mod confidence;
 mod consensus;
@@ -47,23 +48,24 @@ pub use field::{Cell, FlowField};
 use crate::cpu::CpuLevel;
 use crate::parallel;
 use crate::pyramid::{Level, Pyramid, Reducer};
-use direction::{Direction, Stage};
-use level::Pair;
+use direction::{FlowDirection, Stage};
+use level::LevelPair;
 use nalgebra::Vector2;
-use occlusion::{Beside, Frames, Known};
+use occlusion::{DirectionPair, FinerLevels, OcclusionFinder};
 
 /// The finest level that is searched: half of the analysed resolution.
 const FINEST: usize = 1;
 
-/// Variance of a pixel's noise on the analysed luma, squared grey levels: that of a camera by day, coded well.
+/// Noise variance of a pixel of the analysed luma, squared grey levels: a camera in daylight, coded at good
+/// quality.
 const NOISE: f32 = 2.0;
 
-/// What is left of it on coarse levels, at least: rounding, and interpolation between pixels.
-const LEAST_NOISE: f32 = 0.05;
+/// Noise floor on coarse levels, squared grey levels: rounding, and interpolation between pixels.
+const MIN_NOISE: f32 = 0.05;
 
-/// Variance of a pixel's noise on the level that is 2^`depth` times coarser, of which each pixel is a mean of 4^`depth`.
+/// Noise variance of a pixel on the level that is 2^`depth` times coarser: each pixel is a mean of 4^`depth`.
 fn noise(depth: usize) -> f32 {
-    (NOISE * 0.25f32.powi(depth as i32)).max(LEAST_NOISE)
+    (NOISE * 0.25f32.powi(depth as i32)).max(MIN_NOISE)
 }
 
 /// Estimates the flow between frames of one size, in both directions.
@@ -72,10 +74,10 @@ pub struct DenseFlow {
     cpu: CpuLevel,
     size: (usize, usize),
     scale: f64,
-    forward: Direction,
-    backward: Direction,
+    forward: FlowDirection,
+    backward: FlowDirection,
     fields: [FlowField; 2],
-    hidden: [Beside; 2],
+    occluded: [OcclusionFinder; 2],
 }
 
 impl DenseFlow {
@@ -84,23 +86,23 @@ impl DenseFlow {
         Self::with_cpu(CpuLevel::detect(), reducer)
     }
 
-    /// As [`new`](Self::new), with the instructions of `cpu`; all find the same but for rounding.
+    /// As [`new`](Self::new), with the instructions of `cpu`; results differ by rounding only.
     pub fn with_cpu(cpu: CpuLevel, reducer: &Reducer) -> Self {
         Self {
             cpu,
             size: reducer.size(),
             scale: reducer.scale(),
-            forward: Direction::default(),
-            backward: Direction::default(),
+            forward: FlowDirection::default(),
+            backward: FlowDirection::default(),
             fields: Default::default(),
-            hidden: Default::default(),
+            occluded: Default::default(),
         }
     }
 
     /// Estimates the flow from `first` to `second` and back.
     ///
-    /// `predict` says where a point (full-frame pixels) of the first frame is expected in the second; the identity where
-    /// nothing is known. It is one candidate among others.
+    /// `predict` maps a point of the first frame (full-frame pixels) to its expected position in the second:
+    /// the identity without a prediction. It is one candidate among others.
     pub fn estimate(
         &mut self,
         first: &Pyramid,
@@ -116,53 +118,53 @@ impl DenseFlow {
         }
         self.forward.prediction.fill(self.size, self.scale, false, &predict);
         self.backward.prediction.fill(self.size, self.scale, true, &predict);
-        // Inside, no task waits for a thread of the pool to be woken.
+        // Inside a scope of the pool, tasks start without waking a thread.
         parallel::scope(|_| self.descend(first.levels(), second.levels()));
     }
 
-    /// From the coarsest level to the finest, and judges what was found there.
+    /// Runs from the coarsest level to the finest, then computes confidence and occlusion.
     fn descend(&mut self, first: &[Level], second: &[Level]) {
         let Self { forward, backward, .. } = self;
         let finest = FINEST.min(first.len() - 1);
         for (depth, (first_level, second_level)) in first.iter().zip(second).enumerate().skip(finest).rev() {
             let stage = Stage {
                 cpu: self.cpu,
-                pair: Pair { first: first_level, second: second_level, noise: noise(depth) },
+                pair: LevelPair { first: first_level, second: second_level, noise: noise(depth) },
                 depth,
                 is_coarsest: depth + 1 == first.len(),
                 is_finest: depth == finest,
             };
             parallel::join(|| forward.run(&stage), || backward.run(&stage.reversed()));
             if !stage.is_finest {
-                forward.listen(backward);
-                backward.listen(forward);
+                forward.take_reverse(backward);
+                backward.take_reverse(forward);
             }
         }
         let side = ((level::CELL << finest) as f64) * self.scale;
         let size = (self.size.0 >> finest, self.size.1 >> finest);
-        let scale = confidence::Scale { size, side, noise: noise(finest) };
+        let scale = confidence::LevelScale { size, side, noise: noise(finest) };
         let [there, back] = &mut self.fields;
-        confidence::judge(self.cpu, forward, backward, scale, there);
-        confidence::judge(self.cpu, backward, forward, scale, back);
+        confidence::fill_field(self.cpu, forward, backward, scale, there);
+        confidence::fill_field(self.cpu, backward, forward, scale, back);
         let (Some(first), Some(second), FINEST) = (first.first(), second.first(), finest) else { return };
-        let pair = Pair { first, second, noise: noise(0) };
-        let frames = Frames { cpu: self.cpu, pair, depth: finest };
-        let known = Known { own: (forward, there), reverse: (backward, back) };
-        let [hidden, hidden_back] = &mut self.hidden;
+        let pair = LevelPair { first, second, noise: noise(0) };
+        let frames = FinerLevels { cpu: self.cpu, pair, depth: finest };
+        let directions = DirectionPair { own: (forward, there), reverse: (backward, back) };
+        let [occluded, occluded_back] = &mut self.occluded;
         parallel::join(
-            || hidden.find(frames, known),
-            || hidden_back.find(frames.reversed(), known.reversed()),
+            || occluded.find(frames, directions),
+            || occluded_back.find(frames.reversed(), directions.reversed()),
         );
-        hidden.complete(there);
-        hidden_back.complete(back);
+        occluded.complete(there);
+        occluded_back.complete(back);
     }
 
-    /// From the first frame to the second; without cells where one of them was empty.
+    /// The flow from the first frame to the second; no cells if a frame was empty.
     pub fn forward(&self) -> &FlowField {
         &self.fields[0]
     }
 
-    /// From the second frame to the first.
+    /// The flow from the second frame to the first.
     pub fn backward(&self) -> &FlowField {
         &self.fields[1]
     }

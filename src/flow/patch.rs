@@ -1,15 +1,16 @@
-//! One patch of 8 × 8 pixels and its comparison with another frame between pixels.
+//! One patch of 8 × 8 pixels and its comparison with another frame at sub-pixel positions.
 //!
-//! Inverse compositional (S. Baker, I. Matthews, *Lucas–Kanade 20 Years On*, IJCV 56(3), 2004): the gradients g are the
-//! template's, so that their matrix is inverted once. With d the difference of the patches and n the variance of a pixel's
-//! noise the step is δ = −(Σ g·gᵀ + 32n·I)⁻¹·Σ g·d. The gradients count without their mean and without what they have in
-//! common with the template, which takes a difference of brightness or of contrast out of the step; the residual is taken
-//! about its mean. Nothing is subtracted from the gradients pixel by pixel: with g′ = g − ḡ − a·(v − v̄) the sums Σ g′·d and
-//! Σ g′·g′ follow from those of g, v and d.
+//! Inverse compositional (S. Baker, I. Matthews, *Lucas–Kanade 20 Years On*, IJCV 56(3), 2004): the gradients
+//! g are the template's, so that their matrix is inverted once. With d the difference of the patches and n
+//! the noise variance of a pixel the step is δ = −(Σ g·gᵀ + 32n·I)⁻¹·Σ g·d. The mean of the gradients and
+//! their projection on the template are removed, which makes the step independent of brightness and contrast;
+//! the residual is taken about its mean. Nothing is subtracted from the gradients pixel by pixel: with g′ = g
+//! − ḡ − a·(v − v̄) the sums Σ g′·d and Σ g′·g′ follow from those of g, v and d.
 //!
-//! A comparison reads 9 rows of 9 samples and takes 64 × 15 additions and multiplications, in 8 × 10 instructions.
+//! A comparison reads 9 rows of 9 samples and takes 64 × 15 additions and multiplications, in 8 × 10
+//! instructions.
 
-use super::lanes::{Cpu, Rows};
+use super::lanes::{Cpu, SampleRows};
 use crate::pyramid::Level;
 
 pub(super) use super::lanes::SIDE;
@@ -19,15 +20,15 @@ pub(super) const AREA: f32 = (SIDE * SIDE) as f32;
 
 /// A patch of the first frame.
 #[derive(Clone, Debug)]
-pub(super) struct Template<C: Cpu> {
+pub(super) struct PatchTemplate<C: Cpu> {
     cpu: C,
-    /// Row by row: grey, and its central differences.
+    /// Grey and its central differences, row by row.
     values: [C::Lanes; SIDE],
     gradient_x: [C::Lanes; SIDE],
     gradient_y: [C::Lanes; SIDE],
     /// Means of values and gradients.
     means: [f32; 3],
-    /// How much of the values the gradients have in them.
+    /// Coefficients a of the projection of each gradient on the values.
     shares: [f32; 2],
     /// Sums of the products of g′: xx, xy, yy.
     pub(super) tensor: [f32; 3],
@@ -40,17 +41,17 @@ pub(super) struct Template<C: Cpu> {
 /// How a patch of the second frame differs from the template.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct Difference {
-    /// The step of Gauss and Newton in pixels, to be added to the displacement.
+    /// The Gauss–Newton step in pixels, to be added to the displacement.
     pub(super) step: [f32; 2],
-    /// Squared differences, about the mean of the patch, summed over its quarters: top left, bottom left, top right,
-    /// bottom right; squared grey levels.
+    /// Sums of squared differences about the mean of the patch, in squared grey levels, by quarter: top left,
+    /// bottom left, top right, bottom right.
     pub(super) squares: [f32; 4],
-    /// Of the whole patch.
+    /// The same sum over the whole patch.
     pub(super) total: f32,
 }
 
-impl<C: Cpu> Template<C> {
-    /// Of nothing yet.
+impl<C: Cpu> PatchTemplate<C> {
+    /// A template to be filled by [`take`](Self::take).
     #[inline(always)]
     pub(super) fn new(cpu: C) -> Self {
         let block = [cpu.splat(0.0); SIDE];
@@ -67,16 +68,16 @@ impl<C: Cpu> Template<C> {
         }
     }
 
-    /// Takes the patch of `level` whose top left pixel is (x, y); `None` further outside than the border. `noise` is the
-    /// variance of a pixel's noise in squared grey levels: a central difference has half of it, which is added to both
-    /// eigenvalues of the gradients' matrix, so that along an edge the start is kept.
+    /// Takes the patch of `level` whose top left pixel is (x, y); `None` if it reaches beyond the border.
+    /// `noise` is the noise variance of a pixel in squared grey levels: a central difference has half of it,
+    /// which is added to both eigenvalues of the gradients' matrix, so that the step along an edge is zero.
     #[inline(always)]
     pub(super) fn take(&mut self, level: &Level, noise: f32, x: usize, y: usize) -> Option<()> {
         let cpu = self.cpu;
         let samples = level.from(x as i32 - 1, y as i32 - 1)?;
-        let rows = Rows::<{ SIDE + 2 }, { SIDE + 2 }>::new(samples, level.stride())?;
+        let rows = SampleRows::<{ SIDE + 2 }, { SIDE + 2 }>::new(samples, level.stride())?;
         let half = cpu.splat(0.5);
-        // Less a grey of the patch, sums of squares lose no digits.
+        // Subtracting a grey of the patch avoids cancellation in the sums of squares.
         let pivot = rows.at(SIDE / 2, 1)[SIDE / 2];
         let mut sums = [cpu.splat(0.0); 3];
         let mut products = [cpu.splat(0.0); 6];
@@ -120,8 +121,8 @@ impl<C: Cpu> Template<C> {
         Some(())
     }
 
-    /// Compares with the patch of `level` whose top left pixel lies at `corner`, sampled linearly. A corner further
-    /// outside than a patch is moved there; `None` only for a level without pixels.
+    /// Compares with the patch of `level` whose top left pixel lies at `corner`, sampled linearly. The corner
+    /// is clamped to one patch outside the level; `None` only for a level without pixels.
     #[inline(always)]
     pub(super) fn compare(&self, level: &Level, corner: [f32; 2]) -> Option<Difference> {
         let cpu = self.cpu;
@@ -129,7 +130,7 @@ impl<C: Cpu> Template<C> {
         let y = corner[1].clamp(-(SIDE as f32), level.height() as f32);
         let ([left, top], [across, down]) = split([x, y]);
         let samples = level.from(left, top)?;
-        let rows = Rows::<{ SIDE + 1 }, { SIDE + 1 }>::new(samples, level.stride())?;
+        let rows = SampleRows::<{ SIDE + 1 }, { SIDE + 1 }>::new(samples, level.stride())?;
         let (across, down) = (cpu.splat(across), cpu.splat(down));
         let mut slopes = [cpu.splat(0.0); 3];
         let (mut differences, mut squares) = ([cpu.splat(0.0); 2], [cpu.splat(0.0); 2]);
@@ -161,11 +162,11 @@ impl<C: Cpu> Template<C> {
         Some(Difference { step: [a * x + b * y, b * x + c * y], squares, total: four(squares) })
     }
 
-    /// The residual at a whole displacement: sum of squared differences about their mean.
+    /// The residual at whole pixels: sum of squared differences about their mean.
     #[inline(always)]
     pub(super) fn residual_at(&self, level: &Level, x: i32, y: i32) -> Option<f32> {
         let cpu = self.cpu;
-        let rows = Rows::<SIDE, SIDE>::new(level.from(x, y)?, level.stride())?;
+        let rows = SampleRows::<SIDE, SIDE>::new(level.from(x, y)?, level.stride())?;
         let mut sums = [cpu.splat(0.0); 2];
         for (r, values) in self.values.iter().enumerate() {
             let difference = cpu.load(rows.at(r, 0)) - *values;
@@ -177,12 +178,12 @@ impl<C: Cpu> Template<C> {
     }
 }
 
-/// A row of samples, each `across` of the way to the next one on the right. A function, as a closure would be compiled for any
-/// CPU where it is not optimised enough to be inlined.
+/// A row of samples, interpolated by `across` towards the next sample on the right. A function, because a
+/// closure that is not inlined would be compiled for any CPU.
 #[inline(always)]
 fn blended<C: Cpu>(
     cpu: C,
-    rows: &Rows<'_, { SIDE + 1 }, { SIDE + 1 }>,
+    rows: &SampleRows<'_, { SIDE + 1 }, { SIDE + 1 }>,
     row: usize,
     across: C::Lanes,
 ) -> C::Lanes {
@@ -190,10 +191,10 @@ fn blended<C: Cpu>(
     cpu.fused(across, cpu.load(rows.at(row, 1)) - left, left)
 }
 
-/// Whole pixels and the rest, 0 to 1, of positions much smaller than 2²².
+/// Whole pixels and fraction, 0 to 1, of positions much smaller than 2²².
 ///
-/// A number between 2²³ and 2²⁴ has no digits after the point, so that adding 1.5·2²³ rounds, and leaves the whole number in
-/// the lowest bits: half as many instructions as a conversion, which must not fail for any number.
+/// Numbers between 2²³ and 2²⁴ have no fraction, so that adding 1.5·2²³ rounds, and leaves the whole number
+/// in the lowest bits: half as many instructions as a conversion, which must be defined for every number.
 #[inline(always)]
 fn split(at: [f32; 2]) -> ([i32; 2], [f32; 2]) {
     const ROUND: f32 = 1.5 * (1 << 23) as f32;

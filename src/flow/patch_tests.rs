@@ -20,7 +20,7 @@ fn level(seed: u64, width: usize, height: usize) -> Level {
 type Compared = (f32, [f32; 3], [f32; 4], f32, [f32; 2], f32);
 
 fn compared<C: Cpu>(cpu: C, [first, second]: [&Level; 2], noise: f32, corner: [f32; 2]) -> Compared {
-    let mut template = Template::new(cpu);
+    let mut template = PatchTemplate::new(cpu);
     template.take(first, noise, 5, 3).unwrap();
     let Difference { step, squares, total } = template.compare(second, corner).unwrap();
     let [x, y] = corner.map(|at| at as i32);
@@ -115,7 +115,7 @@ fn a_position_is_split_into_whole_pixels_and_the_rest() {
 #[test]
 fn corners_anywhere_are_safe() {
     let levels = [level(1, 20, 18), level(2, 20, 18)];
-    let mut template = Template::new(Scalar);
+    let mut template = PatchTemplate::new(Scalar);
     template.take(&levels[0], 0.5, 16, 14).unwrap();
     for at in [-1e30, -9.0, -8.0, 20.0, 1e30, f32::INFINITY] {
         assert!(

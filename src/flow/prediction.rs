@@ -1,22 +1,22 @@
-//! A predicted motion at a few nodes, so that asking for it costs the same whatever predicts.
+//! A predicted motion sampled at a few nodes, so that its cost does not depend on the predictor.
 
 use super::patch::SIDE;
 use nalgebra::Vector2;
 
 /// Nodes along each axis. A homography over an eighth of the frame is linear to within a few per cent of its
-/// departure from the mean, which is nothing to a candidate.
+/// departure from the mean, which is negligible for a candidate.
 const NODES: usize = 9;
 
 /// Predicted displacements in analysed pixels, interpolated linearly between nodes.
 #[derive(Debug, Default)]
-pub(super) struct Prediction {
+pub(super) struct FlowPrediction {
     nodes: Vec<[f32; 2]>,
     size: [f32; 2],
 }
 
-impl Prediction {
-    /// Of `predict`, which takes full-frame pixels of the first frame to those of the second, over `size` analysed
-    /// pixels of which each is `scale` full-frame pixels wide; of its inverse where `inverse`.
+impl FlowPrediction {
+    /// Samples `predict`, which maps full-frame pixels of the first frame to those of the second, or its
+    /// inverse if `inverse`, over `size` analysed pixels, each `scale` full-frame pixels wide.
     pub(super) fn fill(
         &mut self,
         (width, height): (usize, usize),
@@ -39,7 +39,8 @@ impl Prediction {
         }
     }
 
-    /// For the patch whose top left pixel on the level that is 2^`depth` times coarser is (x, y), in its pixels.
+    /// The displacement of the patch with top left pixel (x, y) on the level that is 2^`depth` times coarser,
+    /// in pixels of that level.
     #[inline(always)]
     pub(super) fn of_patch(&self, depth: usize, x: usize, y: usize) -> [f32; 2] {
         let unit = (1usize << depth) as f32;
@@ -47,11 +48,11 @@ impl Prediction {
         self.at(middle(x), middle(y)).map(|shift| shift / unit)
     }
 
-    /// At a point of the frame in analysed pixels.
+    /// The displacement at a point of the frame; both in analysed pixels.
     #[inline(always)]
     fn at(&self, x: f32, y: f32) -> [f32; 2] {
         let last = (NODES - 1) as f32;
-        // As `clamp`, except that it takes what is not a number to 0.
+        // As `clamp`, but maps NaN to 0.
         let place = |at: f32, length: f32| ((at + 0.5) / length * last).max(0.0).min(last - 1e-3);
         let (x, y) = (place(x, self.size[0]), place(y, self.size[1]));
         let (column, row) = (x as usize, y as usize);
@@ -74,7 +75,7 @@ mod tests {
     #[test]
     fn an_affine_motion_is_kept_and_inverted() {
         let predict = |p: Vector2<f64>| Vector2::new(1.02 * p.x + 3.0, 0.98 * p.y - 2.0);
-        let (mut there, mut back) = (Prediction::default(), Prediction::default());
+        let (mut there, mut back) = (FlowPrediction::default(), FlowPrediction::default());
         there.fill((64, 48), 2.0, false, &predict);
         back.fill((64, 48), 2.0, true, &predict);
         // Analysed (20, 30) is (40.5, 60.5) of the full frame.
@@ -87,9 +88,9 @@ mod tests {
 
     #[test]
     fn nonsense_predicts_no_motion() {
-        let mut prediction = Prediction::default();
+        let mut prediction = FlowPrediction::default();
         prediction.fill((64, 48), 1.0, false, &|_| Vector2::new(f64::NAN, f64::INFINITY));
         assert_eq!(prediction.at(10.0, 10.0), [0.0; 2]);
-        assert_eq!(Prediction::default().at(f32::NAN, 0.0), [0.0; 2]);
+        assert_eq!(FlowPrediction::default().at(f32::NAN, 0.0), [0.0; 2]);
     }
 }

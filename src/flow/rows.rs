@@ -1,4 +1,4 @@
-//! Kernels that work row by row, on all cores and with the instructions that the machine has.
+//! Runs row kernels on all cores, with the instructions that the machine has.
 
 use super::lanes::{Cpu, Scalar};
 #[cfg(target_arch = "x86_64")]
@@ -6,13 +6,14 @@ use crate::cpu::Avx2;
 use crate::cpu::CpuLevel;
 use crate::parallel::*;
 
-/// What makes rows of results, each on its own.
+/// A kernel that computes rows of results independently of each other.
 pub(super) trait RowKernel<T>: Sync {
-    /// Fills a row. To be `inline(always)`, with all that it calls: what is not inlined is compiled for any CPU.
+    /// Fills a row. Must be `inline(always)` with everything it calls: functions that are not inlined are
+    /// compiled for any CPU.
     fn fill<C: Cpu>(&self, cpu: C, row: usize, out: &mut [T]);
 }
 
-/// Fills all rows, each of `across` results.
+/// Fills all rows of `across` results each.
 pub(super) fn fill<T: Send, K: RowKernel<T>>(cpu: CpuLevel, kernel: &K, across: usize, out: &mut [T]) {
     out.par_chunks_mut(across.max(1)).enumerate().for_each(|(row, out)| match cpu {
         // SAFETY: the level is a proof of AVX2 and FMA.

@@ -1,25 +1,26 @@
 //! The coarsest level: exhaustive search of every patch.
 //!
-//! It is what makes the flow independent of any prediction. The level is at most 48 pixels long, so that a quarter of
+//! It makes the flow independent of any prediction. The level is at most 48 pixels long, so that a quarter of
 //! the frame's width is 12 pixels at most and 25 × 25 displacements are compared for each of some 80 patches.
 
 use super::lanes::Cpu;
-use super::level::Search;
+use super::level::PatchSearch;
 use super::patch::{AREA, SIDE};
 
-/// Longest displacement that is searched, as a share of the frame's width; along both axes.
+/// Largest displacement searched along each axis, as a share of the frame's width.
 const REACH: f32 = 0.25;
 
-/// What a displacement of one pixel costs beside none, in the variance of a pixel's noise: decides between equals only.
+/// Cost of a displacement per pixel of its length, in noise variances of a pixel: decides between equal
+/// residuals only.
 const LENGTH_COST: f32 = 0.1;
 
-/// The displacement (pixels of the level) at which the patch fits best; zero where nothing fits.
+/// The displacement (pixels of the level) of the lowest cost; zero if the patch cannot be compared anywhere.
 #[inline(always)]
-pub(super) fn exhaustive<C: Cpu>(search: &Search<'_, C>) -> [f32; 2] {
-    let Search { template, x, y, .. } = *search;
+pub(super) fn exhaustive<C: Cpu>(search: &PatchSearch<'_, C>) -> [f32; 2] {
+    let PatchSearch { template, x, y, .. } = *search;
     let (second, noise) = (search.pair.second, search.pair.noise);
     let reach = (REACH * second.width() as f32).ceil() as i32;
-    // At least half of the patch is to be seen in the second frame, along each axis.
+    // At least half of the patch must lie in the second frame, along each axis.
     let half = SIDE as i32 / 2;
     let range = |at: usize, length: usize| {
         let at = at as i32;

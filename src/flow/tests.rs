@@ -3,7 +3,7 @@ use crate::plane::{Plane, PlaneLayout, SampleFormat};
 
 const SIZE: (usize, usize) = (320, 240);
 
-/// Waves of several lengths, the longest of a third of the frame, so that every level sees something.
+/// Waves of several lengths, the longest of a third of the frame, so that every level has texture.
 fn wave(x: f64, y: f64) -> f64 {
     let waves = [
         (0.9, 0.31, 10.0),
@@ -16,7 +16,7 @@ fn wave(x: f64, y: f64) -> f64 {
     128.0 + waves.iter().map(|(a, b, c)| c * (a * x + b * y + c).sin()).sum::<f64>()
 }
 
-/// Squares of 4 and of 16 pixels, each of a grey of its own, so that nothing fits by chance.
+/// Squares of 4 and of 16 pixels, each of a random grey, so that nothing fits by chance.
 fn grain(x: f64, y: f64) -> f64 {
     let squares = |side: f64| {
         let [column, row] = [x, y].map(|at| (at / side).floor() as i64 as u64);
@@ -88,25 +88,25 @@ fn brightness_may_change() {
 }
 
 #[test]
-fn what_does_not_come_back_is_not_trusted() {
+fn inconsistent_flow_has_low_confidence() {
     // The right half of the second frame shows something else.
     let other = |x: f64, y: f64| wave(1.7 * y + 400.0, 1.3 * x - 900.0);
     let (first, second) = (frame(wave), frame(|x, y| if x < 160.0 { wave(x - 4.0, y) } else { other(x, y) }));
     let flow = flow_of(CpuLevel::detect(), [&first, &second], |p| p);
     let field = flow.forward();
-    let trust = |columns: std::ops::Range<usize>| {
+    let mean_confidence = |columns: std::ops::Range<usize>| {
         let cells = field.cells().iter().enumerate();
         let of = cells.filter(|(index, _)| columns.contains(&(index % field.columns())));
         let all: Vec<f32> = of.map(|(_, cell)| cell.confidence).collect();
         all.iter().sum::<f32>() / all.len() as f32
     };
-    let (left, right) = (trust(2..16), trust(24..40));
+    let (left, right) = (mean_confidence(2..16), mean_confidence(24..40));
     assert!(left > 0.9 && right < 0.3, "{left} {right}");
 }
 
 #[test]
-fn what_is_hidden_moves_as_what_lies_behind() {
-    // Right of a thing that stands still all of the background gets hidden, and what is seen there next is new.
+fn occluded_cells_take_the_background_motion() {
+    // To the right of a still foreground the background is occluded in the second frame.
     let moved = -64.0;
     let is_still = |x: f64, y: f64| (120.0..256.0).contains(&x) && (60.0..180.0).contains(&y);
     let seen = |x: f64, y: f64, moved: f64| {
@@ -115,19 +115,19 @@ fn what_is_hidden_moves_as_what_lies_behind() {
     let (first, second) = (frame(|x, y| seen(x, y, 0.0)), frame(|x, y| seen(x, y, moved)));
     let flow = flow_of(CpuLevel::detect(), [&first, &second], |p| p);
     let field = flow.forward();
-    let (mut right, mut hidden) = (0, 0);
+    let (mut right, mut occluded) = (0, 0);
     for (index, cell) in field.cells().iter().enumerate() {
         let [x, y] = field.centre(index % field.columns(), index / field.columns());
-        // Not of the cells across an outline.
+        // Without the cells across a depth edge.
         if x > 264.0 && (72.0..168.0).contains(&y) {
             let error = (f64::from(cell.flow[0]) - moved).hypot(f64::from(cell.flow[1]));
-            (right, hidden) = (right + usize::from(error < 4.0), hidden + 1);
+            (right, occluded) = (right + usize::from(error < 4.0), occluded + 1);
         }
     }
-    assert!(hidden > 50 && 4 * right > 3 * hidden, "{right} of {hidden}");
+    assert!(occluded > 50 && 4 * right > 3 * occluded, "{right} of {occluded}");
 }
 
-/// Fused multiplications round otherwise, which decides where two candidates fit alike.
+/// Fused multiplications round differently, which decides between candidates of equal residual.
 #[test]
 fn all_levels_find_the_same() {
     let (first, second) = (frame(wave), frame(|x, y| wave(1.01 * x - 5.0, y + 0.01 * x)));

@@ -1,12 +1,12 @@
-//! The motion of one frame with the shutter it was solved for and how much of it is applied.
+//! The motion of one frame, the shutter it was solved for, and the share of the correction applied.
 
 use super::MotionPath;
 use crate::readout::Readout;
 
-/// All that the rectification of one frame needs to know of its motion.
+/// The motion of one frame, as needed for its rectification.
 ///
-/// The parts belong together: a path is by share of *its* readout, and where the path is uncertain only a part of
-/// the correction improves the frame. So they are handed on as one.
+/// Path, readout and weight are kept together: the path is a function of the elapsed share of *its* readout,
+/// and if it is uncertain only a part of the correction improves the frame.
 #[derive(Clone, Debug, PartialEq)]
 pub struct FrameMotion {
     readout: Readout,
@@ -15,14 +15,13 @@ pub struct FrameMotion {
 }
 
 impl FrameMotion {
-    /// A motion that is trusted in full.
+    /// A motion whose correction is applied in full.
     #[must_use]
     pub const fn new(readout: Readout, path: MotionPath) -> Self {
         Self { readout, path, weight: 1.0 }
     }
 
-    /// The same motion, of whose correction this share is applied: 0 to 1, otherwise the nearest of these; 0 where it
-    /// is not a number.
+    /// The same motion with this share of the correction applied, clamped to 0 to 1; NaN counts as 0.
     #[must_use]
     pub fn with_weight(self, weight: f64) -> Self {
         Self { weight: if weight.is_nan() { 0.0 } else { weight.clamp(0.0, 1.0) }, ..self }
@@ -34,20 +33,20 @@ impl FrameMotion {
         &self.readout
     }
 
-    /// The motion through the frame's readout; still where none was found.
+    /// The motion during the frame's readout; [`MotionPath::STILL`] if none was found.
     #[must_use]
     pub const fn path(&self) -> &MotionPath {
         &self.path
     }
 
-    /// Share of the correction that is applied, 0 to 1: less where the motion is uncertain, so that the correction
-    /// comes and goes without a jump.
+    /// Share of the correction that is applied, 0 to 1: less if the motion is uncertain, so that the
+    /// correction fades in and out without a jump.
     #[must_use]
     pub const fn weight(&self) -> f64 {
         self.weight
     }
 
-    /// Whether the frame needs no correction: nothing moved, or nothing that is known for certain.
+    /// Whether no correction is applied: nothing moved, or the weight is 0.
     #[must_use]
     pub fn is_still(&self) -> bool {
         self.weight == 0.0 || self.path.is_still()

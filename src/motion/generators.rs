@@ -3,14 +3,14 @@
 //! Points are in units of a radius r from the image centre, (u, v); a generator's rate is in
 //! pixels, so that a rate of 1 moves points at the radius by about a pixel.
 //!
-//! | generator | field | what does it |
+//! | generator | field | camera motion |
 //! |---|---|---|
-//! | yaw | (1 + κu², κuv) | a turn about the vertical axis |
-//! | pitch | (κuv, 1 + κv²) | a turn about the horizontal axis |
-//! | roll | (−v, u) | a turn about the optical axis |
-//! | right, down | (1, 0), (0, 1) | translation before a wall |
-//! | scale | (u, v) | translation towards it |
-//! | shears | (u, −v), (v, u) | translation before a slanted wall |
+//! | yaw | (1 + κu², κuv) | rotation about the vertical axis |
+//! | pitch | (κuv, 1 + κv²) | rotation about the horizontal axis |
+//! | roll | (−v, u) | rotation about the optical axis |
+//! | right, down | (1, 0), (0, 1) | translation parallel to a frontal plane |
+//! | scale | (u, v) | translation towards a frontal plane |
+//! | shears | (u, −v), (v, u) | translation before a slanted plane |
 //!
 //! κ = (r/f)² with f the focal length. With κ = 0 yaw and pitch are translations.
 
@@ -18,32 +18,32 @@ use nalgebra::{Matrix3, SMatrix, Vector2};
 
 /// Number of generators.
 pub const GENERATORS: usize = 8;
-/// How many of them, the first, are what a turning camera does.
+/// Number of rotation generators, which come first.
 pub const TURNS: usize = 3;
 
-/// The image motions that are looked for.
+/// The image motions that are estimated.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 #[non_exhaustive]
 pub enum Model {
-    /// All generators, each as far as the picture bears it out.
+    /// All generators; their variances are estimated from the picture.
     #[default]
     Auto,
     /// Translation of the picture.
     Translation,
-    /// Rotation and translation of the picture: the paper's.
+    /// Rotation and translation of the picture: the paper's model.
     Rotation,
-    /// The same and scale.
+    /// Rotation, translation and scale.
     Similarity,
-    /// The same and shears.
+    /// Rotation, translation, scale and shears.
     Affine,
     /// All eight generators.
     Homography,
-    /// A camera that turns about its centre.
+    /// Rotation of the camera about its centre.
     Rotation3d,
 }
 
 impl Model {
-    /// Which generators it has.
+    /// Which generators the model has.
     pub const fn generators(self) -> [bool; GENERATORS] {
         match self {
             Self::Translation => [true, true, false, false, false, false, false, false],
@@ -54,13 +54,13 @@ impl Model {
         }
     }
 
-    /// Whether its turns are those of a camera in space, which depend on the focal length.
+    /// Whether yaw and pitch depend on the focal length (κ > 0).
     pub const fn has_perspective(self) -> bool {
         matches!(self, Self::Auto | Self::Homography | Self::Rotation3d)
     }
 }
 
-/// The velocities that the generators give to a point, a column each.
+/// The velocity fields of the generators at a point, a column each.
 #[inline(always)]
 pub fn fields(point: Vector2<f64>, kappa: f64) -> SMatrix<f64, 2, GENERATORS> {
     let (u, v) = (point.x, point.y);
@@ -107,7 +107,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_matrix_moves_points_as_the_fields_say() {
+    fn the_matrix_moves_points_by_the_fields() {
         let rates = [0.3, -0.2, 0.5, 0.7, -0.4, 0.1, 0.6, -0.8];
         let (kappa, x) = (0.4, Vector2::new(0.6, -0.9));
         let matrix = flow_matrix(&rates, kappa);
@@ -119,7 +119,7 @@ mod tests {
     }
 
     #[test]
-    fn turns_move_points_as_a_camera_in_space_sees_them() {
+    fn rotation_generators_match_a_rotating_camera() {
         use nalgebra::{Rotation3, Vector3};
         // r = 1, f = 2: a point at (u, v) is seen along (u, v, f).
         let (focal, x) = (2.0, Vector2::new(0.7, -0.4));

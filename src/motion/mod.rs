@@ -1,4 +1,4 @@
-//! What an image motion is: the twist, the path over a readout, what moves beside it.
+//! Representations of image motion: the twist, the path over a readout, the residual field.
 //!
 //! Points are *centred*: pixels from the image centre ((W − 1)/2, (H − 1)/2), y down.
 

@@ -4,74 +4,75 @@ use super::{ResidualField, Rigid, SampledPath, Twist};
 use nalgebra::{Matrix3, Vector2};
 use std::sync::Arc;
 
-/// The image motion during one frame's readout, by elapsed share; cheap to clone.
+/// The image motion during one frame's readout, as a function of the elapsed share; cheap to clone.
 ///
-/// The paper's frame rotates uniformly about a fixed centre: one twist. A [`SampledPath`] moves as it
-/// likes, by homographies. A [`ResidualField`] adds what single parts of the picture do beside that.
+/// In the paper a frame rotates uniformly about a fixed centre: one twist. A [`SampledPath`] is an arbitrary
+/// motion by homographies. A [`ResidualField`] adds the local motion of parts of the picture.
 #[derive(Clone, Debug, PartialEq)]
 pub struct MotionPath {
     global: Global,
     residual: Option<Arc<ResidualField>>,
 }
 
-/// The motion of the picture as a whole.
+/// The global motion of the picture.
 #[derive(Clone, Debug, PartialEq)]
 enum Global {
     Uniform { twist: Twist, readout_time: f64 },
     Sampled(Arc<SampledPath>),
 }
 
-/// What a path does between two shares of the readout: the same for all points that are read
-/// together.
+/// The motion of a path between two shares of the readout; common to all points exposed at the same
+/// share.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct IntervalMotion {
     /// The global motion, scaled so that its last element is 1.
     motion: Matrix3<f64>,
-    /// The share of the readout that passes; negative backwards.
+    /// The elapsed share of the readout; negative backwards.
     elapsed: f64,
 }
 
-/// How near the horizon, where w = 0, a point is followed: beyond it, it would come back from the
-/// other side of the picture.
-const LEAST_W: f64 = 1.0 / 16.0;
+/// Least homogeneous coordinate w of a projected point: beyond the horizon, where w = 0, it would
+/// reappear on the other side of the picture.
+const MIN_W: f64 = 1.0 / 16.0;
 
 impl MotionPath {
     /// A frame that does not move.
     pub const STILL: Self = Self::uniform(Twist::ZERO, 0.0);
 
-    /// The paper's frame: one twist throughout a readout of `readout_time` seconds.
+    /// The paper's model: one constant twist during a readout of `readout_time` seconds.
     #[must_use]
     pub const fn uniform(twist: Twist, readout_time: f64) -> Self {
         Self { global: Global::Uniform { twist, readout_time }, residual: None }
     }
 
-    /// The same path with velocities of single parts of the picture added to it.
+    /// The same path with a residual field added.
     #[must_use]
     pub fn with_residual(self, field: ResidualField) -> Self {
         Self { residual: Some(Arc::new(field)), ..self }
     }
 
-    /// The velocities of single parts of the picture, where there are any.
+    /// The residual field, if there is one.
     #[must_use]
     pub fn residual(&self) -> Option<&ResidualField> {
         self.residual.as_deref()
     }
 
-    /// Where the point that the frame shows at `point` (centred pixels), exposed when share `from` of
-    /// the readout had elapsed, is when share `to` has.
+    /// The position at share `to` of the point that the frame shows at `point` (centred pixels),
+    /// exposed at share `from` of the readout.
     ///
-    /// A twist turns it by (to − from)·T·ω, the map of 25.11; a sampled path takes it by
-    /// H(to)⁻¹·H(from); a residual field adds (to − from)·v(point). The field is known where the
-    /// *frame* shows things, so that `from` must be the share at which the frame exposed `point`;
-    /// without a field any two shares will do. There is no carrying back through a field: where one
-    /// thing covers another, a place at `to` has more than one origin. The warp inverts the map of the
-    /// whole frame and decides there.
+    /// A twist rotates it by (to − from)·T·ω, the map of 25.11; a sampled path maps it by
+    /// H(to)⁻¹·H(from); a residual field adds (to − from)·v(point). The field is defined at the
+    /// positions where the *frame* shows points, so `from` must be the share at which the frame exposed
+    /// `point`; without a field any two shares are valid. A field has no unique inverse: at occlusions,
+    /// a position at `to` has more than one origin. The warp inverts the map of the whole frame and
+    /// resolves this there.
     #[must_use]
     pub fn carry(&self, point: Vector2<f64>, from: f64, to: f64) -> Vector2<f64> {
         self.carry_by(&self.over(from, to), point)
     }
 
-    /// What [`carry`](Self::carry) does for all points exposed at share `from`, made ready once.
+    /// The motion between two shares, precomputed for all points exposed at share `from`: see
+    /// [`carry`](Self::carry).
     #[must_use]
     pub fn over(&self, from: f64, to: f64) -> IntervalMotion {
         let motion = match &self.global {
@@ -81,7 +82,7 @@ impl MotionPath {
         IntervalMotion { motion, elapsed: to - from }
     }
 
-    /// Where an interval takes the point that the frame shows at `point` (centred pixels).
+    /// Moves the point that the frame shows at `point` (centred pixels) by an interval.
     #[must_use]
     pub fn carry_by(&self, interval: &IntervalMotion, point: Vector2<f64>) -> Vector2<f64> {
         let moved = project(&interval.motion, point);
@@ -100,8 +101,8 @@ impl MotionPath {
         global && self.residual().is_none_or(ResidualField::is_zero)
     }
 
-    /// The uniform motion that turns the picture about its centre and moves that centre during the
-    /// readout as this path does, the residual field left aside; of a uniform path, its own.
+    /// The twist with the same total rotation and shift of the image centre over the readout as this
+    /// path, without the residual field; for a uniform path, its own twist.
     #[must_use]
     pub fn mean_twist(&self) -> Twist {
         match &self.global {
@@ -123,10 +124,10 @@ fn matrix(rigid: Rigid) -> Matrix3<f64> {
     Matrix3::new(cos, -sin, shift.x, sin, cos, shift.y, 0.0, 0.0, 1.0)
 }
 
-/// Where a homography takes a point.
+/// Applies a homography to a point.
 fn project(motion: &Matrix3<f64>, point: Vector2<f64>) -> Vector2<f64> {
     let row = |i: usize| motion[(i, 0)] * point.x + motion[(i, 1)] * point.y + motion[(i, 2)];
-    Vector2::new(row(0), row(1)) / row(2).max(LEAST_W)
+    Vector2::new(row(0), row(1)) / row(2).max(MIN_W)
 }
 
 #[cfg(test)]
@@ -144,7 +145,7 @@ mod tests {
     }
 
     #[test]
-    fn what_moves_beside_the_path_is_added_in_proportion_to_time() {
+    fn the_residual_field_is_added_in_proportion_to_time() {
         // v = (8 + x/10, −4) px a readout, on nodes 20 px apart from (−40, −40) on.
         let mesh = ResidualMesh { columns: 5, rows: 5, origin: [-40.0; 2], spacing: [20.0; 2] };
         let velocity = |node: usize| [8.0 + ((node % 5) as f32 * 20.0 - 40.0) / 10.0, -4.0];
@@ -156,7 +157,7 @@ mod tests {
     }
 
     #[test]
-    fn still_is_what_moves_nowhere() {
+    fn a_path_is_still_if_no_point_moves() {
         let mesh = ResidualMesh { columns: 1, rows: 1, origin: [0.0; 2], spacing: [8.0; 2] };
         let beside =
             |v: f32| MotionPath::STILL.with_residual(ResidualField::new(mesh, vec![[v; 2]]).unwrap());
@@ -176,8 +177,8 @@ mod tests {
     }
 
     #[test]
-    fn samples_that_jump_do_no_harm() {
-        // Half a turn from one sample to the next: between them lie homographies that squash the picture.
+    fn abrupt_samples_give_finite_positions() {
+        // Half a turn from one sample to the next: homographies interpolated between them are near-singular.
         let motions = [0, 1, 2, 3, 4, 5, 6, 7, 8].map(|index| {
             let (sin, cos) = (std::f64::consts::PI * f64::from(index)).sin_cos();
             nalgebra::matrix![cos, -sin, 0.0; sin, cos, 0.0; 0.0, 0.0, 1.0]

@@ -1,4 +1,4 @@
-//! What parts of the picture do beside the motion of the whole: parallax, things that move.
+//! The residual field: local motion beside the global one, from parallax and moving objects.
 
 use nalgebra::Vector2;
 use thiserror::Error;
@@ -16,19 +16,19 @@ pub struct ResidualMesh {
     pub spacing: [f64; 2],
 }
 
-/// Velocities that are added to a global path, for points *as the frame shows them*: bilinear between
-/// the nodes of a regular mesh, as at its edge outside of it.
+/// Velocities added to a global path, at the positions *where the frame shows the points*: bilinear
+/// between the nodes of a regular mesh, constant outside of it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ResidualField {
     mesh: ResidualMesh,
-    /// Pixels in a whole readout, x and y, row by row.
+    /// Pixels per whole readout, x and y, row by row.
     velocities: Vec<[f32; 2]>,
 }
 
-/// Why velocities do not make a field.
+/// Why velocities are not a valid field.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
 pub enum MeshError {
-    /// Not one velocity a node, or no node.
+    /// Not one velocity per node, or no nodes.
     #[error("a mesh of {columns} × {rows} nodes with {velocities} velocities")]
     Size {
         /// Nodes in a row.
@@ -47,14 +47,14 @@ pub enum MeshError {
 }
 
 impl ResidualField {
-    /// A field from velocities in pixels per whole readout, one a node, row by row.
+    /// A field of velocities in pixels per whole readout, one per node, row by row.
     pub fn new(mesh: ResidualMesh, velocities: Vec<[f32; 2]>) -> Result<Self, MeshError> {
         let ResidualMesh { columns, rows, origin, spacing } = mesh;
         if velocities.is_empty() || columns.checked_mul(rows) != Some(velocities.len()) {
             return Err(MeshError::Size { columns, rows, velocities: velocities.len() });
         }
-        let apart = spacing.iter().all(|spacing| spacing.is_finite() && *spacing > 0.0);
-        if !(apart && origin.iter().all(|origin| origin.is_finite())) {
+        let is_valid = spacing.iter().all(|spacing| spacing.is_finite() && *spacing > 0.0);
+        if !(is_valid && origin.iter().all(|origin| origin.is_finite())) {
             return Err(MeshError::Place);
         }
         match velocities.iter().position(|velocity| velocity.iter().any(|value| !value.is_finite())) {
@@ -63,12 +63,13 @@ impl ResidualField {
         }
     }
 
-    /// Where the nodes lie.
+    /// The mesh of the nodes.
     pub fn mesh(&self) -> &ResidualMesh {
         &self.mesh
     }
 
-    /// The velocity, in pixels per whole readout, of what the frame shows at a point (centred pixels).
+    /// The velocity, in pixels per whole readout, at the position (centred pixels) where the frame shows a
+    /// point.
     pub fn velocity(&self, point: Vector2<f64>) -> Vector2<f64> {
         let ResidualMesh { columns, rows, .. } = self.mesh;
         let (left, right, x) = self.cell(0, point.x, columns);
@@ -80,19 +81,19 @@ impl ResidualField {
         above * (1.0 - y) + below * y
     }
 
-    /// Whether nothing moves.
+    /// Whether all velocities are zero.
     pub fn is_zero(&self) -> bool {
         self.velocities.iter().all(|velocity| *velocity == [0.0; 2])
     }
 
-    /// The nodes on both sides of a coordinate and how far it is from the first to the second.
+    /// The nodes on both sides of a coordinate and its fraction of the way from the first to the second.
     fn cell(&self, axis: usize, at: f64, count: usize) -> (usize, usize, f64) {
         let last = count - 1;
         let at = ((at - self.mesh.origin[axis]) / self.mesh.spacing[axis]).clamp(0.0, last as f64);
-        // Not a number becomes node 0 here, and counts as no distance.
+        // NaN becomes node 0 here, at a fraction of 0.
         let node = at as usize;
-        let beyond = (at - node as f64).max(0.0);
-        (node, (node + 1).min(last), beyond)
+        let fraction = (at - node as f64).max(0.0);
+        (node, (node + 1).min(last), fraction)
     }
 }
 
@@ -131,7 +132,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_field_is_refused() {
+    fn invalid_fields_are_refused() {
         let new = |mesh, nodes: usize| ResidualField::new(mesh, vec![[0.0; 2]; nodes]).map(|_| ());
         assert_eq!(new(MESH, 6), Ok(()));
         assert_eq!(new(MESH, 5), Err(MeshError::Size { columns: 3, rows: 2, velocities: 5 }));

@@ -1,4 +1,4 @@
-//! A global motion path given by samples: homographies over the readout.
+//! A global motion path given by sampled homographies.
 
 use super::Twist;
 use nalgebra::{Matrix3, Vector2};
@@ -8,28 +8,28 @@ use thiserror::Error;
 /// elapsed share.
 ///
 /// Between samples the elements of the homographies are interpolated by Hermite cubics whose slopes
-/// are differences of fourth order over five samples. With h the phase from one sample to the next, an
-/// oscillation of amplitude A is followed to A·(h⁴/384 + 0.1·h⁵/30), in the first and last two steps to
+/// are differences of fourth order over five samples. With h the phase from one sample to the next, the
+/// error for an oscillation of amplitude A is A·(h⁴/384 + 0.1·h⁵/30), in the first and last two steps
 /// A·(h⁴/384 + 0.15·h⁵/5): for 2.5 cycles a readout and 32 steps, 2.4·10⁻⁴ and 10⁻³ of A. Outside the
-/// readout the path goes on with the velocity that it has at its end.
+/// readout the path is extrapolated with its velocity at the end.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SampledPath {
     /// At share i/N, scaled so that the last element is 1.
     motions: Vec<Matrix3<f64>>,
-    /// Their change from one sample to the next, at each sample.
+    /// Derivatives at the samples, per sample step.
     slopes: Vec<Matrix3<f64>>,
     readout_time: f64,
 }
 
-/// Why samples do not make a path.
+/// Why samples are not a valid path.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
 #[non_exhaustive]
 pub enum PathError {
     /// Fewer than five samples.
     #[error("a path takes at least five samples, not {0}")]
     TooFew(usize),
-    /// A homography that cannot be undone, mirrors the picture, sends its centre to infinity, or holds
-    /// something that is not a finite number.
+    /// A homography that is singular, mirrors the picture, maps its centre to infinity, or has an element
+    /// that is not finite.
     #[error("sample {0} of the path cannot be undone")]
     Singular(usize),
     /// A readout time that is negative or not finite.
@@ -37,14 +37,14 @@ pub enum PathError {
     ReadoutTime,
 }
 
-/// Least determinant of a homography whose last element is 1; that of one that enlarges by z is z².
-const LEAST_DETERMINANT: f64 = 1e-4;
+/// Least determinant of a homography whose last element is 1; a magnification by z has z².
+const MIN_DETERMINANT: f64 = 1e-4;
 
 impl SampledPath {
     /// A path from homographies at the shares 0, 1/N, …, 1 of a readout of `readout_time` seconds.
     ///
-    /// Each takes the points (centred pixels) that are exposed at its share to where they are at one
-    /// instant that is common to all; their scale is free.
+    /// Each maps the points (centred pixels) exposed at its share to their positions at one common
+    /// instant; the scale of each homography is arbitrary.
     pub fn new(homographies: &[Matrix3<f64>], readout_time: f64) -> Result<Self, PathError> {
         if homographies.len() < 5 {
             return Err(PathError::TooFew(homographies.len()));
@@ -58,12 +58,12 @@ impl SampledPath {
         Ok(Self { motions, slopes, readout_time })
     }
 
-    /// Takes points exposed at `share` to the common instant.
+    /// The homography that maps points exposed at `share` to the common instant.
     fn at(&self, share: f64) -> Matrix3<f64> {
         let steps = self.motions.len() - 1;
         let at = share * steps as f64;
         let inside = at.clamp(0.0, steps as f64);
-        // Not a number becomes 0 here.
+        // NaN becomes 0 here.
         let node = (inside as usize).min(steps - 1);
         let t = inside - node as f64;
         let u = 1.0 - t;
@@ -78,8 +78,8 @@ impl SampledPath {
         }
     }
 
-    /// H(to)⁻¹·H(from): takes points seen at share `from` to where they are at share `to`. The
-    /// identity where a path too wild for its samples cannot be undone between them.
+    /// H(to)⁻¹·H(from): maps points at share `from` to their positions at share `to`. The identity
+    /// where an interpolated homography is singular.
     pub(super) fn between(&self, from: f64, to: f64) -> Matrix3<f64> {
         let back = self.at(to).try_inverse();
         let motion = back.and_then(|back| normalised(&(back * self.at(from))));
@@ -91,7 +91,7 @@ impl SampledPath {
         self.readout_time == 0.0 || self.motions.windows(2).all(|pair| pair[0] == pair[1])
     }
 
-    /// The twist that turns and moves the image centre during the readout as the path does.
+    /// The twist with the same rotation and shift of the image centre over the readout as the path.
     pub(super) fn mean_twist(&self) -> Twist {
         if self.readout_time == 0.0 {
             return Twist::ZERO;
@@ -105,14 +105,14 @@ impl SampledPath {
     }
 }
 
-/// The homography scaled so that its last element is 1; `None` where it cannot be undone.
+/// The homography scaled so that its last element is 1; `None` if it is invalid: see [`PathError::Singular`].
 fn normalised(motion: &Matrix3<f64>) -> Option<Matrix3<f64>> {
     let scaled = motion / motion[(2, 2)];
-    let sound = scaled.iter().all(|element| element.is_finite()) && scaled.determinant() > LEAST_DETERMINANT;
-    sound.then_some(scaled)
+    let is_valid = scaled.iter().all(|element| element.is_finite()) && scaled.determinant() > MIN_DETERMINANT;
+    is_valid.then_some(scaled)
 }
 
-/// The derivative at one of at least five samples, of fourth order: from the two samples on either
+/// The fourth-order derivative at one of at least five samples: from the two samples on either
 /// side, at the ends from the nearest five.
 fn slope(motions: &[Matrix3<f64>], index: usize) -> Matrix3<f64> {
     const WEIGHTS: [[f64; 5]; 5] = [
@@ -144,13 +144,13 @@ mod tests {
         moved.xy() / moved.z
     }
 
-    /// Takes points seen at `share` to where they were at share 0: the other way than they move.
+    /// Maps points at `share` to their positions at share 0: opposite to the direction of motion.
     fn translation(x: f64, y: f64) -> Matrix3<f64> {
         matrix![1.0, 0.0, -x; 0.0, 1.0, -y; 0.0, 0.0, 1.0]
     }
 
     #[test]
-    fn a_vibration_is_followed() {
+    fn a_vibration_is_interpolated() {
         // 2.5 cycles a readout, 10 px to each side.
         for phase in [0.0, 1.0, 2.0] {
             let at = |share: f64| 10.0 * (TAU * 2.5 * share + phase).sin();
@@ -167,8 +167,8 @@ mod tests {
     }
 
     #[test]
-    fn a_turn_and_a_tilt_compose() {
-        // A camera of focal length f that turns about its axis and then pans, exactly: K·R·K⁻¹.
+    fn a_roll_and_a_pan_compose() {
+        // A camera of focal length f that rolls about its axis and then pans, exactly: K·R·K⁻¹.
         let (f, pan, roll) = (900.0, 0.03, 0.05);
         let at = |share: f64| {
             let ((s, c), (sr, cr)) = ((pan * share).sin_cos(), (roll * share).sin_cos());
@@ -190,7 +190,7 @@ mod tests {
     }
 
     #[test]
-    fn the_path_goes_on_outside_the_readout() {
+    fn the_path_is_extrapolated_outside_the_readout() {
         let path = sampled(8, |share| translation(40.0 * share, 8.0 * share * share));
         // From share 0 on with (40, 0), from share 1 on with (40, 16).
         for (share, truth) in [(-0.25, [-10.0, 0.0]), (1.5, [60.0, 8.0 + 8.0])] {
@@ -214,7 +214,7 @@ mod tests {
     }
 
     #[test]
-    fn what_cannot_be_undone_is_refused() {
+    fn singular_homographies_are_refused() {
         let with = |bad: Matrix3<f64>| {
             let mut motions = [Matrix3::identity(); 6];
             motions[3] = bad;

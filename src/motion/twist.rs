@@ -1,4 +1,4 @@
-//! The twist: the 2D rotation of 25.2 in a form without singularities.
+//! The twist: the 2D rotation of 25.2 in a parametrisation without singularities.
 
 use nalgebra::{Matrix2, Matrix2x3, Vector2, Vector3};
 
@@ -30,7 +30,7 @@ impl Twist {
         Self::new(omega, omega * centre.y, -omega * centre.x)
     }
 
-    /// The twist that turns by `angle` and moves the image centre by `shift` pixels in `time` seconds:
+    /// The twist that rotates by `angle` and shifts the image centre by `shift` pixels in `time` seconds:
     /// the inverse of [`after`](Self::after).
     pub(super) fn between(angle: f64, shift: Vector2<f64>, time: f64) -> Self {
         let (sin, cos) = angle.sin_cos();
@@ -75,8 +75,8 @@ impl Twist {
         Rigid { cos, sin, shift: Vector2::new(along * v.x - across * v.y, across * v.x + along * v.y) }
     }
 
-    /// How the point that `point` (centred pixels) goes to after `time` seconds changes with
-    /// (ω, v_x, v_y): ∂f(x, ω·time, c)/∂(ω, v_x, v_y).
+    /// The Jacobian ∂f(x, ω·time, c)/∂(ω, v_x, v_y) of the position of `point` (centred pixels) after
+    /// `time` seconds.
     #[must_use]
     pub fn jacobian(&self, point: Vector2<f64>, time: f64) -> Matrix2x3<f64> {
         let angle = self.omega * time;
@@ -90,7 +90,7 @@ impl Twist {
     }
 }
 
-/// sin(a)/a and (1 − cos(a))/a, by series where the quotients lose their digits.
+/// sin(a)/a and (1 − cos(a))/a, by series for small a, where the quotients cancel.
 fn chord(angle: f64, sin: f64, cos: f64) -> (f64, f64) {
     if angle.abs() < 1e-3 {
         let square = angle * angle;
@@ -100,7 +100,7 @@ fn chord(angle: f64, sin: f64, cos: f64) -> (f64, f64) {
     }
 }
 
-/// The derivatives of [`chord`]'s two functions of the angle.
+/// The derivatives of the two functions of [`chord`] with respect to the angle.
 fn chord_slope(angle: f64, sin: f64, cos: f64) -> (f64, f64) {
     if angle.abs() < 1e-3 {
         let square = angle * angle;
@@ -123,7 +123,7 @@ pub struct Rigid {
 }
 
 impl Rigid {
-    /// Leaves every point where it is.
+    /// The identity.
     pub const IDENTITY: Self = Self { cos: 1.0, sin: 0.0, shift: Vector2::new(0.0, 0.0) };
 
     /// The rotation R.
@@ -132,7 +132,7 @@ impl Rigid {
         Matrix2::new(self.cos, -self.sin, self.sin, self.cos)
     }
 
-    /// Where a point (centred pixels) goes.
+    /// Applies the motion to a point (centred pixels).
     #[must_use]
     pub fn apply(&self, point: Vector2<f64>) -> Vector2<f64> {
         Vector2::new(
@@ -141,7 +141,7 @@ impl Rigid {
         )
     }
 
-    /// Where a point (centred pixels) comes from.
+    /// Applies the inverse motion to a point (centred pixels).
     #[must_use]
     pub fn apply_inverse(&self, point: Vector2<f64>) -> Vector2<f64> {
         let point = point - self.shift;
@@ -182,7 +182,7 @@ mod tests {
     }
 
     #[test]
-    fn angle_and_shift_tell_the_twist() {
+    fn angle_and_shift_determine_the_twist() {
         // A quarter of a turn about (3, 4) in half a second takes the origin to (3 + 4, 4 − 3).
         let twist = Twist::between(FRAC_PI_2, Vector2::new(7.0, 1.0), 0.5);
         assert!((twist.omega - PI).abs() < 1e-12);

@@ -1,4 +1,4 @@
-//! Whether two frames are the same.
+//! The difference of two frames, to detect duplicates.
 
 use super::level::Level;
 use super::reducer::Pyramid;
@@ -7,13 +7,13 @@ use crate::parallel::*;
 /// Side of a block in pixels of level 1.
 const SIDE: usize = 4;
 
-/// How much two frames of one size differ: the highest mean absolute grey difference (0 to 255) of any block of 8 × 8
-/// analysed pixels, each taken as 4 × 4 of half the resolution.
+/// The difference of two frames of one size: the largest mean absolute grey difference (0 to 255) of any
+/// block of 8 × 8 analysed pixels, computed from 4 × 4 pixels at half the resolution.
 ///
-/// The highest block, not the mean of the frame, so that something small that moves a little in a still scene shows;
-/// half the resolution, so that the noise of encoding again does not add up. An exact duplicate has 0, one encoded again
-/// 1 to 10; an object of 12 pixels and a contrast of 50 grey levels that moves by one pixel has 3 to 6. Infinite where a
-/// pyramid is empty.
+/// The largest block instead of the mean of the frame detects small motions of small objects in a still
+/// scene; half the resolution suppresses the noise of re-encoding. An exact duplicate has 0, a re-encoded one
+/// 1 to 10; an object of 12 pixels and a contrast of 50 grey levels that moves by one pixel has 3 to 6.
+/// Infinite if a pyramid is empty.
 pub(crate) fn block_difference(first: &Pyramid, second: &Pyramid) -> f64 {
     let level = |pyramid: &'_ Pyramid| pyramid.levels().len().checked_sub(1).map(|last| last.min(1));
     let levels = level(first).zip(level(second));
@@ -24,7 +24,7 @@ pub(crate) fn block_difference(first: &Pyramid, second: &Pyramid) -> f64 {
     f64::from(bands.map(|top| band_difference(a, b, top)).max_by(f32::total_cmp).unwrap_or(0.0))
 }
 
-/// The highest of the blocks whose first row is `top`.
+/// The largest difference of the blocks whose first row is `top`.
 fn band_difference(first: &Level, second: &Level, top: usize) -> f32 {
     let rows = top..(top + SIDE).min(first.height());
     let columns = (0..first.width()).step_by(SIDE).map(|left| {

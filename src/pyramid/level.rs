@@ -1,12 +1,13 @@
-//! One resolution of a pyramid: grey values with a border, so that a patch may reach out of the picture.
+//! One level of a pyramid: grey values with a border, so that a patch may extend beyond the picture.
 
 use crate::parallel::*;
 
-/// Pixels of border on each side, replicated from the picture's edge. A patch of 8 pixels that lies wholly outside and
-/// is sampled between pixels needs 9, its gradients one more; a picture whose width is no multiple of 4 up to 3.
+/// Pixels of border on each side, replicated from the picture's edge. A patch of 8 pixels that lies wholly
+/// outside and is sampled at sub-pixel positions needs 9, its gradients one more; a picture whose width is
+/// not a multiple of 4 up to 3.
 pub(crate) const BORDER: usize = 13;
 
-/// Rows of a level that one task makes.
+/// Rows of a level per task.
 const BAND: usize = 32;
 
 /// Grey of one resolution, 0 to 255, row by row, with [`BORDER`] replicated pixels on each side.
@@ -34,12 +35,12 @@ impl Level {
         self.stride
     }
 
-    /// The samples from pixel (x, y) on to the end of the level; pixels of the border have indices from −[`BORDER`]
-    /// on. `None` outside of it.
+    /// The samples from pixel (x, y) to the end of the level; indices in the border start at −[`BORDER`].
+    /// `None` outside the border.
     #[inline(always)]
     pub(crate) fn from(&self, x: i32, y: i32) -> Option<&[f32]> {
         let [column, row] = [x, y].map(|at| at.wrapping_add(BORDER as i32) as usize);
-        // What is negative is now larger than any size.
+        // Negative indices have wrapped to values larger than any size.
         if column >= self.stride {
             return None;
         }
@@ -51,7 +52,7 @@ impl Level {
         self.from(x, y).unwrap()[0]
     }
 
-    /// A level of its own for tests.
+    /// A level for tests.
     #[cfg(test)]
     pub(crate) fn of(width: usize, height: usize, grey: impl Fn(f32, f32) -> f32) -> Self {
         let data: Vec<f32> =
@@ -72,8 +73,9 @@ impl Level {
         self.replicate_rows();
     }
 
-    /// Weighted means of 4 × 4 pixels of a finer level, (1, 3, 3, 1)/8 along each axis; an odd last row or column is left
-    /// out. Means of 2 × 2 let patterns through that the level cannot show, as slower ones that move elsewhere.
+    /// Weighted means of 4 × 4 pixels of a finer level, (1, 3, 3, 1)/8 along each axis; an odd last row or
+    /// column is dropped. Means of 2 × 2 would alias: fine patterns appear as coarser ones with a different
+    /// motion.
     pub(super) fn halve(&mut self, fine: &Self) {
         self.resize(fine.width / 2, fine.height / 2);
         let (stride, width, height) = (self.stride, self.width, self.height);
@@ -133,7 +135,7 @@ mod tests {
 
     #[test]
     fn halving_takes_weighted_means_and_drops_the_odd_edge() {
-        // Straight but for the border, which repeats the edge.
+        // Linear except in the border, which repeats the edge.
         let fine = Level::of(9, 5, |x, y| 5.0 * y + x);
         let mut coarse = Level::default();
         coarse.halve(&fine);
@@ -143,7 +145,7 @@ mod tests {
     }
 
     #[test]
-    fn what_a_coarse_level_cannot_show_vanishes() {
+    fn halving_does_not_alias() {
         let stripes = Level::of(64, 16, |x, _| 100.0 * (x % 2.0) + 50.0);
         let mut coarse = Level::default();
         coarse.halve(&stripes);

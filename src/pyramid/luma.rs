@@ -2,35 +2,34 @@
 //!
 //! One pass over the source: the rows under an output row are weighted and summed (vectorised, the
 //! sample format and channel weights folded into one factor), then the sum is reduced along the
-//! row. Reads each byte ⌈s⌉/s to (⌈s⌉ + 1)/s times for a ratio s, 1 time where s is whole.
+//! row. Reads each byte ⌈s⌉/s to (⌈s⌉ + 1)/s times for a ratio s, once if s is whole.
 
 use crate::parallel::*;
 use crate::plane::{Luma, PlaneLayout};
 
-/// The longer side of what is analysed, at most, in pixels.
-const LONGEST_SIDE: usize = 960;
+/// Longer side of the analysed luma, at most, in pixels.
+const MAX_SIDE: usize = 960;
 
-/// Bands of output rows, each with its own accumulator; more than there are cores, so that a core
-/// that comes late does not hold up the rest.
+/// Bands of output rows, each with its own accumulator; more than cores, to balance the load.
 const BANDS: usize = 16;
 
 /// The reduction of frames of one size.
 #[derive(Debug)]
 pub(crate) struct Reduction {
     full: (usize, usize),
-    columns: Taps,
-    rows: Taps,
+    columns: ReductionFilter,
+    rows: ReductionFilter,
     scale: f64,
 }
 
 impl Reduction {
     /// For full frames of `width` × `height`.
     pub(crate) fn new(width: usize, height: usize) -> Self {
-        let scale = (width.max(height) as f64 / LONGEST_SIDE as f64).max(1.0);
+        let scale = (width.max(height) as f64 / MAX_SIDE as f64).max(1.0);
         Self {
             full: (width, height),
-            columns: Taps::new(width, scale),
-            rows: Taps::new(height, scale),
+            columns: ReductionFilter::new(width, scale),
+            rows: ReductionFilter::new(height, scale),
             scale,
         }
     }
@@ -45,8 +44,8 @@ impl Reduction {
         (self.columns.outputs(), self.rows.outputs())
     }
 
-    /// Reduces `luma` into `grey` (row by row, of `size`) with `scratch` for the sums; false, and
-    /// nothing done, where the luma is not of the full frame's size.
+    /// Reduces `luma` into `grey` (row by row, of `size`) with `scratch` for the sums. Returns false and
+    /// does nothing if the luma is not of the full frame's size.
     pub(crate) fn reduce(&self, luma: &Luma<'_>, grey: &mut Vec<f32>, scratch: &mut Vec<f32>) -> bool {
         let layout = luma.plane.layout();
         let (width, height) = self.size();
@@ -76,46 +75,46 @@ impl Reduction {
     }
 }
 
-/// A one-dimensional reduction: `count` weights for each output, from input `first` on.
+/// A one-dimensional reduction filter: per output `count` weights, the first for input `first`.
 #[derive(Debug)]
-struct Taps {
+struct ReductionFilter {
     first: Vec<usize>,
     weights: Vec<f32>,
     count: usize,
     whole: bool,
 }
 
-impl Taps {
-    /// Reduces `inputs` samples by `scale`; a remainder under one output sample is left out.
+impl ReductionFilter {
+    /// Reduces `inputs` samples by `scale`; a remainder of less than one output sample is dropped.
     ///
-    /// Whole ratios take the plain mean. Others take the mean of the *linear interpolant* over the
-    /// output pixel: the mean of the stepwise constant picture has its centre of mass off the
-    /// pixel's centre by up to 1/(8s) input pixels, with a sign that changes along the row, and
-    /// that would be measured as motion.
+    /// Whole ratios use the plain mean, others the mean of the *linear interpolant* over the output
+    /// pixel: the centre of mass of the mean of the piecewise constant picture is off the pixel's centre
+    /// by up to 1/(8s) input pixels, with a sign that changes along the row, which would be measured as
+    /// motion.
     fn new(inputs: usize, scale: f64) -> Self {
         let outputs = (inputs as f64 / scale + 1e-9).floor() as usize;
         let whole = scale.fract() == 0.0;
         let count = if whole { scale as usize } else { (scale.ceil() as usize + 2).min(inputs) };
-        let mut taps = Self { first: Vec::with_capacity(outputs), weights: Vec::new(), count, whole };
+        let mut filter = Self { first: Vec::with_capacity(outputs), weights: Vec::new(), count, whole };
         for output in 0..outputs {
             let start = output as f64 * scale;
             let reach = if whole { start } else { start - 0.5 };
             let first = (reach.floor().max(0.0) as usize).min(inputs - count);
-            taps.first.push(first);
-            let weights = taps.weights.len();
-            taps.weights.resize(weights + count, 1.0 / count as f32);
+            filter.first.push(first);
+            let weights = filter.weights.len();
+            filter.weights.resize(weights + count, 1.0 / count as f32);
             if !whole {
-                interpolant_means(start - 0.5, scale, first, inputs, &mut taps.weights[weights..]);
+                interpolant_means(start - 0.5, scale, first, inputs, &mut filter.weights[weights..]);
             }
         }
-        taps
+        filter
     }
 
     fn outputs(&self) -> usize {
         self.first.len()
     }
 
-    /// The first input of an output, and the weights from there on.
+    /// The first input of an output, and the weights of the inputs that start there.
     fn of(&self, output: usize) -> (usize, &[f32]) {
         (self.first[output], &self.weights[output * self.count..][..self.count])
     }
@@ -151,9 +150,9 @@ fn mean_of<const K: usize>(input: &[f32], out: &mut [f32]) {
 }
 
 /// Weights of inputs `first…` in the mean over [start, start + length] (pixel centres at integers)
-/// of the linear interpolant, whose ends go on as constants.
+/// of the linear interpolant, constant beyond its ends.
 fn interpolant_means(start: f64, length: f64, first: usize, inputs: usize, weights: &mut [f32]) {
-    // The integral of the hat function of an input up to a distance d past its centre.
+    // The integral of the hat function of an input up to the distance d past its centre.
     let hat = |d: f64| {
         let d = d.clamp(-1.0, 1.0);
         0.5 + d - 0.5 * d * d.abs()
@@ -244,9 +243,9 @@ mod tests {
     #[test]
     fn weights_of_one_output_sum_to_one() {
         for inputs in [961, 1000, 1441, 2879] {
-            let taps = Taps::new(inputs, inputs as f64 / 960.0);
-            for output in 0..taps.outputs() {
-                let sum: f32 = taps.of(output).1.iter().sum();
+            let filter = ReductionFilter::new(inputs, inputs as f64 / 960.0);
+            for output in 0..filter.outputs() {
+                let sum: f32 = filter.of(output).1.iter().sum();
                 assert!((sum - 1.0).abs() < 1e-5, "{inputs} → 960, output {output}: {sum}");
             }
         }
@@ -257,7 +256,7 @@ mod tests {
         let (width, height) = (1922, 4);
         let data: Vec<u8> = (0..width * height).map(|i| (i * 37 % 251) as u8).collect();
         let plane = Plane::new(&data, PlaneLayout::packed(width, height, SampleFormat::U8)).unwrap();
-        // 1922 is no whole multiple of 960: this frame takes the general way.
+        // 1922 is not a multiple of 960: the general case.
         assert!(!Reduction::new(width, height).columns.whole);
         let narrow = PlaneLayout { width: 1920, ..*plane.layout() };
         let plane = Plane::new(&data, narrow).unwrap();

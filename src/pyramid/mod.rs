@@ -1,17 +1,17 @@
-//! Luma reduced once a frame: an image pyramid that every comparison of the frame reads.
+//! The image pyramid of the luma, built once per frame and shared by all comparisons.
 //!
 //! | step | file | what it does |
 //! |---|---|---|
 //! | build | `reducer` | a luma view → the pyramid of a frame |
 //! | reduce | `luma` | any luma view → grey of at most 960 pixels a side, by area average |
-//! | compare | `difference` | whether two frames are the same |
+//! | compare | `difference` | difference of two frames, to detect duplicates |
 //! | halve | `level` | half the resolution, with a border of replicated pixels |
 //!
-//! Level 0 has the resolution of the *analysed* luma; level l is 2^l times coarser. Pixel centres are integers on all
-//! levels, so that x on level 0 is (x + ½)/2^l − ½ on level l.
+//! Level 0 has the resolution of the *analysed* luma; level l is 2^l times coarser. Pixel centres are
+//! integers on all levels, so that x on level 0 is (x + ½)/2^l − ½ on level l.
 //!
-//! Gradients are not stored: a kernel that holds the rows of a patch in registers makes them with two subtractions a
-//! pixel, in less time than it takes to load them.
+//! Gradients are not stored: a kernel that has the rows of a patch in registers computes them with two
+//! subtractions per pixel, faster than loading them.
 
 mod difference;
 mod level;

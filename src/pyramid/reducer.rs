@@ -4,16 +4,16 @@ use super::level::Level;
 use super::luma::Reduction;
 use crate::plane::Luma;
 
-/// Levels are halved until the longer side is no longer than this, in pixels: a search of ± a quarter of the width is
-/// then one over at most 25 × 25 displacements.
+/// Levels are halved until the longer side is at most this, in pixels: a search of ± a quarter of the width
+/// then covers at most 25 × 25 displacements.
 const COARSEST_SIDE: usize = 48;
 
-/// No level has a shorter side than this, in pixels: two patches of 8 that overlap by half.
+/// Least shorter side of a level, in pixels: two patches of 8 that overlap by half.
 const SHORTEST_SIDE: usize = 12;
 
 /// The image pyramid of one frame.
 ///
-/// Made by [`Reducer::build`], which reuses its buffers: keep two and swap them.
+/// Filled by [`Reducer::build`], which reuses its buffers: keep two and swap them.
 #[derive(Clone, Debug, Default)]
 pub struct Pyramid {
     levels: Vec<Level>,
@@ -23,7 +23,7 @@ pub struct Pyramid {
 }
 
 impl Pyramid {
-    /// An empty pyramid: a frame in which nothing can be seen.
+    /// An empty pyramid, without a frame.
     pub fn new() -> Self {
         Self::default()
     }
@@ -38,13 +38,13 @@ impl Pyramid {
         self.levels().first().is_some_and(|level| (level.width(), level.height()) == size)
     }
 
-    /// The levels, finest first; none where it holds no frame.
+    /// The levels, finest first; none if it holds no frame.
     pub(crate) fn levels(&self) -> &[Level] {
         if self.filled { &self.levels } else { &[] }
     }
 }
 
-/// Makes the pyramids of frames of one size.
+/// Builds the pyramids of frames of one size.
 #[derive(Debug)]
 pub struct Reducer {
     reduction: Reduction,
@@ -52,7 +52,7 @@ pub struct Reducer {
 }
 
 impl Reducer {
-    /// For full frames of `width` × `height` pixels; of any size.
+    /// For full frames of `width` × `height` pixels, any size.
     pub fn new(width: usize, height: usize) -> Self {
         let reduction = Reduction::new(width, height);
         let count = level_count(reduction.size());
@@ -69,7 +69,8 @@ impl Reducer {
         self.reduction.size()
     }
 
-    /// Fills `pyramid` from a luma view. One that is not of the full frame's size leaves the pyramid empty.
+    /// Fills `pyramid` from a luma view. A view that is not of the full frame's size leaves the pyramid
+    /// empty.
     pub fn build(&self, luma: &Luma<'_>, pyramid: &mut Pyramid) {
         let (width, height) = self.reduction.size();
         pyramid.filled = self.reduction.reduce(luma, &mut pyramid.grey, &mut pyramid.scratch);
@@ -101,7 +102,7 @@ mod tests {
     use crate::plane::{Plane, PlaneLayout, SampleFormat};
 
     #[test]
-    fn levels_end_where_a_search_is_cheap_or_a_patch_still_fits() {
+    fn levels_end_at_the_coarsest_or_the_shortest_side() {
         assert_eq!(level_count((960, 540)), 6);
         assert_eq!(level_count((640, 480)), 5);
         assert_eq!(level_count((320, 240)), 4);
@@ -118,7 +119,7 @@ mod tests {
         assert!(pyramid.is_empty() && pyramid.levels().is_empty());
         reducer.build(&plane.into(), &mut pyramid);
         assert_eq!(pyramid.levels().len(), 3);
-        // Level 2 has a pixel at x = 4·(x + ½) − ½; half a grey level is lost where values are rounded.
+        // Level 2 has a pixel at x = 4·(x + ½) − ½; rounding costs half a grey level.
         let found = f64::from(pyramid.levels()[2].pixel(10, 7));
         assert!((found - at(41.5, 29.5)).abs() < 0.5, "{found}");
         let wrong = Plane::new(&data, PlaneLayout::packed(64, 96, SampleFormat::U8)).unwrap();

@@ -1,40 +1,41 @@
-//! The frames' times, put in order: missing ones filled in, gaps noticed, period and spacing learnt.
+//! Times of the frames: fills in missing ones, detects gaps, estimates period and spacing.
 //!
-//! The *period* is the nominal interval between frames where one is stated. The *spacing* is the interval at which frames
-//! do come, and what the estimator places its knots by: a stream whose frames are ten periods apart has a tenth of the
-//! frames, and would have ten times the unknowns for each of them.
+//! The *period* is the nominal interval between frames, if stated. The *spacing* is the actual interval, by
+//! which the estimator places its knots: a stream whose frames are ten periods apart has a tenth of the
+//! frames, and with knots by the period it would have ten times the unknowns per frame.
 
 /// Frames further apart than this many spacings and this many seconds are not compared.
 const GAP_SPACINGS: f64 = 4.0;
 const GAP_SECONDS: f64 = 0.5;
-/// Nor are frames further apart than this many spacings, however short: a path that goes on through
-/// all of them would cost as much as the frames that are not there.
-const LONGEST_SPACINGS: f64 = 16.0;
-/// Frames from one interval of more than `GAP_SPACINGS` that the path goes on through to the next: a hole among frames that
-/// come evenly costs little, one after another as much as the frames that are not there.
-const BETWEEN_HOLES: usize = 18;
-/// The spacing is changed where frames come more slowly by this factor, or as much faster again. A path with fewer knots
-/// costs up to twice as much as one of the right spacing, and restarting it for less would cost accuracy.
-const STRETCH: f64 = 2.5;
-/// Of the last intervals, two in three show that: frames that come now and then at one rate, now and then at another
-/// do not change the spacing back and forth.
-const SURE: usize = 3;
-/// Nominal periods that are believed, in seconds: containers state the ticks of their clock, 1000 a
-/// second and more, where they know no frame rate.
-const BELIEVED: std::ops::RangeInclusive<f64> = 0.001_01..=10.0;
-/// Times nearer than this are one and the same (1 µs).
-const SAME: f64 = 1e-6;
-/// Period where nothing is known, in seconds.
+/// Frames further apart than this many spacings are never compared: a path across the gap would cost as much
+/// as the missing frames.
+const MAX_GAP_SPACINGS: f64 = 16.0;
+/// Least number of frames between two intervals of more than `GAP_SPACINGS` that a path bridges: a single one
+/// among evenly spaced frames costs little, frequent ones as much as the missing frames.
+const FRAMES_BETWEEN_HOLES: usize = 18;
+/// The spacing is raised if intervals are longer by this factor, and lowered again if they are shorter by it.
+/// A path with fewer knots costs up to twice as much as one of the right spacing, and restarting it for a
+/// smaller change would cost accuracy.
+const SPACING_RATIO: f64 = 2.5;
+/// Inverse of the share of the recent intervals that may disagree with a change of spacing: two in three must
+/// agree, so that frames at alternating rates do not change the spacing back and forth.
+const DISAGREEING: usize = 3;
+/// Plausible nominal periods in seconds: containers without a frame rate state their clock ticks, 1000 per
+/// second and more.
+const PLAUSIBLE_PERIODS: std::ops::RangeInclusive<f64> = 0.001_01..=10.0;
+/// Times closer than this count as equal, in seconds (1 µs).
+const TIME_TOLERANCE: f64 = 1e-6;
+/// Period without any information, in seconds.
 const DEFAULT_PERIOD: f64 = 1.0 / 30.0;
-/// Intervals from which the period is taken.
+/// Number of recent intervals from which the period is estimated.
 const MEMORY: usize = 9;
 
-/// The time of a frame and how it follows the frame before it.
+/// The time of a frame and whether it continues the previous one.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Tick {
     /// Seconds.
     pub time: f64,
-    /// Whether it follows the frame before without a gap.
+    /// Whether it follows the previous frame without a gap.
     pub continues: bool,
 }
 
@@ -43,108 +44,110 @@ pub(super) struct Tick {
 pub(super) struct Clock {
     nominal: Option<f64>,
     last: Option<f64>,
-    /// The time that the last frame came with, which need not be the one it was given.
+    /// The timestamp of the last frame, which may differ from the time assigned to it.
     stated: Option<f64>,
     intervals: [f64; MEMORY],
-    seen: usize,
-    /// Frames since the path last went on through a hole.
+    /// Number of intervals so far.
+    count: usize,
+    /// Frames since the path last bridged a hole.
     since_hole: usize,
-    /// The spacing, and the period from which it started.
+    /// The spacing, and its initial value, the period.
     spacing: f64,
-    started: f64,
+    initial: f64,
 }
 
 impl Clock {
     /// A clock of frames that are nominally `nominal` seconds apart.
     pub fn new(nominal: Option<f64>) -> Self {
-        let nominal = nominal.filter(|period| BELIEVED.contains(period));
+        let nominal = nominal.filter(|period| PLAUSIBLE_PERIODS.contains(period));
         let period = nominal.unwrap_or(DEFAULT_PERIOD);
         Self {
             nominal,
             last: None,
             stated: None,
             intervals: [0.0; MEMORY],
-            seen: 0,
-            since_hole: BETWEEN_HOLES,
+            count: 0,
+            since_hole: FRAMES_BETWEEN_HOLES,
             spacing: period,
-            started: period,
+            initial: period,
         }
     }
 
-    /// Seconds from one frame to the next: the nominal ones, else the median of the last intervals.
+    /// Seconds from one frame to the next: the nominal period, else the median of the recent intervals.
     pub fn period(&self) -> f64 {
         if let Some(nominal) = self.nominal {
             return nominal;
         }
-        let (known, count) = self.sorted();
-        if count == 0 { DEFAULT_PERIOD } else { known[count / 2] }
+        let (sorted, count) = self.sorted();
+        if count == 0 { DEFAULT_PERIOD } else { sorted[count / 2] }
     }
 
-    /// Seconds from one frame to the next as they come: the period, unless they come much more slowly.
+    /// Actual seconds from one frame to the next: the period, unless the intervals are much longer.
     pub fn spacing(&self) -> f64 {
         self.spacing
     }
 
-    /// The last intervals in ascending order, and how many there are.
+    /// The recent intervals in ascending order, and their number.
     fn sorted(&self) -> ([f64; MEMORY], usize) {
-        let count = self.seen.min(MEMORY);
-        let mut known = self.intervals;
-        known[..count].sort_by(f64::total_cmp);
-        (known, count)
+        let count = self.count.min(MEMORY);
+        let mut sorted = self.intervals;
+        sorted[..count].sort_by(f64::total_cmp);
+        (sorted, count)
     }
 
-    /// The next frame's time. One that is missing, or the same as the last, is a period later; so
-    /// is each one of a stream whose timestamps stand still.
+    /// The next frame's time. A missing or repeated timestamp counts as one period after the last time,
+    /// also if the timestamps of a stream stop advancing.
     pub fn tick(&mut self, time: Option<f64>) -> Tick {
         let given = time.filter(|time| time.is_finite());
         let stated = std::mem::replace(&mut self.stated, given);
         let Some(last) = self.last else {
             let time = given.unwrap_or(0.0);
             self.last = Some(time);
-            (self.spacing, self.started) = (self.period(), self.period());
-            self.since_hole = BETWEEN_HOLES;
+            (self.spacing, self.initial) = (self.period(), self.period());
+            self.since_hole = FRAMES_BETWEEN_HOLES;
             return Tick { time, continues: false };
         };
-        let is_new = |time: f64| [Some(last), stated].iter().flatten().all(|old| (time - old).abs() > SAME);
+        let is_new =
+            |time: f64| [Some(last), stated].iter().flatten().all(|old| (time - old).abs() > TIME_TOLERANCE);
         let time = given.filter(|&time| is_new(time)).unwrap_or(last + self.period());
-        let continues = self.note((time - last).abs());
+        let continues = self.add_interval((time - last).abs());
         self.last = Some(time);
         Tick { time, continues }
     }
 
-    /// Takes in an interval; whether the path goes on through it.
-    fn note(&mut self, interval: f64) -> bool {
-        // A longer one is a pause, no rate.
-        if interval <= *BELIEVED.end() {
-            self.intervals[self.seen % MEMORY] = interval;
-            self.seen += 1;
-            self.follow();
+    /// Adds an interval; returns whether the path continues across it.
+    fn add_interval(&mut self, interval: f64) -> bool {
+        // A longer interval is a pause and not used for the spacing.
+        if interval <= *PLAUSIBLE_PERIODS.end() {
+            self.intervals[self.count % MEMORY] = interval;
+            self.count += 1;
+            self.update_spacing();
         }
-        let [few, most] = [GAP_SPACINGS, LONGEST_SPACINGS].map(|spacings| spacings * self.spacing);
+        let [few, most] = [GAP_SPACINGS, MAX_GAP_SPACINGS].map(|spacings| spacings * self.spacing);
         let is_hole = interval > few;
         let continues =
-            interval <= GAP_SECONDS.clamp(few, most) && !(is_hole && self.since_hole < BETWEEN_HOLES);
+            interval <= GAP_SECONDS.clamp(few, most) && !(is_hole && self.since_hole < FRAMES_BETWEEN_HOLES);
         self.since_hole = if is_hole && continues { 0 } else { self.since_hole.saturating_add(1) };
         continues
     }
 
-    /// Changes the spacing where nearly all of the last frames came at another one.
-    fn follow(&mut self) {
-        let (known, count) = self.sorted();
-        // One alone may be a gap.
+    /// Changes the spacing if most of the recent intervals differ from it.
+    fn update_spacing(&mut self) {
+        let (sorted, count) = self.sorted();
+        // A single interval may be a gap.
         if count < 2 {
             return;
         }
-        let beyond = (count - 1) / SURE;
-        let [short, middle, long] = [beyond, (count - 1) / 2, count - 1 - beyond].map(|index| known[index]);
-        let is_slower = short > STRETCH * self.spacing;
-        let is_faster = STRETCH * long < self.spacing && self.spacing > self.started;
+        let beyond = (count - 1) / DISAGREEING;
+        let [short, middle, long] = [beyond, (count - 1) / 2, count - 1 - beyond].map(|index| sorted[index]);
+        let is_slower = short > SPACING_RATIO * self.spacing;
+        let is_faster = SPACING_RATIO * long < self.spacing && self.spacing > self.initial;
         if is_slower || is_faster {
-            self.spacing = if middle > STRETCH * self.started { middle } else { self.started };
+            self.spacing = if middle > SPACING_RATIO * self.initial { middle } else { self.initial };
         }
     }
 
-    /// Starts anew, keeping the period that was learnt.
+    /// Starts a new segment; the recent intervals are kept.
     pub fn restart(&mut self) {
         self.last = None;
         self.stated = None;
@@ -165,7 +168,7 @@ mod tests {
     }
 
     #[test]
-    fn time_goes_on_where_timestamps_stand_still() {
+    fn time_advances_if_timestamps_do_not() {
         let mut clock = Clock::new(Some(0.04));
         let times: Vec<f64> = [5.0, 5.0, 5.0, 5.0, 5.16].map(|time| clock.tick(Some(time)).time).into();
         let expected = [5.0, 5.04, 5.08, 5.12, 5.16];
@@ -185,7 +188,7 @@ mod tests {
     }
 
     #[test]
-    fn the_period_is_learnt_where_it_is_not_given() {
+    fn the_period_is_estimated_if_it_is_not_given() {
         let mut clock = Clock::new(None);
         assert_eq!(clock.period(), 1.0 / 30.0);
         for k in [0.0, 1.0, 2.0, 4.0, 5.0, 6.0] {
@@ -193,7 +196,7 @@ mod tests {
         }
         assert!((clock.period() - 0.02).abs() < 1e-12);
         for nonsense in [0.0, -1.0, 1e-9, 1e-3, 1e9, f64::NAN, f64::INFINITY] {
-            assert_eq!(Clock::new(Some(nonsense)).period(), 1.0 / 30.0, "{nonsense} is not believed");
+            assert_eq!(Clock::new(Some(nonsense)).period(), 1.0 / 30.0, "{nonsense} is implausible");
         }
     }
 
@@ -206,7 +209,7 @@ mod tests {
         }
     }
 
-    /// Spacings and whether the path went on, of frames with these intervals, under a claimed period.
+    /// Spacing and continuity after each of these intervals, with a nominal period.
     fn ticks(period: f64, intervals: impl IntoIterator<Item = f64>) -> Vec<(f64, bool)> {
         let mut clock = Clock::new(Some(period));
         let mut time = 0.0;

@@ -1,35 +1,34 @@
-//! Duplicates that nothing marks: frames that a change of frame rate repeated.
+//! Detection of unmarked duplicates: frames repeated by a frame-rate conversion.
 
-/// Frames that differ by no more grey levels than this anywhere are one and the same exposure.
-const EXACT: f64 = 0.5;
-/// So are frames that differ by no more than this share of what successive frames differ by: a
-/// duplicate that was encoded again differs by 1 to 10 grey levels where frames that follow each
-/// other in hand-held footage differ by about 100.
-const SHARE: f64 = 0.125;
-/// More duplicates in a row than any change of frame rate makes (15 to 60 a second makes three) are
-/// a camera that stands still.
-const MOST_IN_A_ROW: usize = 3;
+/// Frames whose difference is at most this, in grey levels, are exact duplicates.
+const MAX_EXACT_DIFFERENCE: f64 = 0.5;
+/// Frames whose difference is at most this share of that between successive distinct frames are re-encoded
+/// duplicates: these differ by 1 to 10 grey levels, successive frames of hand-held footage by about 100.
+const MAX_DIFFERENCE_SHARE: f64 = 0.125;
+/// Longest run of duplicates: a conversion from 15 to 60 frames a second has three; a longer run is a still
+/// camera.
+const MAX_RUN: usize = 3;
 
-/// Tells duplicates from the differences of successive frames.
+/// Detects duplicates by the differences of successive frames.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Duplicates {
-    /// Difference of the last frame that was none, in grey levels.
-    usual: f64,
-    in_a_row: usize,
+    /// Difference of the last frame that was not a duplicate, in grey levels.
+    last_distinct: f64,
+    run: usize,
 }
 
 impl Duplicates {
-    /// Whether a frame that differs from the one before it by `difference` grey levels
-    /// ([`Sampler::difference`](crate::correspond::Sampler::difference)) repeats it.
+    /// Whether a frame that differs from its predecessor by `difference` grey levels
+    /// ([`Sampler::difference`](crate::correspond::Sampler::difference)) is a duplicate of it.
     pub fn is_repeated(&mut self, difference: f64) -> bool {
-        let alike = difference <= EXACT.max(SHARE * self.usual);
-        if alike && self.in_a_row < MOST_IN_A_ROW {
-            self.in_a_row += 1;
+        let is_duplicate = difference <= MAX_EXACT_DIFFERENCE.max(MAX_DIFFERENCE_SHARE * self.last_distinct);
+        if is_duplicate && self.run < MAX_RUN {
+            self.run += 1;
             return true;
         }
-        self.usual = if difference.is_finite() { difference } else { 0.0 };
-        if !alike {
-            self.in_a_row = 0;
+        self.last_distinct = if difference.is_finite() { difference } else { 0.0 };
+        if !is_duplicate {
+            self.run = 0;
         }
         false
     }

@@ -1,4 +1,4 @@
-//! The two estimators behind one face.
+//! A common interface to the two estimators.
 
 use crate::correspond::{Correspondence, certain};
 use crate::flow::FlowField;
@@ -6,52 +6,52 @@ use crate::motion::{FrameMotion, MotionPath, Rigid, Twist, image_centre};
 use crate::readout::{Readout, ReadoutPosterior};
 use crate::solve::continuous::{Camera, Continuous};
 use crate::solve::residual::LocalMotions;
-use crate::solve::{Candidate, FrameSolution, Link, Window};
+use crate::solve::{FrameSolution, Link, MotionCandidate, Window};
 use nalgebra::Vector2;
 
-/// Standard deviation of a measured coordinate in analysed pixels, for the paper's window, which knows one for all: what the
-/// sampler reaches on compressed footage.
+/// Standard deviation of a measured coordinate in analysed pixels, for the paper's window, which assumes the
+/// same for all: that of the sampler on compressed footage.
 const NOISE: f64 = 0.1;
 
-/// A frame and how it was found to be joined to the one before.
+/// A frame with the measurements between it and the previous one.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Step<'a> {
-    /// Correspondences with the frame before, and the flow from it and back; `None` after a start or a gap.
+    /// Correspondences with the previous frame, and the flow from it and back; `None` after a start or a gap.
     pub found: Option<(&'a [Correspondence], [&'a FlowField; 2])>,
-    /// Seconds.
+    /// Timestamp in seconds.
     pub time: f64,
-    /// Seconds since the frame before; negative in reverse playback.
+    /// Seconds since the previous frame; negative in reverse playback.
     pub interval: f64,
-    /// Seconds from frame to frame, as they come at present.
+    /// Actual seconds from frame to frame: see [`Clock::spacing`](super::clock::Clock::spacing).
     pub spacing: f64,
-    /// The shutter, as far as it is known.
+    /// The shutter by the settings.
     pub readout: Readout,
-    /// Full-frame pixels to an analysed one.
+    /// Width of an analysed pixel in full-frame pixels.
     pub pixel_scale: f64,
 }
 
-/// What estimates the motion of a stream.
+/// The estimator of a stream.
 #[derive(Debug)]
 pub(super) enum Engine {
     Sequential(Box<Sequential>),
     Continuous(Box<Smoother>),
 }
 
-/// The continuous estimator of the path, and that of the motions beside it.
+/// The continuous estimator of the path, and the estimator of the local motions beside it.
 #[derive(Debug)]
 pub(super) struct Smoother {
     path: Continuous,
     local: LocalMotions,
 }
 
-/// The paper's window, and the motion that the next pair is expected to go on with.
+/// The paper's window, and the predicted motion of the next pair.
 #[derive(Debug, Default)]
 pub(super) struct Sequential {
     window: Window,
     expected: Twist,
-    /// The shutters of the frames that wait.
+    /// The shutters of the waiting frames.
     readouts: std::collections::VecDeque<Readout>,
-    /// Scratch.
+    /// Buffer for the correspondences of small variance.
     certain: Vec<Correspondence>,
 }
 
@@ -60,14 +60,14 @@ impl Engine {
         Self::Sequential(Box::default())
     }
 
-    /// `keep` says whether the correspondences are given out with the motions.
+    /// `keep`: whether the motions contain the correspondences.
     pub fn continuous(camera: Camera, (width, height): (usize, usize), pixel_scale: f64, keep: bool) -> Self {
         let continuous = Continuous::new(camera, width, height, pixel_scale);
         let path = continuous.with_correspondences(keep);
         Self::Continuous(Box::new(Smoother { path, local: LocalMotions::default() }))
     }
 
-    /// Where a point (pixels) of the last frame is expected after `interval` seconds.
+    /// Predicts the position of a point (pixels) of the last frame after `interval` seconds.
     pub fn predictor(
         &self,
         readout: &Readout,
@@ -95,7 +95,7 @@ impl Engine {
         }
     }
 
-    /// Settles the first frame that waits; `None` where no motion that can be trusted was found.
+    /// Settles the first waiting frame; `None` without a motion of positive confidence.
     pub fn settle(&mut self) -> Option<FrameSolution> {
         match self {
             Self::Sequential(sequential) => sequential.settle(),
@@ -106,8 +106,8 @@ impl Engine {
         }
     }
 
-    /// The shutter as far as it is known, `stated` if it is not sought, and the standard deviation of its
-    /// readout ratio.
+    /// The estimated shutter, or `stated` if it is not estimated, and the standard deviation of its readout
+    /// ratio.
     pub fn belief(&self, stated: &Readout) -> (Readout, f64) {
         match self {
             Self::Sequential(_) => (*stated, 0.0),
@@ -115,7 +115,7 @@ impl Engine {
         }
     }
 
-    /// Whether the last frame was compared with the one before it in vain.
+    /// Whether very few points of the previous frame were found in the last one.
     pub fn is_at_cut(&self) -> bool {
         match self {
             Self::Sequential(_) => false,
@@ -123,7 +123,7 @@ impl Engine {
         }
     }
 
-    /// What is believed of a readout that is sought.
+    /// Posterior of the readout, if it is estimated.
     pub fn posterior(&self) -> Option<ReadoutPosterior> {
         match self {
             Self::Sequential(_) => None,
@@ -131,7 +131,7 @@ impl Engine {
         }
     }
 
-    /// Coefficients of the path in hand.
+    /// Number of coefficients of the current path.
     #[cfg(test)]
     pub fn unknowns(&self) -> usize {
         match self {
@@ -140,7 +140,7 @@ impl Engine {
         }
     }
 
-    /// Forgets the frames, not what was learnt of the camera.
+    /// Discards the frames, but not the estimates of the camera.
     pub fn restart(&mut self) {
         match self {
             Self::Sequential(sequential) => {
@@ -169,7 +169,7 @@ impl Sequential {
     fn settle(&mut self) -> Option<FrameSolution> {
         let settled = self.window.settle();
         let readout = self.readouts.pop_front()?;
-        settled.map(|Candidate { fit, origin }| FrameSolution {
+        settled.map(|MotionCandidate { fit, origin }| FrameSolution {
             motion: FrameMotion::new(readout, MotionPath::uniform(fit.twist, readout.time)),
             confidence: fit.confidence,
             expected_error: None,

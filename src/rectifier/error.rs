@@ -1,25 +1,25 @@
-//! What a rectifier refuses.
+//! Errors of the rectifier.
 
 use super::settings::Settings;
 use crate::readout::ReadoutError;
 use thiserror::Error;
 
-/// Pixels along a side of a frame, at most.
+/// Largest side of a frame in pixels.
 const MAX_SIDE: usize = 1 << 20;
-/// Columns, and rows, of the sampling grid, at most.
+/// Most columns, and rows, of the sampling grid.
 const MAX_GRID: usize = 1 << 10;
 
-/// Why there can be no rectifier with some settings.
+/// Why settings are invalid.
 #[derive(Clone, Copy, Debug, PartialEq, Error)]
 #[non_exhaustive]
 pub enum SettingsError {
-    /// A readout time or inter-frame delay that cannot be.
+    /// An invalid readout time or inter-frame delay.
     #[error(transparent)]
     Readout(#[from] ReadoutError),
-    /// A focal length that is not positive, infinite or not a number.
+    /// A focal length that is not positive, infinite or NaN.
     #[error("focal length of {0} frame widths: must be finite and positive")]
     FocalLength(f64),
-    /// A sampling grid of more points than any picture shows.
+    /// A sampling grid that is too large.
     #[error("sampling grid of {columns} x {rows} points: at most {MAX_GRID} along a side")]
     Grid {
         /// Columns asked for.
@@ -52,7 +52,7 @@ pub enum PushError {
 }
 
 impl Settings {
-    /// Whether there can be a rectifier with these settings for frames of `width` × `height` pixels.
+    /// Checks these settings for frames of `width` × `height` pixels.
     pub(super) fn check(&self, width: usize, height: usize) -> Result<(), SettingsError> {
         self.readout_time.check()?;
         if let Some(focal) = self.focal_length.filter(|focal| !(focal.is_finite() && *focal > 0.0)) {
@@ -75,7 +75,7 @@ mod tests {
     use crate::readout::ReadoutTime;
 
     #[test]
-    fn what_cannot_be_is_refused_by_name() {
+    fn invalid_settings_are_refused_by_name() {
         let check = |settings: Settings| settings.check(64, 48).map_err(|error| error.to_string());
         let time = |readout_time| check(Settings { readout_time, ..Settings::default() });
         for value in [f64::NAN, -1.0, -1e-300, f64::INFINITY, f64::NEG_INFINITY] {
@@ -94,7 +94,7 @@ mod tests {
     }
 
     #[test]
-    fn what_can_be_is_not() {
+    fn valid_settings_are_accepted() {
         for readout_time in [
             ReadoutTime::Unknown,
             ReadoutTime::WholePeriod,

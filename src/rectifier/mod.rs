@@ -1,4 +1,4 @@
-//! The lookahead queue that joins the modules: push luma, pop motions in order, drain, reset.
+//! The rectifier, a lookahead queue over all modules: push luma, pop motions in order, drain, reset.
 
 mod clock;
 mod duplicates;
@@ -26,56 +26,56 @@ pub use crate::solve::{FittedCorrespondence, FocalLength, FrameSolution, Origin}
 pub use error::{PushError, SettingsError};
 pub use settings::{Estimator, Settings};
 
-/// What is known of whether a frame repeats the one before it, as where a frame rate was raised.
+/// Whether a frame is a duplicate of its predecessor, as after a conversion to a higher frame rate.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub enum Duplicate {
-    /// Nothing; most duplicates are found from the picture.
+    /// Unknown: most duplicates are detected from the picture.
     #[default]
     Detect,
-    /// It does.
+    /// The frame repeats its predecessor.
     Known,
 }
 
-/// Time spent so far.
+/// Processing time so far.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[non_exhaustive]
 pub struct Timings {
-    /// Reduction of the luma and correspondences.
+    /// Reduction of the luma, optical flow and correspondences.
     pub correspond: Duration,
-    /// Solving.
+    /// Estimation of the motion.
     pub solve: Duration,
 }
 
-/// A frame whose motion has not been given out.
+/// A frame whose motion has not been solved yet.
 #[derive(Clone, Copy, Debug)]
 struct Waiting {
     readout: Readout,
     correspondences: usize,
-    /// It repeats the frame before it and is not in the window.
+    /// The frame is a duplicate of its predecessor and not in the window.
     repeats: bool,
     begins_shot: bool,
 }
 
-/// Solves the motion of a stream's frames, one after another, in bounded memory.
+/// Estimates the motion of a stream's frames, in order, in bounded memory.
 ///
-/// Every frame pushed is popped once, in order.
+/// Exactly one solution is popped for every frame pushed, in the same order.
 #[derive(Debug)]
 pub struct Rectifier {
     settings: Settings,
     size: (usize, usize),
     clock: Clock,
     sampler: Sampler,
-    /// The reference's luma, and room for the next frame's.
+    /// The luma of the reference, and of the current frame.
     before: Pyramid,
     now: Pyramid,
     correspondences: Vec<Correspondence>,
-    /// The time of the frame that the next one is compared with.
+    /// Time of the reference: the frame with which the next one is compared.
     reference: Option<f64>,
     duplicates: Duplicates,
     engine: Engine,
     waiting: VecDeque<Waiting>,
     solved: VecDeque<FrameSolution>,
-    /// The motion given out last, for the duplicates that follow it.
+    /// The motion settled last, for duplicates of its frame.
     last: Option<FrameSolution>,
     timings: Timings,
 }
@@ -83,11 +83,12 @@ pub struct Rectifier {
 impl Rectifier {
     /// A rectifier for frames of `width` × `height` pixels, `period` seconds apart.
     ///
-    /// `period` is the nominal one; `None`, or one that no camera has (under a millisecond, over ten seconds, not a
-    /// number), takes it from the times of the frames. Frames of any size will do, also those too small to be analysed.
+    /// `period` is the nominal one; if it is `None` or implausible (under a millisecond, over ten seconds,
+    /// NaN), it is estimated from the times of the frames. Any size is valid; frames too small to be analysed
+    /// are left untouched.
     ///
     /// # Errors
-    /// If the settings cannot be or the frames are larger than any sensor; see [`SettingsError`].
+    /// If the settings are invalid or the frames are larger than any sensor; see [`SettingsError`].
     pub fn new(
         settings: Settings,
         width: usize,
@@ -130,10 +131,10 @@ impl Rectifier {
 
     /// Adds the next frame: its luma and its timestamp in seconds.
     ///
-    /// Times may fall (reverse playback) or be missing; one that is not finite counts as missing.
+    /// Times may decrease (reverse playback) or be missing; a time that is not finite counts as missing.
     ///
     /// # Errors
-    /// If the luma is not of the rectifier's size: nothing has been pushed then, and nothing will be popped for it.
+    /// If the luma is not of the rectifier's size: the frame is not pushed, and no solution is popped for it.
     pub fn push(
         &mut self,
         luma: &Luma<'_>,
@@ -164,55 +165,55 @@ impl Rectifier {
             self.compare(tick.time, &readout, started);
         }
         while self.waiting.len() > self.settings.lookahead {
-            self.give_out();
+            self.settle();
         }
         Ok(())
     }
 
-    /// The motion of the oldest frame not yet popped, once `lookahead` frames follow it.
+    /// The motion of the oldest frame not yet popped, as soon as `lookahead` later frames were pushed.
     pub fn pop(&mut self) -> Option<FrameSolution> {
         self.solved.pop_front()
     }
 
-    /// The motion of the oldest frame not yet popped, from the frames there are: where it cannot wait for
-    /// `lookahead` more. `None` if every frame pushed has been popped.
+    /// The motion of the oldest frame not yet popped, from the frames pushed so far, without waiting for
+    /// `lookahead` later ones. `None` if every frame pushed has been popped.
     pub fn pop_early(&mut self) -> Option<FrameSolution> {
         if self.solved.is_empty() {
-            self.give_out();
+            self.settle();
         }
         self.solved.pop_front()
     }
 
-    /// Ends a stretch of the stream: the frames still waiting are solved from what there is and can
-    /// be popped; the next frame pushed starts anew.
+    /// Ends a segment of the stream: all waiting frames are solved from the frames pushed so far and can
+    /// be popped; the next frame pushed starts a new segment.
     pub fn drain(&mut self) {
         while !self.waiting.is_empty() {
-            self.give_out();
+            self.settle();
         }
-        self.forget_the_past();
+        self.start_segment();
     }
 
-    /// Forgets everything, frames not yet popped too.
+    /// Discards all frames, including those not yet popped; estimates of the camera are kept.
     pub fn reset(&mut self) {
         self.waiting.clear();
         self.solved.clear();
-        self.forget_the_past();
+        self.start_segment();
     }
 
-    /// Time spent so far in each stage.
+    /// Processing time so far in each stage.
     #[must_use]
     pub fn timings(&self) -> Timings {
         self.timings
     }
 
-    /// What the frames so far say of the readout; `None` where it is given, before the first frame, and from the
-    /// sequential estimator.
+    /// Posterior of the readout given all frames so far; `None` if the readout is given, before the first
+    /// frame, and from the sequential estimator.
     #[must_use]
     pub fn readout_posterior(&self) -> Option<ReadoutPosterior> {
         self.engine.posterior()
     }
 
-    fn forget_the_past(&mut self) {
+    fn start_segment(&mut self) {
         self.engine.restart();
         self.clock.restart();
         self.duplicates = Duplicates::default();
@@ -226,7 +227,7 @@ impl Rectifier {
         Readout::resolved(width, height, direction, self.settings.readout_time, self.clock.period())
     }
 
-    /// Links the frame in `now` to the reference, where there is one, and makes it the reference.
+    /// Measures the frame in `now` against the reference, if there is one, and makes it the reference.
     fn compare(&mut self, time: f64, readout: &Readout, started: Instant) {
         let interval = self.reference.map(|reference| time - reference);
         if let Some(interval) = interval {
@@ -257,8 +258,8 @@ impl Rectifier {
         self.timings.solve += measured.elapsed();
     }
 
-    /// Gives out the motion of the first frame that waits.
-    fn give_out(&mut self) {
+    /// Settles the motion of the first waiting frame.
+    fn settle(&mut self) {
         let started = Instant::now();
         let Some(frame) = self.waiting.pop_front() else { return };
         if !frame.repeats {

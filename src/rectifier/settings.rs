@@ -3,14 +3,14 @@
 use crate::motion::Model;
 use crate::readout::{ReadoutDirection, ReadoutPrior, ReadoutTime};
 
-/// How motion is estimated.
+/// The motion estimator.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 #[non_exhaustive]
 pub enum Estimator {
-    /// Splines over exposure time, with the readout found from the picture where it is not given.
+    /// Splines over exposure time; the readout is estimated from the picture unless given.
     #[default]
     Continuous,
-    /// The paper's: one 2D rotation a frame, each from its neighbour.
+    /// The paper's estimator: one 2D rotation per frame, each computed from that of its neighbour.
     Sequential,
 }
 
@@ -27,22 +27,22 @@ pub struct Settings {
     pub grid_columns: usize,
     /// Rows of the sampling grid.
     pub grid_rows: usize,
-    /// Frames waited for before a frame's motion is given out.
+    /// Number of later frames needed before a frame's motion is available.
     pub lookahead: usize,
-    /// How motion is estimated.
+    /// The motion estimator.
     pub estimator: Estimator,
-    /// The image motions that the continuous estimator looks for.
+    /// The motion model of the continuous estimator.
     pub model: Model,
-    /// Focal length in frame widths; `None` if it is to be found from the picture. Less than 0.354, a field of view of
-    /// 110°, counts as that.
+    /// Focal length in frame widths; `None` to estimate it from the picture. At least 0.354, a field of view
+    /// of 110°; smaller values are raised to that.
     pub focal_length: Option<f64>,
-    /// Which edge of the frame is read first; `None` if it is to be found from the picture, which the
-    /// sequential estimator takes as from top to bottom.
+    /// Which edge of the frame is read first; `None` to estimate it from the picture. The sequential
+    /// estimator takes `None` as top to bottom.
     pub direction: Option<ReadoutDirection>,
-    /// What is known of the readout time.
+    /// The readout time, if known.
     pub readout_time: ReadoutTime,
-    /// What is expected of the readout where it is not known; one that contradicts `direction` is not heeded, nor is any by
-    /// the sequential estimator.
+    /// Prior of the readout if it is unknown; ignored if it contradicts `direction`, and by the sequential
+    /// estimator.
     pub readout_prior: Option<ReadoutPrior>,
     /// Whether [`FrameSolution::fitted`](super::FrameSolution::fitted) is filled, which takes memory for each frame.
     pub keep_correspondences: bool,

@@ -1,4 +1,5 @@
-//! Frames that come more slowly than is claimed, or unevenly: the estimator's unknowns follow from their number.
+//! Streams with fewer frames than the nominal rate, or uneven ones: the number of unknowns follows the number
+//! of frames.
 
 use super::tests::{HEIGHT, PERIOD, VELOCITY, WIDTH, assert_velocity, frame, pops, push};
 use super::*;
@@ -6,9 +7,10 @@ use crate::readout::{ReadoutDirection, ReadoutTime};
 
 const FRAMES: usize = 22;
 
-/// Pushes frames with these times in seconds at a claimed period; the most unknowns at a time, and the solutions.
+/// Pushes frames with these times in seconds and a nominal period; returns the largest number of unknowns,
+/// and the solutions.
 ///
-/// A time-lapse of what [`frame`] shows: the picture moves from frame to frame as it does in its own period.
+/// A time-lapse of [`frame`]: the picture moves from frame to frame by the motion of one [`PERIOD`].
 fn unknowns(times: &[f64], period: Option<f64>, readout_time: ReadoutTime) -> (usize, Vec<FrameSolution>) {
     let direction = Some(ReadoutDirection::TopToBottom);
     let settings = Settings { lookahead: 4, direction, readout_time, ..Settings::default() };
@@ -22,7 +24,7 @@ fn unknowns(times: &[f64], period: Option<f64>, readout_time: ReadoutTime) -> (u
     (most, pops(&mut rectifier))
 }
 
-/// Times of frames that follow each other in these intervals, over and over.
+/// Times of frames at these intervals, repeated cyclically.
 fn times(intervals: &[f64]) -> Vec<f64> {
     let intervals = intervals.iter().cycle().take(FRAMES - 1);
     let later = intervals.scan(0.0, |time, interval| {
@@ -42,10 +44,10 @@ fn sparse_frames_take_as_many_unknowns_as_with_their_true_rate() {
             for claimed in [Some(1.0 / 30.0), None] {
                 let (found, solutions) = unknowns(&times(&[interval]), claimed, readout_time);
                 assert_eq!(solutions.len(), FRAMES);
-                // The first interval may be a hole among frames at the claimed rate.
+                // The first interval may be a hole among frames at the nominal rate.
                 let allowed = if interval > 0.5 { 0 } else { 16 * expected / 10 };
                 assert!(found <= expected + allowed, "{interval} s, {claimed:?}: {found} of {expected}");
-                // Once the interval is known, the motion is the same.
+                // After the spacing is estimated, the motion is the same.
                 for (solution, truth) in solutions.iter().zip(&truth).skip(12) {
                     let [found, expected] =
                         [solution, truth].map(|one| one.motion.path().mean_twist().velocity * interval);
@@ -102,7 +104,7 @@ fn one_hole_among_even_frames_changes_no_motion() {
             ..Settings::default()
         };
         let mut rectifier = Rectifier::new(settings, WIDTH, HEIGHT, Some(PERIOD)).unwrap();
-        // Slow enough to be found again after the hole.
+        // Slow enough for the flow after the hole.
         let velocity = 0.2 * VELOCITY;
         for k in 0..FRAMES {
             let time = k as f64 * PERIOD + if k > FRAMES / 2 { hole } else { 0.0 };

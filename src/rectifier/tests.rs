@@ -1,4 +1,4 @@
-//! The queue on pictures whose motion is known in closed form.
+//! The rectifier on pictures whose motion is known in closed form.
 
 use super::*;
 use crate::plane::{Plane, PlaneLayout, SampleFormat};
@@ -10,7 +10,7 @@ pub(super) const WIDTH: usize = 320;
 pub(super) const HEIGHT: usize = 240;
 pub(super) const PERIOD: f64 = 0.04;
 
-/// Smooth detail at three scales, nowhere repeated.
+/// Smooth, non-repetitive texture at three scales.
 fn texture(x: f64, y: f64) -> f64 {
     128.0
         + 60.0 * noise(x / 4.0, y / 4.0)
@@ -47,7 +47,7 @@ pub(super) fn frame(time: f64, velocity: Vector2<f64>) -> Vec<u8> {
 
 const ESTIMATORS: [Estimator; 2] = [Estimator::Continuous, Estimator::Sequential];
 
-/// A rectifier that knows the shutter of [`frame`].
+/// A rectifier with the shutter of [`frame`] given.
 fn rectifier(estimator: Estimator, lookahead: usize) -> Rectifier {
     let settings = Settings {
         lookahead,
@@ -59,7 +59,7 @@ fn rectifier(estimator: Estimator, lookahead: usize) -> Rectifier {
     Rectifier::new(settings, WIDTH, HEIGHT, Some(PERIOD)).unwrap()
 }
 
-/// What a frame is pushed as where it is known whether it is a duplicate.
+/// How a frame is pushed, by whether it is marked as a duplicate.
 fn kind(is_known: bool) -> Duplicate {
     if is_known { Duplicate::Known } else { Duplicate::Detect }
 }
@@ -147,7 +147,7 @@ fn a_duplicate_repeats_its_frame_s_motion() {
         for marked in [false, true] {
             let mut rectifier = rectifier(estimator, 4);
             for k in 0..12 {
-                // Every second frame repeats the one before, as 25 frames a second do in a project of 50.
+                // Every second frame is a duplicate, as with 25 frames a second in a project of 50.
                 let shown = (k / 2 * 2) as f64 * PERIOD / 2.0;
                 push(
                     &mut rectifier,
@@ -309,13 +309,13 @@ fn a_frame_of_another_size_is_refused_and_not_counted() {
         rectifier.drain();
         let solutions = pops(&mut rectifier);
         assert_eq!(solutions.len(), 6);
-        // It leaves no trace in the motion either.
+        // The refused frame does not affect the motion.
         solutions.iter().for_each(|solution| assert_velocity(solution, VELOCITY));
     }
 }
 
 #[test]
-fn a_readout_that_cannot_be_is_refused() {
+fn an_invalid_readout_is_refused() {
     for readout_time in [ReadoutTime::Seconds(f64::NAN), ReadoutTime::DelayRows(-1.0)] {
         let settings = Settings { readout_time, ..Settings::default() };
         assert!(Rectifier::new(settings, WIDTH, HEIGHT, None).is_err());
@@ -328,8 +328,8 @@ fn inliers_are_some_of_the_correspondences_of_the_same_pair() {
         let mut rectifier = rectifier(estimator, 3);
         for k in 0..16 {
             let time = k as f64 * PERIOD;
-            // Every third frame shows detail in its upper quarter only, so that its pairs have few correspondences
-            // beside others that have many; one frame is a duplicate, one is black.
+            // Every third frame has texture in its upper quarter only, so that some pairs have few
+            // correspondences and some many; one frame is a duplicate, one is black.
             let mut pixels = frame(if k == 8 { time - PERIOD } else { time }, VELOCITY);
             match k {
                 12 => pixels.fill(16),
@@ -348,7 +348,7 @@ fn inliers_are_some_of_the_correspondences_of_the_same_pair() {
 }
 
 #[test]
-fn correspondences_that_are_kept_tell_inliers_from_a_patch_that_moves_by_itself() {
+fn kept_correspondences_separate_inliers_from_an_independently_moving_patch() {
     let patch = |at: Vector2<f64>| (100.0..180.0).contains(&at.x) && (60.0..140.0).contains(&at.y);
     for lookahead in [0, 3] {
         let mut settings = rectifier(Estimator::Continuous, lookahead).settings;
@@ -367,7 +367,7 @@ fn correspondences_that_are_kept_tell_inliers_from_a_patch_that_moves_by_itself(
         let solutions = pops(&mut keeping);
         assert_eq!((solutions.len(), solutions[0].fitted.is_empty()), (12, lookahead == 0));
         for solution in &solutions[3..] {
-            // Between two frames the patch's edge moves; far from it there is no doubt.
+            // The patch's edge moves between two frames: only points far from it are checked.
             let near = |found: &FittedCorrespondence, side: f64| {
                 (found.position - Vector2::new(140.0, 100.0)).amax() < side
             };
@@ -400,8 +400,8 @@ fn correspondences_that_are_kept_tell_inliers_from_a_patch_that_moves_by_itself(
 proptest! {
     #![proptest_config(ProptestConfig { cases: 12, failure_persistence: None, ..ProptestConfig::default() })]
 
-    /// Whatever moves how, and how much of each frame can be seen: rows from `seen` on are flat, and what is shown
-    /// jumps by `cuts` seconds.
+    /// For any motion and any visible part of each frame: rows after `seen` are flat, and the picture jumps
+    /// by `cuts` seconds.
     #[test]
     fn inliers_never_outnumber_the_correspondences(
         (vx, vy) in (-400.0..400.0, -400.0..400.0),
@@ -442,7 +442,7 @@ fn a_readout_that_is_given_has_no_deviation() {
 }
 
 #[test]
-fn a_focal_length_next_to_zero_is_no_end_of_the_motion() {
+fn a_focal_length_near_zero_still_gives_a_motion() {
     for focal in [f64::MIN_POSITIVE, 1e-9] {
         let settings = Settings {
             focal_length: Some(focal),

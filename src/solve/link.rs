@@ -1,6 +1,6 @@
-//! One pair of successive frames: what their correspondences say of the motion.
+//! One pair of successive frames: its correspondences and the twists fitted to them.
 
-use super::measurement::{Match, Minimiser};
+use super::measurement::{Minimiser, TimedMatch};
 use super::start::robust_start;
 use crate::correspond::Correspondence;
 use crate::motion::{Twist, image_centre};
@@ -8,19 +8,19 @@ use crate::readout::Readout;
 use crate::robust::loss::GemanMcClure;
 use nalgebra::Vector2;
 
-/// Fewer correspondences than this say nothing.
+/// Least number of correspondences for a fit.
 const MIN_MATCHES: usize = 16;
-/// E is compared over this share of the correspondences, those that fit best: a third of the points
-/// may lie on things that move on their own.
+/// E is the mean over this share of the correspondences, those of least residual: a third of the points
+/// may lie on independently moving objects.
 const INLIER_SHARE: f64 = 2.0 / 3.0;
-/// A residual below this many times the noise is as good as none.
-const NOISE_REACH: f64 = 3.0;
-/// A motion must take away at least this share of the mean squared displacement.
-const LEAST_EXPLAINED: f64 = 0.75;
+/// Residuals below this many times the noise floor count as noise.
+const NOISE_FACTOR: f64 = 3.0;
+/// A motion must explain at least this share of the mean squared displacement.
+const MIN_EXPLAINED: f64 = 0.75;
 
-/// A correspondence with the time of each end.
+/// A correspondence with the exposure times of its points.
 #[derive(Clone, Copy, Debug)]
-struct TimedPair {
+struct TimedCorrespondence {
     /// Centred pixels.
     from: Vector2<f64>,
     to: Vector2<f64>,
@@ -32,34 +32,34 @@ struct TimedPair {
 /// The correspondences between a frame and the next one that differs from it.
 #[derive(Clone, Debug)]
 pub struct Link {
-    pairs: Vec<TimedPair>,
+    pairs: Vec<TimedCorrespondence>,
     /// From the first frame's timestamp to the second's, in seconds; negative in reverse playback.
     interval: f64,
     readout_time: f64,
     /// Standard deviation of a measured coordinate in pixels.
     noise: f64,
-    /// E of no motion, per inlier, in px².
-    moved: f64,
+    /// E of zero motion, per inlier, in px².
+    still_energy: f64,
 }
 
-/// A twist and how well it fits the correspondences of one link.
+/// A twist fitted to the correspondences of one link, with its residual energy.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Fit {
     /// The motion.
     pub twist: Twist,
-    /// E of 25.4 as a mean per inlier, in px², the inliers being the two thirds that fit best.
+    /// E of 25.4 as a mean per inlier, in px²; inliers are the two thirds of least residual.
     pub energy: f64,
     /// Correspondences within the reach of the robust loss.
     pub inliers: usize,
     /// Correspondences of the pair.
     pub correspondences: usize,
-    /// Trust in the motion, 0 to 1: the share of the displacement that it explains, and whether
-    /// there is enough to tell.
+    /// Confidence in the motion, 0 to 1: the share of the displacement that it explains beyond the
+    /// noise floor.
     pub confidence: f64,
 }
 
 impl Fit {
-    /// Whether the motion is better than none.
+    /// Whether the confidence is positive.
     pub fn is_trusted(&self) -> bool {
         self.confidence > 0.0
     }
@@ -67,30 +67,30 @@ impl Fit {
 
 /// Buffers of the solvers of one stream.
 #[derive(Debug, Default)]
-pub struct Scratch {
+pub struct FitBuffers {
     minimiser: Minimiser,
-    matches: Vec<Match>,
+    matches: Vec<TimedMatch>,
     errors: Vec<f64>,
 }
 
-/// Which frame of a link has the known motion.
+/// The frame of a link whose motion is known.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Known {
-    /// The first; the second's is sought.
+pub enum KnownFrame {
+    /// The first frame; the second's motion is unknown.
     First,
-    /// The second; the first's is sought.
+    /// The second frame; the first's motion is unknown.
     Second,
 }
 
 impl Link {
-    /// Takes the correspondences from a frame to a frame `interval` seconds later.
+    /// A link of the correspondences from a frame to a frame `interval` seconds later.
     ///
     /// `noise` is the standard deviation of a measured coordinate in pixels.
     pub fn new(correspondences: &[Correspondence], readout: &Readout, interval: f64, noise: f64) -> Self {
         let centre = image_centre(readout.width, readout.height);
         let pairs: Vec<_> = correspondences
             .iter()
-            .map(|c| TimedPair {
+            .map(|c| TimedCorrespondence {
                 from: c.from - centre,
                 to: c.to - centre,
                 from_time: readout.offset(c.from.x, c.from.y),
@@ -98,11 +98,11 @@ impl Link {
             })
             .collect();
         let mut errors: Vec<_> = pairs.iter().map(|p| (p.to - p.from).norm_squared() / 2.0).collect();
-        let moved = mean_of_inliers(&mut errors);
-        Self { pairs, interval, readout_time: readout.time, noise, moved }
+        let still_energy = mean_of_inliers(&mut errors);
+        Self { pairs, interval, readout_time: readout.time, noise, still_energy }
     }
 
-    /// Correspondences of the link.
+    /// Number of correspondences.
     pub fn len(&self) -> usize {
         self.pairs.len()
     }
@@ -112,17 +112,17 @@ impl Link {
         self.pairs.is_empty()
     }
 
-    /// Whether nothing moved between the two frames: such a pair fits any model and is no candidate
-    /// for the initial pair.
+    /// Whether nothing moved between the two frames: any model fits such a pair, so it cannot be the
+    /// initial pair.
     pub fn is_still(&self) -> bool {
-        self.moved < (NOISE_REACH * self.noise).powi(2)
+        self.still_energy < (NOISE_FACTOR * self.noise).powi(2)
     }
 
-    /// Initialisation: one uniform rotation through both frames (25.6). τ is the time between the
-    /// two exposures, (N_t + r′ − r)/N_t of the interval.
-    pub fn uniform(&self, scratch: &mut Scratch) -> Option<Fit> {
+    /// Initialisation: one uniform rotation for both frames (25.6). τ is the time between the two
+    /// exposures, (N_t + r′ − r)/N_t of the interval.
+    pub fn uniform(&self, scratch: &mut FitBuffers) -> Option<Fit> {
         scratch.matches.clear();
-        scratch.matches.extend(self.pairs.iter().map(|p| Match {
+        scratch.matches.extend(self.pairs.iter().map(|p| TimedMatch {
             from: p.from,
             to: p.to,
             time: p.to_time - p.from_time,
@@ -130,29 +130,33 @@ impl Link {
         self.fit(scratch)
     }
 
-    /// One step of the sequential computation: the motion of one frame from that of the other.
+    /// One step of the recursion: the motion of one frame from that of the other.
     ///
     /// The known frame moves during its own readout only, **the unknown frame takes the blank**:
     /// forward in time ((N − r)/N_t)·θ(k), then ((B + r′)/N_t)·θ(k + 1) (25.7, 25.8); backward
     /// (−r/N_t)·θ(k), then (−(N_t − r′)/N_t)·θ(k − 1) (25.9 with r for its printed r′, 25.10).
-    pub fn sequential_step(&self, known: Known, motion: Twist, scratch: &mut Scratch) -> Option<Fit> {
-        let known_start = if known == Known::First { 0.0 } else { self.interval };
-        let unknown_is_later = (known == Known::First) == (self.interval > 0.0);
+    pub fn sequential_step(&self, known: KnownFrame, motion: Twist, scratch: &mut FitBuffers) -> Option<Fit> {
+        let known_start = if known == KnownFrame::First { 0.0 } else { self.interval };
+        let unknown_is_later = (known == KnownFrame::First) == (self.interval > 0.0);
         let border = known_start + if unknown_is_later { self.readout_time } else { 0.0 };
         scratch.matches.clear();
         scratch.matches.extend(self.pairs.iter().map(|p| {
             let (near, near_time, far, far_time) = match known {
-                Known::First => (p.from, p.from_time, p.to, p.to_time),
-                Known::Second => (p.to, p.to_time, p.from, p.from_time),
+                KnownFrame::First => (p.from, p.from_time, p.to, p.to_time),
+                KnownFrame::Second => (p.to, p.to_time, p.from, p.from_time),
             };
-            Match { from: motion.after(border - near_time).apply(near), to: far, time: far_time - border }
+            TimedMatch {
+                from: motion.after(border - near_time).apply(near),
+                to: far,
+                time: far_time - border,
+            }
         }));
         self.fit(scratch)
     }
 
     /// Fits the twist to `scratch.matches`.
-    fn fit(&self, scratch: &mut Scratch) -> Option<Fit> {
-        let Scratch { minimiser, matches, errors } = scratch;
+    fn fit(&self, scratch: &mut FitBuffers) -> Option<Fit> {
+        let FitBuffers { minimiser, matches, errors } = scratch;
         if matches.len() < MIN_MATCHES {
             return None;
         }
@@ -172,20 +176,20 @@ impl Link {
         })
     }
 
-    /// How far a twist that leaves `energy` is to be trusted: 1 where it explains all displacement,
-    /// 0 where it leaves a quarter of what was measured or of what it would itself have done to the
-    /// points (a shake that turns about between two frames shows little displacement).
+    /// Confidence of a twist of residual `energy`: 1 if it explains all displacement, 0 if the residual
+    /// is a quarter of the measured displacement or of the displacement that the twist predicts over the
+    /// interval (in a shake that reverses between two frames the measured displacement is small).
     fn confidence(&self, twist: Twist, energy: f64) -> f64 {
         let motion = twist.after(self.interval);
         let swept =
             self.pairs.iter().map(|p| (motion.apply(p.from) - p.from).norm_squared() / 2.0).sum::<f64>();
-        let displaced = self.moved.max(swept / self.pairs.len().max(1) as f64);
-        let allowed = (NOISE_REACH * self.noise).powi(2) + (1.0 - LEAST_EXPLAINED) * displaced;
+        let displaced = self.still_energy.max(swept / self.pairs.len().max(1) as f64);
+        let allowed = (NOISE_FACTOR * self.noise).powi(2) + (1.0 - MIN_EXPLAINED) * displaced;
         (1.0 - energy / allowed).clamp(0.0, 1.0)
     }
 }
 
-/// The mean of the two thirds of the errors that are least; reorders them.
+/// The mean of the smallest two thirds of the errors; reorders them.
 fn mean_of_inliers(errors: &mut [f64]) -> f64 {
     let count = (errors.len() as f64 * INLIER_SHARE).ceil() as usize;
     if count == 0 {

@@ -12,7 +12,7 @@ use nalgebra::{Matrix2, Matrix2x3, Matrix3, Matrix3x2, Vector2, Vector3};
 
 /// Two measured points and the time for which the unknown twist acts between them.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Match {
+pub struct TimedMatch {
     /// x: where the point is before the twist acts, in centred pixels.
     pub from: Vector2<f64>,
     /// x′: where it is afterwards, in centred pixels.
@@ -21,7 +21,7 @@ pub struct Match {
     pub time: f64,
 }
 
-impl Match {
+impl TimedMatch {
     /// |x′ − f(x, ω·τ, c)|²/2 in px²: the least |x − o|² + |x′ − o′|² over o, as f keeps distances.
     pub fn error(&self, twist: Twist) -> f64 {
         (self.to - twist.after(self.time).apply(self.from)).norm_squared() / 2.0
@@ -57,7 +57,7 @@ struct PointBlock {
 impl Minimiser {
     /// The twist of least Σ ρ(s) near `start`, or `None` where the matches do not determine one; s is the part of a match in E, so
     /// σ is 1 px. [`Squares`](crate::robust::loss::Squares) is 25.4 as printed.
-    pub fn minimise(&mut self, matches: &[Match], start: Twist, loss: impl Loss) -> Option<Twist> {
+    pub fn minimise(&mut self, matches: &[TimedMatch], start: Twist, loss: impl Loss) -> Option<Twist> {
         self.corrected.clear();
         self.corrected.extend(matches.iter().map(|m| halfway(m, start)));
         let mut twist = start;
@@ -98,7 +98,7 @@ impl Minimiser {
     /// One damped step of the twist; the corrected points that go with it are left in `trial`.
     fn step(
         &mut self,
-        matches: &[Match],
+        matches: &[TimedMatch],
         twist: Twist,
         loss: impl Loss,
         damping: f64,
@@ -152,11 +152,11 @@ pub(super) fn solve_scaled(matrix: Matrix3<f64>, right: Vector3<f64>) -> Option<
 }
 
 /// The corrected point that is best for a given twist.
-fn halfway(m: &Match, twist: Twist) -> Vector2<f64> {
+fn halfway(m: &TimedMatch, twist: Twist) -> Vector2<f64> {
     (m.from + twist.after(m.time).apply_inverse(m.to)) / 2.0
 }
 
-fn total_cost(matches: &[Match], corrected: &[Vector2<f64>], twist: Twist, loss: impl Loss) -> f64 {
+fn total_cost(matches: &[TimedMatch], corrected: &[Vector2<f64>], twist: Twist, loss: impl Loss) -> f64 {
     matches
         .iter()
         .zip(corrected)

@@ -8,18 +8,18 @@ use nalgebra::{DMatrix, DVector, Dyn};
 use proptest::prelude::*;
 
 /// Points over a 640 × 480 picture, each at its own time, moved by `twist`.
-fn exact_matches(twist: Twist) -> Vec<Match> {
+fn exact_matches(twist: Twist) -> Vec<TimedMatch> {
     (0..60)
         .map(|i| {
             let from = Vector2::new(f64::from(i * 97 % 640) - 320.0, f64::from(i * 61 % 480) - 240.0);
             let time = 0.01 + 0.0008 * f64::from(i * 29 % 60);
-            Match { from, to: twist.after(time).apply(from), time }
+            TimedMatch { from, to: twist.after(time).apply(from), time }
         })
         .collect()
 }
 
 /// Deterministic deviations of some `size` pixels.
-fn disturb(matches: &mut [Match], size: f64) {
+fn disturb(matches: &mut [TimedMatch], size: f64) {
     for (i, m) in matches.iter_mut().enumerate() {
         let phase = i as f64;
         m.from += Vector2::new((12.9 * phase).sin(), (78.2 * phase).cos()) * size;
@@ -27,7 +27,7 @@ fn disturb(matches: &mut [Match], size: f64) {
     }
 }
 
-fn minimise(matches: &[Match], start: Twist, loss: impl Loss) -> (Twist, f64) {
+fn minimise(matches: &[TimedMatch], start: Twist, loss: impl Loss) -> (Twist, f64) {
     let mut minimiser = Minimiser::default();
     let twist = minimiser.minimise(matches, start, loss).unwrap();
     (twist, total_cost(matches, minimiser.corrected(), twist, loss))
@@ -40,7 +40,7 @@ fn assert_close(a: Twist, b: Twist, tolerance: f64) {
 
 /// 25.4 with all unknowns in one vector: the twist, then every corrected point.
 struct Dense {
-    matches: Vec<Match>,
+    matches: Vec<TimedMatch>,
     unknowns: DVector<f64>,
 }
 
@@ -133,7 +133,7 @@ fn equals_rigid_alignment_at_equal_times() {
     }
     disturb(&mut matches, 2.0);
     let count = matches.len() as f64;
-    let mean = |f: fn(&Match) -> Vector2<f64>| matches.iter().map(f).sum::<Vector2<f64>>() / count;
+    let mean = |f: fn(&TimedMatch) -> Vector2<f64>| matches.iter().map(f).sum::<Vector2<f64>>() / count;
     let (from, to) = (mean(|m| m.from), mean(|m| m.to));
     let (dot, cross) = matches.iter().fold((0.0, 0.0), |(dot, cross), m| {
         let (a, b) = (m.from - from, m.to - to);
@@ -156,9 +156,11 @@ fn equals_rigid_alignment_at_equal_times() {
 fn undetermined_matches_give_nothing() {
     let mut minimiser = Minimiser::default();
     assert_eq!(minimiser.minimise(&[], Twist::ZERO, Squares), None);
-    let no_time: Vec<_> = exact_matches(Twist::ZERO).into_iter().map(|m| Match { time: 0.0, ..m }).collect();
+    let no_time: Vec<_> =
+        exact_matches(Twist::ZERO).into_iter().map(|m| TimedMatch { time: 0.0, ..m }).collect();
     assert_eq!(minimiser.minimise(&no_time, Twist::ZERO, Squares), None);
-    let not_finite = vec![Match { from: Vector2::new(f64::NAN, 0.0), to: Vector2::zeros(), time: 0.1 }; 20];
+    let not_finite =
+        vec![TimedMatch { from: Vector2::new(f64::NAN, 0.0), to: Vector2::zeros(), time: 0.1 }; 20];
     assert_eq!(minimiser.minimise(&not_finite, Twist::ZERO, Squares), None);
 }
 

@@ -3,14 +3,14 @@
 //! | file | the paper's |
 //! |---|---|
 //! | [`measurement`] | measurement constraint 25.4 and its sparse Levenberg–Marquardt |
-//! | `start` | (a start that survives outliers; the paper has none) |
+//! | `start` | (robust initial estimate; not in the paper) |
 //! | [`link`] | one pair: uniform rotation 25.6, sequential steps 25.7–25.10 |
-//! | [`continuous`] | (a path through all frames of a window, and with it readout time and direction; the paper takes these as known) |
-//! | [`residual`] | (what parallax adds to the global path; the paper has none) |
+//! | [`continuous`] | (a path over a window of frames with its readout, which the paper takes as known) |
+//! | [`residual`] | (residual velocities of parallax and moving objects; not in the paper) |
 //! | [`window`] | least E over the window, both directions, final choice 25.4.1.3 |
 //!
-//! The only clock is the exposure time t = t_k + T·s, so that any frame rate, dropped frame or
-//! reverse playback is right; see the [`readout`](crate::readout).
+//! All times are exposure times t = t_k + T·s, so that any frame rate, dropped frames and reverse
+//! playback are handled without special cases; see [`readout`](crate::readout).
 
 pub mod continuous;
 pub mod link;
@@ -23,8 +23,8 @@ mod start;
 pub mod window;
 
 pub use link::{Fit, Link};
-pub use solution::{FittedCorrespondence, FocalLength, FrameSolution, root_mean_square};
-pub use window::{Candidate, Origin, Window};
+pub use solution::{FittedCorrespondence, FocalLength, FrameSolution, Origin, root_mean_square};
+pub use window::{MotionCandidate, Window};
 
 #[cfg(test)]
 mod tests;

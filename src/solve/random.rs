@@ -1,10 +1,10 @@
-//! Numbers for tests, the same in every run.
+//! Reproducible random numbers for tests.
 
 /// SplitMix64.
 pub(super) struct Random(pub u64);
 
 impl Random {
-    /// From 0 to 1.
+    /// Uniform from 0 to 1.
     pub fn uniform(&mut self) -> f64 {
         self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
         let mut z = self.0;
@@ -13,7 +13,7 @@ impl Random {
         ((z ^ (z >> 31)) >> 11) as f64 / (1u64 << 53) as f64
     }
 
-    /// Sum of twelve uniform numbers: nearly normal.
+    /// Nearly standard normal: the sum of twelve uniform numbers less 6.
     pub fn normal(&mut self) -> f64 {
         (0..12).map(|_| self.uniform()).sum::<f64>() - 6.0
     }

@@ -1,76 +1,109 @@
-//! What is found of a frame, by either estimator.
+//! The result for a frame, from either estimator.
 
-use super::window::Origin;
 use crate::motion::FrameMotion;
 use nalgebra::Vector2;
 
-/// The motion of one frame and how far it is to be trusted.
+/// How a frame's motion was obtained.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[non_exhaustive]
+pub enum Origin {
+    /// One pair of frames in uniform rotation (25.6).
+    Initial,
+    /// The recursion from earlier frames (25.7, 25.8).
+    Forward,
+    /// The recursion from later frames (25.9, 25.10).
+    Backward,
+    /// The continuous path.
+    Continuous,
+    /// The motion of the previous frame, of which this one is a duplicate.
+    Repeated,
+    /// No motion was found, or its confidence is 0: the frame is not corrected.
+    Untouched,
+}
+
+impl Origin {
+    /// The name in lower case.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Initial => "initial",
+            Self::Forward => "forward",
+            Self::Backward => "backward",
+            Self::Continuous => "continuous",
+            Self::Repeated => "repeated",
+            Self::Untouched => "untouched",
+        }
+    }
+}
+
+/// The motion of one frame with its confidence.
 #[derive(Clone, Debug, PartialEq)]
 #[non_exhaustive]
 pub struct FrameSolution {
-    /// What the frame is rectified by: the motion through its readout, the shutter it was solved with, and how much
-    /// of the correction is applied: less where a continuous path is uncertain.
+    /// The motion to rectify the frame with: the path during its readout, the shutter it was solved for, and
+    /// the share of the correction to apply, less than 1 if a continuous path is uncertain.
     pub motion: FrameMotion,
-    /// Trust in the motion, 0 (untouched) to 1: the share of the correction that is expected to be right.
+    /// Confidence in the motion, 0 (untouched) to 1: the share of the correction that is expected to be
+    /// right.
     pub confidence: f64,
-    /// Root mean square distance in pixels at which the points of the frame, rectified as far as [`motion`](Self::motion)
-    /// says, are expected to lie from where they belong; `None` where it cannot be told: of a frame without a motion and
-    /// from the sequential estimator.
+    /// Expected root mean square error, in pixels, of the positions of the frame's points after rectification
+    /// with [`motion`](Self::motion); `None` for a frame without a motion and from the sequential estimator.
     pub expected_error: Option<f64>,
-    /// The same in each of [`REGIONS`](super::residual::REGIONS), row by row; empty where it cannot be told.
+    /// The same in each of [`REGIONS`](super::residual::REGIONS), row by row; empty if it is `None`.
     pub region_errors: Vec<f64>,
-    /// Where the motion comes from.
+    /// How the motion was obtained.
     pub origin: Origin,
-    /// Correspondences measured in the pair of frames over which the motion was solved. Of a frame without a motion,
-    /// those with the frame before it: 0 for the first, after a gap in time and for a duplicate.
+    /// Number of correspondences in the pair of frames over which the motion was solved. For a frame without
+    /// a motion, those with the previous frame: 0 for the first, after a gap in time and for a duplicate.
     pub correspondences: usize,
-    /// Those of them that follow the motion.
+    /// Number of inliers among them.
     pub inliers: usize,
     /// Root mean square residual of an inlier in pixels: √E of 25.4, or a coordinate's deviation from
     /// the continuous path.
     pub residual: f64,
-    /// Standard deviation of the readout ratio that was found; 0 where it was given.
+    /// Standard deviation of the estimated readout ratio; 0 if it was given.
     pub readout_deviation: f64,
-    /// Whether hardly a point of the frame before was found again in it, as where another shot begins; never by the
-    /// sequential estimator.
+    /// Whether very few points of the previous frame were found in this one, as at a cut; always false with
+    /// the sequential estimator.
     pub begins_shot: bool,
-    /// The focal length; `None` where nothing is known of it: of a frame without a motion, from the sequential estimator,
-    /// and of a model without perspective.
+    /// The focal length; `None` for a frame without a motion, from the sequential estimator, and for a model
+    /// without perspective.
     pub focal_length: Option<FocalLength>,
-    /// Correspondences of the frame and how they fit the motion, at most one a point of the sampling grid; those with the
-    /// next frame where there is one. Empty unless [`Settings::keep_correspondences`](crate::rectifier::Settings::keep_correspondences) asks for them, of a frame without a
-    /// motion, and from the sequential estimator.
+    /// Correspondences of the frame and their residuals, at most one per point of the sampling grid; those
+    /// with the next frame if there is one. Empty unless
+    /// [`Settings::keep_correspondences`](crate::rectifier::Settings::keep_correspondences) is set, for a frame
+    /// without a motion, and from the sequential estimator.
     pub fitted: Vec<FittedCorrespondence>,
 }
 
-/// A focal length, given or found.
+/// A focal length, given or estimated.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[non_exhaustive]
 pub struct FocalLength {
     /// In frame widths.
     pub widths: f64,
-    /// Standard deviation in frame widths; 0 where it was given.
+    /// Standard deviation in frame widths; 0 if it was given.
     pub deviation: f64,
 }
 
-/// A correspondence of a frame, and how it fits the motion that was found.
+/// A correspondence of a frame with its residual.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[non_exhaustive]
 pub struct FittedCorrespondence {
-    /// Where the frame shows the point, in pixels of the full frame, pixel centres at integers.
+    /// Position of the point in the frame, in pixels of the full frame, pixel centres at integers.
     pub position: Vector2<f64>,
-    /// How far the point was measured to move from the frame to the next one, in pixels; of a frame that is joined to none
-    /// after it, from the one before to it.
+    /// Measured displacement of the point from the frame to the next one, in pixels; for a frame without a
+    /// measurement to the next one, from the previous frame to it.
     pub displacement: Vector2<f64>,
-    /// What the motion of the picture as a whole leaves of the displacement, in pixels.
+    /// Displacement minus that of the global motion, in pixels.
     pub residual: Vector2<f64>,
-    /// Whether the residual lies within three standard deviations of what the covariance of the measurement and the usual
-    /// residual of the pair let expect. An outlier is measured wrongly, or shows what moves by itself, parallax, or what is
-    /// fixed to the frame.
+    /// Whether the residual is at most three standard deviations, from the covariance of the measurement and
+    /// the usual residual of the pair. An outlier is a wrong measurement, or a point that moves independently,
+    /// shows parallax, or is fixed to the frame.
     pub is_inlier: bool,
 }
 
-/// Of any numbers; `None` where there are none.
+/// Root mean square; `None` for no values.
 #[must_use]
 pub fn root_mean_square(values: &[f64]) -> Option<f64> {
     let mean_square = values.iter().map(|value| value * value).sum::<f64>() / values.len() as f64;

@@ -5,7 +5,7 @@
 //! to c. Reweighted least squares from all points towards the tight loss then lets go of a third
 //! of the points even where they agree on a motion of their own.
 
-use super::measurement::{Match, solve_scaled};
+use super::measurement::{TimedMatch, solve_scaled};
 use crate::motion::Twist;
 use crate::robust::loss::{GemanMcClure, Loss};
 use crate::robust::median::variance_of;
@@ -27,7 +27,7 @@ pub(super) struct Start {
 
 /// The linear twist of most matches. `noise` is the standard deviation of a coordinate in pixels
 /// below which the spread is not believed; `errors` is a buffer.
-pub(super) fn robust_start(matches: &[Match], noise: f64, errors: &mut Vec<f64>) -> Option<Start> {
+pub(super) fn robust_start(matches: &[TimedMatch], noise: f64, errors: &mut Vec<f64>) -> Option<Start> {
     let mut twist = weighted_twist(matches, |_| 1.0)?;
     let mut reach = f64::INFINITY;
     for _ in 0..ROUNDS {
@@ -51,15 +51,15 @@ fn reach_of(buffer: &mut Vec<f64>, errors: impl Iterator<Item = f64>, noise: f64
     REACH * REACH * variance_of(buffer, noise * noise)
 }
 
-/// [`Match::error`] of the linear model, without its sine and cosine.
-fn linear_error(m: &Match, twist: Twist) -> f64 {
+/// [`TimedMatch::error`] of the linear model, without its sine and cosine.
+fn linear_error(m: &TimedMatch, twist: Twist) -> f64 {
     let middle = (m.from + m.to) / 2.0;
     let velocity = Vector2::new(-middle.y, middle.x) * twist.omega + twist.velocity;
     (m.to - m.from - velocity * m.time).norm_squared() / 2.0
 }
 
 /// Least squares for x′ − x = τ(ω·Jm + v).
-fn weighted_twist(matches: &[Match], weight: impl Fn(&Match) -> f64) -> Option<Twist> {
+fn weighted_twist(matches: &[TimedMatch], weight: impl Fn(&TimedMatch) -> f64) -> Option<Twist> {
     let mut normal = Matrix3::zeros();
     let mut right = Vector3::zeros();
     for m in matches {

@@ -1,6 +1,6 @@
 //! Links and the window on a flat world that moves by a known twist in each frame period.
 
-use super::link::{Known, Scratch};
+use super::link::{FitBuffers, KnownFrame};
 use super::*;
 use crate::correspond::Correspondence;
 use crate::motion::{Twist, image_centre};
@@ -24,7 +24,8 @@ impl World {
         Self { twists, readout }
     }
 
-    /// Smooth motion of `frames` frames: some 6 px a frame, turning, changing from frame to frame.
+    /// Smooth motion of `frames` frames: rotation and translation of some 6 px a frame, varying from frame to
+    /// frame.
     fn wandering(frames: usize, delay: f64) -> Self {
         let twist = |k: usize| {
             let k = k as f64;
@@ -33,7 +34,7 @@ impl World {
         Self::new((0..frames).map(twist).collect(), delay)
     }
 
-    /// Follows a centred point from time `from` to time `to`, over every change of the twist.
+    /// Moves a centred point from time `from` to time `to`, across changes of the twist.
     fn carry(&self, mut point: Vector2<f64>, from: f64, to: f64) -> Vector2<f64> {
         let last = self.twists.len() as f64 - 1.0;
         let mut now = from;
@@ -74,7 +75,7 @@ impl World {
     }
 
     /// Settles frames `first` to the end with `lookahead`.
-    fn settle(&self, first: usize, lookahead: usize) -> Vec<Option<Candidate>> {
+    fn settle(&self, first: usize, lookahead: usize) -> Vec<Option<MotionCandidate>> {
         let mut window = Window::default();
         let mut settled = Vec::new();
         for k in first..self.twists.len() {
@@ -104,7 +105,7 @@ fn uniform_motion_is_found_at_any_delay_and_interval() {
     for delay in [0.0, 40.0, 600.0] {
         let world = World::new(vec![twist; 4], delay);
         for (k, l) in [(0, 1), (0, 2), (2, 1)] {
-            let fit = world.link(k, l).uniform(&mut Scratch::default()).unwrap();
+            let fit = world.link(k, l).uniform(&mut FitBuffers::default()).unwrap();
             assert!(difference(fit.twist, twist) < 1e-4, "delay {delay}, {k} to {l}: {fit:?}");
             assert!(fit.energy < 1e-8 && fit.inliers == 300 && fit.confidence > 0.99, "{fit:?}");
         }
@@ -114,13 +115,13 @@ fn uniform_motion_is_found_at_any_delay_and_interval() {
 #[test]
 fn a_step_finds_the_next_frame_and_the_one_before() {
     let world = World::wandering(5, 0.0);
-    let scratch = &mut Scratch::default();
+    let scratch = &mut FitBuffers::default();
     // The second of a link looked at in reverse playback is the earlier frame.
     for (link, known, k, sought) in [
-        (world.link(1, 2), Known::First, 1, 2),
-        (world.link(1, 2), Known::Second, 2, 1),
-        (world.link(2, 1), Known::First, 2, 1),
-        (world.link(2, 1), Known::Second, 1, 2),
+        (world.link(1, 2), KnownFrame::First, 1, 2),
+        (world.link(1, 2), KnownFrame::Second, 2, 1),
+        (world.link(2, 1), KnownFrame::First, 2, 1),
+        (world.link(2, 1), KnownFrame::Second, 1, 2),
     ] {
         let fit = link.sequential_step(known, world.twists[k], scratch).unwrap();
         let error = difference(fit.twist, world.twists[sought]);
@@ -134,9 +135,9 @@ fn an_error_is_passed_on_by_half_or_a_quarter() {
     let error = Twist::new(0.0, 8.0, -4.0);
     for (delay, expected) in [(0.0, -0.5), (480.0 / 0.42 - 480.0, -0.25)] {
         let world = World::new(vec![twist; 3], delay);
-        for known in [Known::First, Known::Second] {
+        for known in [KnownFrame::First, KnownFrame::Second] {
             let wrong = Twist::from_vector(twist.to_vector() + error.to_vector());
-            let fit = world.link(0, 1).sequential_step(known, wrong, &mut Scratch::default()).unwrap();
+            let fit = world.link(0, 1).sequential_step(known, wrong, &mut FitBuffers::default()).unwrap();
             let passed_on =
                 (fit.twist.velocity - twist.velocity).dot(&error.velocity) / error.velocity.norm_squared();
             assert!((passed_on - expected).abs() < 0.06, "delay {delay}, {known:?}: {passed_on}");
@@ -155,7 +156,7 @@ fn a_third_of_the_points_may_move_on_their_own() {
     let moving = correspondences.iter().filter(|c| c.from.x > 420.0).count();
     assert!((90..=110).contains(&moving), "{moving}");
     let link = Link::new(&correspondences, &world.readout, PERIOD, NOISE);
-    let fit = link.uniform(&mut Scratch::default()).unwrap();
+    let fit = link.uniform(&mut FitBuffers::default()).unwrap();
     assert!(difference(fit.twist, twist) < 0.1, "{fit:?}");
     assert_eq!(fit.inliers, 300 - moving);
 }
@@ -168,11 +169,11 @@ fn points_without_a_common_motion_are_not_trusted() {
         c.to += Vector2::new((i as f64 * 12.9898).sin(), (i as f64 * 78.233).sin()) * 60.0;
     }
     let link = Link::new(&correspondences, &world.readout, PERIOD, NOISE);
-    assert!(link.uniform(&mut Scratch::default()).is_none_or(|fit| fit.confidence == 0.0));
+    assert!(link.uniform(&mut FitBuffers::default()).is_none_or(|fit| fit.confidence == 0.0));
     let few = Link::new(&world.correspondences(0, 1)[..10], &world.readout, PERIOD, NOISE);
-    assert_eq!(few.uniform(&mut Scratch::default()), None);
+    assert_eq!(few.uniform(&mut FitBuffers::default()), None);
     let none = Link::new(&[], &world.readout, PERIOD, NOISE);
-    assert_eq!(none.uniform(&mut Scratch::default()), None);
+    assert_eq!(none.uniform(&mut FitBuffers::default()), None);
 }
 
 #[test]
@@ -180,7 +181,7 @@ fn the_window_leaves_a_fifth_of_what_uniform_rotation_leaves() {
     for delay in [0.0, 40.0] {
         let world = World::wandering(40, delay);
         let rms = |errors: Vec<f64>| (errors.iter().map(|e| e * e).sum::<f64>() / errors.len() as f64).sqrt();
-        let uniform = |k: usize| world.link(k, k + 1).uniform(&mut Scratch::default()).unwrap().twist;
+        let uniform = |k: usize| world.link(k, k + 1).uniform(&mut FitBuffers::default()).unwrap().twist;
         let uniform = rms((3..39).map(|k| difference(uniform(k), world.twists[k])).collect());
         for lookahead in [0, 1, 4, 12, 64] {
             let settled = world.settle(0, lookahead);

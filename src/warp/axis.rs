@@ -1,25 +1,25 @@
-//! The places of nodes along an axis of the frame.
+//! Nodes along an axis of the frame.
 
-/// Equidistant places along one axis of the frame.
+/// Equidistant nodes along one axis of the frame.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Axis {
-    /// Frame pixel of the first.
+    /// Frame pixel of the first node.
     pub first: f64,
-    /// Frame pixels from one to the next.
+    /// Frame pixels from one node to the next.
     pub spacing: f64,
-    /// How many there are.
+    /// Number of nodes.
     pub count: usize,
 }
 
 impl Axis {
-    /// Places from `from` to `to` with at least one to spare on each side.
+    /// Nodes from `from` to `to` with a margin of at least one on each side.
     pub fn over(from: f64, to: f64, spacing: f64) -> Self {
         let first = ((from / spacing).floor() - 1.0) * spacing;
         let count = (((to - first) / spacing).ceil() as usize + 2).max(4);
         Self { first, spacing, count }
     }
 
-    /// Frame pixel of a place.
+    /// Frame pixel of a node.
     pub fn at(&self, index: usize) -> f64 {
         self.first + index as f64 * self.spacing
     }

@@ -1,14 +1,14 @@
-//! The inverse map as the kernels read it: blocks of 16 pixels of one row.
+//! The inverse map in the format of the kernels: blocks of 16 pixels of one row.
 //!
-//! A displacement is linear between *knots* 8 plane pixels apart. That leaves 8²/8 · f″ = 3e-3 px for
+//! Displacements are linear between *knots* 8 plane pixels apart. The error is 8²/8 · f″ = 3e-3 px for
 //! 0.2 rad in 1080 rows; positions are then rounded to 1/2048 px.
 //!
-//! Along a row the position is almost "pixel + constant": inside a block the whole part of the
-//! displacement takes few values, mostly one. A block therefore holds the least whole part, how
-//! many more there are, and the rest as 16-bit numbers; a kernel reads as many neighbouring
-//! vectors as there are taps and whole parts, never gathers.
+//! Along a row the position is almost "pixel + constant": inside a block the integer part of the
+//! displacement takes few values, mostly one. A block therefore stores the least integer part, the span
+//! to the largest, and the remainders as 16-bit numbers; a kernel reads as many neighbouring vectors as
+//! there are taps and integer parts, without gathers.
 //!
-//! With AVX2, a block is made by 13 instructions, eight blocks at a time, and its share of the knots by 9.
+//! With AVX2, a block takes 13 instructions, eight blocks at a time, and its knots 9.
 
 use super::weights::{FRACTION_BITS, ONE};
 
@@ -16,22 +16,22 @@ use super::weights::{FRACTION_BITS, ONE};
 pub(super) const BLOCK: usize = 16;
 /// Pixels between knots.
 pub(super) const KNOT: usize = 8;
-/// How far the displacement may change between two knots, in 1/[`ONE`] px: 7 px are what the largest
-/// zoom asks for (1/8 − 1 a pixel), and twice as much still fits into 16 bits.
+/// Largest change of displacement between two knots, in 1/[`ONE`] px: the largest zoom needs 7 px (1/8 − 1
+/// per pixel), and twice as much still fits into 16 bits.
 const MAX_CHANGE: i32 = 7 * ONE;
 
-/// Displacements of 16 pixels: four numbers of 32 bits, so that the compiler makes several blocks at a time.
+/// Displacements of 16 pixels: four numbers of 32 bits, so that the compiler vectorises over blocks.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[repr(C)]
 pub(super) struct Block {
     /// Displacements at pixels 0 (the low 16 bits) and 8 less `first`, in 1/[`ONE`] px; not negative. The
     /// vector kernels read them and `change` as the first 8 bytes.
     start: u32,
-    /// What is added from there over 8 pixels.
+    /// Changes of displacement from there over 8 pixels.
     change: u32,
-    /// The least whole displacement.
+    /// The least integer displacement.
     pub first: i32,
-    /// The largest whole displacement less the least.
+    /// The largest integer displacement less the least.
     pub span: i32,
 }
 
@@ -58,7 +58,7 @@ impl Block {
         }
     }
 
-    /// Whole displacement and fraction of pixel 0 to 15.
+    /// Integer displacement and fraction of pixel 0 to 15.
     pub fn at(&self, pixel: usize) -> (isize, i16) {
         let half = |pair: u32| (pair >> (16 * ((pixel / KNOT) & 1))) as i16;
         let ramp = ((pixel % KNOT) << 12) as i16;

@@ -1,4 +1,4 @@
-//! What is read outside the picture.
+//! Samples outside the picture.
 
 use super::settings::BorderMode;
 

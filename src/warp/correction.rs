@@ -1,4 +1,4 @@
-//! The correction of one frame: where what it shows is to be shown.
+//! The correction of one frame: displacements from the frame to the rectified frame.
 
 use super::axis::Axis;
 use super::settings::WarpSettings;
@@ -6,10 +6,11 @@ use crate::motion::{FrameMotion, IntervalMotion, MotionPath, image_centre};
 use crate::readout::Readout;
 use nalgebra::Vector2;
 
-/// Largest zoom that is honoured.
+/// Largest zoom.
 const MAX_ZOOM: f64 = 8.0;
 
-/// Places along each edge of what the output sees at which that edge is looked for, and how often it is.
+/// Points along each edge and iterations with which [`Correction::visible`] finds the visible part of the
+/// frame.
 const EDGE_SAMPLES: usize = 16;
 const EDGE_ROUNDS: usize = 3;
 
@@ -36,7 +37,7 @@ impl<'a> Correction<'a> {
         }
     }
 
-    /// The intervals to the reference of the rows of nodes, or of the columns where these are read.
+    /// The intervals to the reference, one per row of nodes, or per column if the sensor is read by columns.
     pub fn intervals(&self, x: &Axis, y: &Axis, intervals: &mut Vec<IntervalMotion>) {
         let axis = if self.readout.direction.is_by_rows() { y } else { x };
         intervals.clear();
@@ -48,39 +49,39 @@ impl<'a> Correction<'a> {
         self.path.over(self.readout.share(x, y), self.reference)
     }
 
-    /// How far from its place in the frame (centred) a point is shown, before the zoom: finite, and at
-    /// most one and a half frames.
+    /// Displacement of a point of the frame (centred pixels), before the zoom: finite, and at most one and
+    /// a half frames.
     pub fn displacement(&self, interval: &IntervalMotion, point: Vector2<f64>) -> Vector2<f64> {
         let moved = self.strength * (self.path.carry_by(interval, point) - point);
         let bound = |value: f64, size: usize| within(value, -1.5 * size as f64, 1.5 * size as f64, 0.0);
         Vector2::new(bound(moved.x, self.readout.width), bound(moved.y, self.readout.height))
     }
 
-    /// First and last pixel, in x and in y, of the part of the frame's plane that is shown within `output`
-    /// (the same); not less than `output`, and at most a frame more on each side.
+    /// First and last pixel, in x and in y, of the part of the frame's plane that is visible within `output`
+    /// (in the same form); at least `output`, and at most a frame more on each side.
     ///
-    /// Each edge is moved outwards by as much as it is shown within the output's edge, and again, as
-    /// what lies farther out moves farther.
-    pub fn seen(&self, output: &[[f64; 2]; 2]) -> [[f64; 2]; 2] {
-        let most = self.centre * 2.0 + Vector2::repeat(1.0);
-        let mut seen = *output;
+    /// Each edge is moved outwards by the distance by which it appears inside the output's edge, and again,
+    /// as points farther out have larger displacements.
+    pub fn visible(&self, output: &[[f64; 2]; 2]) -> [[f64; 2]; 2] {
+        let size = self.centre * 2.0 + Vector2::repeat(1.0);
+        let mut visible = *output;
         for _ in 0..EDGE_ROUNDS {
-            let inside = [0, 1].map(|axis| [0, 1].map(|end| self.inside(&seen, output, axis, end)));
+            let inside = [0, 1].map(|axis| [0, 1].map(|end| self.inside(&visible, output, axis, end)));
             for axis in [0, 1] {
-                seen[axis][0] = (seen[axis][0] - inside[axis][0]).max(output[axis][0] - most[axis]);
-                seen[axis][1] = (seen[axis][1] + inside[axis][1]).min(output[axis][1] + most[axis]);
+                visible[axis][0] = (visible[axis][0] - inside[axis][0]).max(output[axis][0] - size[axis]);
+                visible[axis][1] = (visible[axis][1] + inside[axis][1]).min(output[axis][1] + size[axis]);
             }
         }
-        seen
+        visible
     }
 
-    /// How far within the output's edge one edge of `seen` is shown; at least 0.
-    fn inside(&self, seen: &[[f64; 2]; 2], output: &[[f64; 2]; 2], axis: usize, end: usize) -> f64 {
-        let [from, to] = seen[1 - axis];
+    /// Largest distance by which one edge of `visible` appears inside the output's edge; at least 0.
+    fn inside(&self, visible: &[[f64; 2]; 2], output: &[[f64; 2]; 2], axis: usize, end: usize) -> f64 {
+        let [from, to] = visible[1 - axis];
         let edge = (output[axis][end] - self.centre[axis]) / self.zoom;
         let inwards = if end == 0 { 1.0 } else { -1.0 };
         (0..=EDGE_SAMPLES).fold(0.0, |most, sample| {
-            let mut pixel = Vector2::repeat(seen[axis][end]);
+            let mut pixel = Vector2::repeat(visible[axis][end]);
             pixel[1 - axis] = from + (to - from) * sample as f64 / EDGE_SAMPLES as f64;
             let point = pixel - self.centre;
             let shown = point + self.displacement(&self.interval(pixel.x, pixel.y), point);
@@ -89,7 +90,7 @@ impl<'a> Correction<'a> {
     }
 }
 
-/// `value` kept within bounds; `otherwise` where it is not a number.
+/// `value` clamped to bounds; `otherwise` if it is NaN.
 pub(super) fn within(value: f64, low: f64, high: f64, otherwise: f64) -> f64 {
     if value.is_nan() { otherwise } else { value.clamp(low, high) }
 }

@@ -1,35 +1,34 @@
-//! The inverse map: where the picture shown at an output pixel lies in the frame as it arrived.
+//! The inverse map: the position in the frame for each output pixel.
 //!
-//! A point x of the frame (centred pixels), exposed at share s(x), is shown at
+//! A point x of the frame (centred pixels), exposed at share s(x), is moved to
 //!
 //! > y = z · (x + α · (carry(x, s, ref) − x))
 //!
-//! with the strength α, the reference share ref and the zoom z; α = 1, z = 1 is 25.11. To carry a point for
+//! with the strength α, the reference share ref and the zoom z; α = 1, z = 1 is 25.11. Moving a point for
 //! a share α of the time instead would not fade a vibration: of 2.3 cycles a frame, α = 0.9 can leave 0.7 of
 //! the amplitude in the first row.
 //!
-//! Two scalar fields describe the inverse in the form in which the two passes of the warp need it:
+//! Two scalar fields represent the inverse in the form needed by the two passes of the warp:
 //!
-//! * `across`: the x at which the frame shows output pixel (X, Y), less X;
-//! * `down`: the y at which *column* x of the frame shows something of output *row* Y, less Y.
+//! * `across`: the frame's x for output pixel (X, Y), less X;
+//! * `down`: the y at which *column* x of the frame is mapped to output *row* Y, less Y.
 //!
 //! Together they are the inverse: output (X, Y) shows (x, Y + down(x, Y)) with x = X + across(X, Y).
 //!
-//! The frame is carried to the reference at the nodes of a mesh, and the map is inverted twice along
-//! lines, where that is the inverse of a sequence (see [`monotone`](super::monotone)): first down each
-//! column of the frame, which gives `down` and, for the column, the X at which each output row shows it;
-//! then along each output row. Nothing is iterated, what the motion does is only asked at the nodes, and
-//! all nodes that are read together share a interval.
+//! The forward map is evaluated at the nodes of a mesh and inverted along lines, as a monotone sequence
+//! (see [`monotone`](super::monotone)): first down each column of the frame, which gives `down` and the
+//! output X of the column in each output row; then along each output row. The inversion is not iterative,
+//! the motion is evaluated at the nodes only, and all nodes of the same exposure time share an interval.
 //!
-//! Nodes lie 1/96 of the frame apart in the direction of the readout, so that two and a half cycles
-//! a frame are followed to 10⁻³ of their amplitude, and 8, 32 or 64 pixels apart across it, where a
-//! global motion is a homography; in both at most as far apart as the nodes of a residual field. With
-//! all that follows, the largest error measured is 0.004 px for 0.2 rad and 150 px a frame at
-//! 1920 × 1080, 0.008 px for a vibration of 7 px at 2.3 cycles a frame and 0.009 px for one of 4 px with
-//! a field that bends little within a mesh, read sideways at 640 × 480.
+//! Nodes are 1/96 of the frame apart in the direction of the readout, so that two and a half cycles
+//! a frame are interpolated to 10⁻³ of their amplitude, and 8, 32 or 64 pixels apart across it, where a
+//! global motion is a homography; in both at most the spacing of a residual field. The largest measured
+//! error of the whole warp is 0.004 px for 0.2 rad and 150 px a frame at 1920 × 1080, 0.008 px for a
+//! vibration of 7 px at 2.3 cycles a frame and 0.009 px for one of 4 px with a field of small curvature
+//! within a mesh cell, read sideways at 640 × 480.
 //!
 //! 1080p: 23 × 100 nodes, or 125 × 100 with a field on nodes 16 px apart; some 90 ns a node on one core:
-//! 0.2 and 1.1 ms, spread by lines of nodes.
+//! 0.2 and 1.1 ms, distributed by lines of nodes.
 
 use super::axis::Axis;
 use super::correction::Correction;
@@ -41,28 +40,27 @@ use crate::readout::Readout;
 use nalgebra::Vector2;
 use std::cell::RefCell;
 
-/// Nodes are not nearer than this many pixels: the warp's knots are 8 apart.
-const LEAST_SPACING: f64 = 8.0;
-/// How much faster than the frame its picture may go by along a row of the output, and how much a row
-/// of the output may fall or rise within the frame: 7 px between two knots are what a block of the warp
-/// can hold, less a tenth for the cubic between the nodes.
+/// Least spacing of nodes in pixels: that of the warp's knots.
+const MIN_SPACING: f64 = 8.0;
+/// Largest slope of `across`, and of `down` in magnitude, along a row: a block of the warp holds 7 px
+/// between two knots, less a tenth for the cubic between the nodes.
 const MAX_SLOPE: f64 = 0.8;
-/// A frame's picture is squeezed into at least this share of its height, where it folds, and drawn out
-/// by at most its inverse, where it gapes; it would be the inverse of zero.
-const LEAST_STRETCH: f64 = 0.25;
+/// Least slope of the forward map along a line, where it folds, and inverse of the largest, where it has a
+/// gap.
+const MIN_STRETCH: f64 = 0.25;
 
 /// A scalar field sampled at nodes.
 #[derive(Debug, Default)]
-pub(super) struct Field {
+pub(super) struct MapField {
     /// Columns of nodes.
     pub x: Axis,
     /// Rows of nodes.
     pub y: Axis,
-    /// One value a node, row by row, in frame pixels.
+    /// One value per node, row by row, in frame pixels.
     pub values: Vec<f32>,
 }
 
-impl Field {
+impl MapField {
     fn reset(&mut self, x: Axis, y: Axis) {
         (self.x, self.y) = (x, y);
         self.values.clear();
@@ -73,43 +71,46 @@ impl Field {
 /// The inverse map of one frame.
 #[derive(Debug, Default)]
 pub(super) struct InverseMap {
-    pub across: Field,
-    pub down: Field,
+    pub across: MapField,
+    pub down: MapField,
     intervals: Vec<IntervalMotion>,
     crossings: Vec<Crossing>,
 }
 
-/// Where a column of the frame crosses a row of the output.
+/// The point of a column of the frame that is mapped to a row of the output.
 #[derive(Clone, Copy, Debug, Default)]
 struct Crossing {
     /// y in the frame less Y in the output.
     down: f64,
-    /// x in the output before the zoom, centred.
+    /// x in the output, centred, before the zoom.
     shown: f64,
 }
 
-/// Buffers of a thread.
+/// Buffers of one thread.
 #[derive(Debug, Default)]
-struct Scratch {
+struct LineBuffers {
+    /// Positions in the output along the line.
     shown: Vec<f64>,
-    beside: Vec<f64>,
+    /// Displacements across the line.
+    sideways: Vec<f64>,
     spare: Vec<f64>,
 }
 
 thread_local! {
-    static SCRATCH: RefCell<Scratch> = RefCell::default();
+    static SCRATCH: RefCell<LineBuffers> = RefCell::default();
 }
 
 impl InverseMap {
-    /// Solves the map of one frame, into the buffers that are there.
+    /// Solves the map of one frame.
     pub fn solve(&mut self, motion: &FrameMotion, settings: &WarpSettings) {
         let (readout, path) = (motion.readout(), motion.path());
         let correction = Correction::new(motion, settings);
         let spacing = spacing(readout, path);
         let last = [readout.width as f64 - 1.0, readout.height as f64 - 1.0];
         let [x, y] = [0, 1].map(|axis| Axis::over(0.0, last[axis], spacing[axis]));
-        let seen = correction.seen(&[x, y].map(|axis| [axis.first, axis.at(axis.count - 1)]));
-        let [frame_x, frame_y] = [0, 1].map(|axis| Axis::over(seen[axis][0], seen[axis][1], spacing[axis]));
+        let visible = correction.visible(&[x, y].map(|axis| [axis.first, axis.at(axis.count - 1)]));
+        let [frame_x, frame_y] =
+            [0, 1].map(|axis| Axis::over(visible[axis][0], visible[axis][1], spacing[axis]));
         self.across.reset(x, y);
         self.down.reset(frame_x, y);
         self.crossings.resize(frame_x.count * y.count, Crossing::default());
@@ -134,7 +135,7 @@ fn spacing(readout: &Readout, path: &MotionPath) -> [f64; 2] {
     if let Some(field) = path.residual() {
         spacing = [0, 1].map(|axis| spacing[axis].min(field.mesh().spacing[axis]));
     }
-    spacing.map(|spacing| spacing.max(LEAST_SPACING))
+    spacing.map(|spacing| spacing.max(MIN_SPACING))
 }
 
 /// The lines along which the map is inverted.
@@ -150,7 +151,7 @@ struct Lines<'a> {
 }
 
 impl Lines<'_> {
-    /// Inverts the map down each column of the frame; crossings are in order of columns.
+    /// Inverts the map down each column of the frame; crossings are stored column by column.
     fn columns(&self, intervals: &[IntervalMotion], crossings: &mut [Crossing]) {
         crossings.par_chunks_mut(self.y.count).enumerate().for_each(|(column, crossings)| {
             SCRATCH.with_borrow_mut(|scratch| self.column(column, intervals, crossings, scratch));
@@ -162,56 +163,57 @@ impl Lines<'_> {
         column: usize,
         intervals: &[IntervalMotion],
         crossings: &mut [Crossing],
-        scratch: &mut Scratch,
+        scratch: &mut LineBuffers,
     ) {
-        let Scratch { shown, beside, spare } = scratch;
+        let LineBuffers { shown, sideways, spare } = scratch;
         let centre = self.correction.centre;
         let x = self.frame_x.at(column) - centre.x;
         shown.clear();
-        beside.clear();
+        sideways.clear();
         for row in 0..self.frame_y.count {
             let interval = &intervals[if self.by_rows { row } else { column }];
             let point = Vector2::new(x, self.frame_y.at(row) - centre.y);
-            let moved = self.correction.displacement(interval, point);
-            shown.push(point.y + moved.y);
-            beside.push(moved.x);
+            let displacement = self.correction.displacement(interval, point);
+            shown.push(point.y + displacement.y);
+            sideways.push(displacement.x);
         }
         let step = self.frame_y.spacing;
-        limit_slopes(shown, LEAST_STRETCH * step, step / LEAST_STRETCH, spare);
+        limit_slopes(shown, MIN_STRETCH * step, step / MIN_STRETCH, spare);
         let mut inverse = Inverse::new(shown, step);
         for (row, crossing) in crossings.iter_mut().enumerate() {
             let y = self.y.at(row);
             let at = inverse.at((y - centre.y) / self.correction.zoom);
-            let (node, weights) = cubic(at, beside.len());
-            let moved: f64 = weights.iter().zip(&beside[node..]).map(|(weight, moved)| weight * moved).sum();
+            let (node, weights) = cubic(at, sideways.len());
+            let moved: f64 =
+                weights.iter().zip(&sideways[node..]).map(|(weight, moved)| weight * moved).sum();
             *crossing = Crossing { down: self.frame_y.first + at * step - y, shown: x + moved };
         }
     }
 
-    /// Inverts the map along each row of the output, from the crossings of the frame's columns with it.
+    /// Inverts the map along each row of the output, from its crossings with the frame's columns.
     fn rows(&self, crossings: &[Crossing], across: &mut [f32], down: &mut [f32]) {
         let across = across.par_chunks_mut(self.x.count);
         let down = down.par_chunks_mut(self.frame_x.count);
         across.zip(down).enumerate().for_each(|(row, (across, down))| {
             let crossings = || crossings.iter().skip(row).step_by(self.y.count);
-            SCRATCH.with_borrow_mut(|Scratch { shown, beside, spare }| {
+            SCRATCH.with_borrow_mut(|LineBuffers { shown, sideways, spare }| {
                 shown.clear();
                 shown.extend(crossings().map(|crossing| crossing.shown));
                 self.across(shown, spare, across);
-                beside.clear();
-                beside.extend(crossings().map(|crossing| crossing.down));
-                let steepest = MAX_SLOPE * self.frame_x.spacing;
-                limit_slopes(beside, -steepest, steepest, spare);
-                down.iter_mut().zip(beside).for_each(|(to, from)| *to = *from as f32);
+                sideways.clear();
+                sideways.extend(crossings().map(|crossing| crossing.down));
+                let max_step = MAX_SLOPE * self.frame_x.spacing;
+                limit_slopes(sideways, -max_step, max_step, spare);
+                down.iter_mut().zip(sideways).for_each(|(to, from)| *to = *from as f32);
             });
         });
     }
 
-    /// x − X of one row from the X at which it shows the frame's columns.
+    /// x − X along one output row from the X of the frame's columns in it.
     fn across(&self, shown: &mut [f64], spare: &mut Vec<f64>, across: &mut [f32]) {
         let Correction { centre, zoom, .. } = self.correction;
         let step = self.frame_x.spacing;
-        limit_slopes(shown, step / (1.0 + MAX_SLOPE), step / LEAST_STRETCH, spare);
+        limit_slopes(shown, step / (1.0 + MAX_SLOPE), step / MIN_STRETCH, spare);
         let mut inverse = Inverse::new(shown, step);
         for (column, value) in across.iter_mut().enumerate() {
             let x = self.x.at(column);

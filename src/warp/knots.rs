@@ -1,18 +1,18 @@
 //! The displacements of a plane at knots, and the blocks between them.
 
 use super::blocks::{BLOCK, Block, KNOT};
-use super::inverse::{Field, cubic};
+use super::inverse::{MapField, cubic};
 use super::kernels;
 use super::placement::Placement;
 use super::weights::ONE;
 use crate::cpu::{CpuLevel, for_each_cpu};
 
-/// Displacements in plane pixels, at most: a scale near zero makes them infinite, or no number, which the vector
-/// kernels would take for another place than plain Rust.
-const FARTHEST: f32 = 4e5;
+/// Largest displacement in plane pixels: a scale near zero makes displacements infinite or NaN, which vector
+/// kernels and plain Rust would convert to different integers.
+const MAX_DISPLACEMENT: f32 = 4e5;
 
 for_each_cpu! {
-    /// The blocks between pairs of knots: as many as there are pairs with one after them, at most as many as `blocks`.
+    /// The blocks between successive pairs of knots, at most as many as `blocks`.
     fn between(pairs: &[[i32; 2]], blocks: &mut [Block]) {
         let next = pairs.get(1..).unwrap_or_default();
         for ((block, from), to) in blocks.iter_mut().zip(pairs).zip(next) {
@@ -21,7 +21,8 @@ for_each_cpu! {
     }
 }
 
-/// One displacement field of one plane: knots of the plane's columns at the rows of the field's nodes.
+/// A displacement field resampled for one plane: knots of the plane's columns at the rows of the field's
+/// nodes.
 #[derive(Clone, Debug, Default)]
 pub(super) struct KnotTable {
     /// Index of the first knot; knot k lies at plane column 8k.
@@ -39,7 +40,7 @@ pub(super) struct KnotTable {
 impl KnotTable {
     /// Resamples `field` at knots that cover plane columns `from` to `to`; `axis` is the one along
     /// which the field displaces.
-    pub fn fill(&mut self, field: &Field, placement: &Placement, axis: usize, from: isize, to: isize) {
+    pub fn fill(&mut self, field: &MapField, placement: &Placement, axis: usize, from: isize, to: isize) {
         let [scale_x, scale_y] = placement.scale;
         self.first = from.div_euclid(BLOCK as isize) * 2;
         self.columns = (to.div_euclid(BLOCK as isize) * 2 + 3 - self.first).max(3) as usize;
@@ -55,7 +56,8 @@ impl KnotTable {
             let nodes = field.values.chunks_exact(field.x.count.max(1));
             for (row, nodes) in self.values.chunks_exact_mut(self.columns).zip(nodes) {
                 let value = weights.iter().zip(&nodes[node..]).map(|(w, v)| w * v).sum();
-                row[index] = if f32::is_nan(value) { 0.0 } else { value.clamp(-FARTHEST, FARTHEST) };
+                row[index] =
+                    if f32::is_nan(value) { 0.0 } else { value.clamp(-MAX_DISPLACEMENT, MAX_DISPLACEMENT) };
             }
         }
     }
@@ -69,15 +71,15 @@ impl KnotTable {
         kernels::knots(level, nodes, weights.map(|weight| weight as f32 * ONE as f32), round as f32, knots);
     }
 
-    /// The blocks of plane columns `from` (a multiple of 16) to `to`, from the knots of a row. Where
-    /// the table does not reach, its last displacement goes on.
+    /// The blocks of plane columns `from` (a multiple of 16) to `to`, from the knots of a row; constant
+    /// beyond the table.
     pub fn blocks(&self, level: CpuLevel, knots: &[i32], from: isize, to: isize, blocks: &mut Vec<Block>) {
         let (from, to) = (from.div_euclid(BLOCK as isize), to.div_euclid(BLOCK as isize));
         let last = knots.len() as isize - 1;
         let knot = |index: isize| knots[index.clamp(0, last) as usize];
         let first = from * 2 - self.first;
         let single = |index: isize| Block::new([knot(index), knot(index + 1), knot(index + 2)]);
-        // Blocks before the table; those within it but its last, which has no second pair; all others.
+        // Blocks before the table; those within it except the last, which has no second pair; all others.
         let before = (-first / 2).clamp(0, to - from + 1);
         blocks.clear();
         blocks.extend((0..before).map(|block| single(first + 2 * block)));
@@ -98,7 +100,7 @@ mod tests {
 
     #[test]
     fn blocks_are_those_of_single_knots_at_all_levels() {
-        // Displacements that bend gently, those that change too fast, and the farthest there are.
+        // Displacements that change slowly, too fast, and up to the largest.
         let wave = |knot: i32, size: i32| (knot * knot * 7919 % 4093 - 2046) * size;
         for size in [1, 13, 700, 480_000] {
             for columns in [3, 5, 17, 33, 245] {

@@ -1,11 +1,11 @@
 //! A frame's motion path and a plane → the rectified plane.
 //!
-//! The frame shows the point x (centred pixels, exposed at share s) at x; the rectified frame shows it
-//! at z · (x + α·(carry(x, s, ref) − x)): 25.11 with a strength α and a zoom z. [`Warper::prepare`]
-//! inverts this map once a frame, [`PreparedFrame::warp`] samples any of the frame's planes by it, in
-//! two passes: first down the columns, then along the rows (see `kernels`).
+//! A point at x in the frame (centred pixels, exposed at share s) is moved to
+//! z · (x + α·(carry(x, s, ref) − x)) in the rectified frame: 25.11 with a strength α and a zoom z.
+//! [`Warper::prepare`] inverts this map once a frame, [`PreparedFrame::warp`] resamples any of the
+//! frame's planes by it, in two passes: first down the columns, then along the rows (see `kernels`).
 //!
-//! Positions are right to 0.01 px: the map is solved at nodes, interpolated between them, and
+//! Positions are accurate to 0.01 px: the map is solved at nodes, interpolated between them, and
 //! rounded to 1/2048 px.
 
 mod axis;
@@ -41,22 +41,22 @@ pub enum WarpError {
     /// Source and destination differ in size, channels or sample format.
     #[error("source and destination planes differ in size, channels or sample format")]
     Mismatch,
-    /// The placement is not one: a scale that is not positive or a number that is not finite.
+    /// The placement is invalid: a scale that is not positive or a number that is not finite.
     #[error("a plane's scale must be positive and its offset finite")]
     Placement,
 }
 
-/// Rectifies the planes of one frame after another; keeps its buffers.
+/// Rectifies the planes of successive frames; reuses its buffers.
 ///
-/// With the feature `rayon`, rows are spread over its thread pool in which [`prepare`](Self::prepare) and
-/// [`PreparedFrame::warp`] are called.
+/// With the feature `rayon`, rows are distributed over the thread pool in which [`prepare`](Self::prepare)
+/// and [`PreparedFrame::warp`] are called.
 #[derive(Debug)]
 pub struct Warper {
     level: CpuLevel,
     settings: WarpSettings,
     identity: bool,
     map: InverseMap,
-    /// Knots of the planes seen since `prepare`, and memory for others.
+    /// Knots of the planes warped since `prepare`, and spare memory.
     planes: Mutex<PlaneMaps>,
 }
 
@@ -80,13 +80,13 @@ impl Default for Warper {
 }
 
 impl Warper {
-    /// A warper with empty buffers, for the instructions that this machine has.
+    /// A warper with empty buffers, with the best instructions of this machine.
     #[must_use]
     pub fn new() -> Self {
         Self::with_cpu(CpuLevel::detect())
     }
 
-    /// A warper that uses the instructions of `level`.
+    /// A warper with the instructions of `level`.
     #[must_use]
     pub fn with_cpu(level: CpuLevel) -> Self {
         Self {
@@ -98,10 +98,10 @@ impl Warper {
         }
     }
 
-    /// Computes the inverse map of one frame, by which all its planes are rectified.
+    /// Computes the inverse map of one frame, common to all its planes.
     ///
-    /// The strength that is applied is that of the settings times the motion's weight.
-    /// Settings out of range count as the nearest in range; a zoom of more than 8 as 8.
+    /// The applied strength is that of the settings times the motion's weight.
+    /// Settings are clamped to their range; the zoom to at most 8.
     pub fn prepare(&mut self, motion: &FrameMotion, settings: &WarpSettings) -> PreparedFrame<'_> {
         self.solve(motion, settings);
         PreparedFrame { warper: self }
@@ -110,8 +110,8 @@ impl Warper {
     /// Computes the inverse map of one frame.
     fn solve(&mut self, motion: &FrameMotion, settings: &WarpSettings) {
         self.settings = *settings;
-        let unmoved = motion.is_still() || settings.strength <= 0.0;
-        self.identity = unmoved && settings.zoom <= 1.0;
+        let is_still = motion.is_still() || settings.strength <= 0.0;
+        self.identity = is_still && settings.zoom <= 1.0;
         let planes = self.planes.get_mut().unwrap_or_else(PoisonError::into_inner);
         planes.spare.extend(planes.used.drain(..).map(|(_, _, map)| map));
         if !self.identity {
@@ -155,11 +155,11 @@ impl Warper {
         Ok(())
     }
 
-    /// The knots of planes of this placement and width, made on first use.
+    /// The knots of planes of this placement and width, computed on first use.
     fn plane_map(&self, placement: Placement, width: usize) -> Arc<PlaneMap> {
         let mut planes = self.planes.lock().unwrap_or_else(PoisonError::into_inner);
-        let known = planes.used.iter().find(|(at, columns, _)| *at == placement && *columns == width);
-        if let Some((_, _, map)) = known {
+        let cached = planes.used.iter().find(|(at, columns, _)| *at == placement && *columns == width);
+        if let Some((_, _, map)) = cached {
             return map.clone();
         }
         let mut map = planes.spare.pop().unwrap_or_default();
@@ -169,7 +169,7 @@ impl Warper {
     }
 }
 
-/// A frame whose planes can be rectified: all of them, in any order and from any thread.
+/// A frame whose planes can be rectified, in any order and from any thread.
 #[derive(Debug)]
 #[must_use = "only `warp` rectifies"]
 pub struct PreparedFrame<'a> {
@@ -179,12 +179,13 @@ pub struct PreparedFrame<'a> {
 impl PreparedFrame<'_> {
     /// Fills `dst` with the rectified `src`, one of the frame's planes.
     ///
-    /// `fill` holds one sample value a channel (before the format's shift) for
-    /// [`BorderMode::Constant`]. The steps of the two planes may differ; samples between the pixels'
-    /// own are not written.
+    /// `fill` holds one sample value per channel (before the format's shift) for
+    /// [`BorderMode::Constant`]. The steps of the two planes may differ; samples that belong to other
+    /// views of the same bytes are not written.
     ///
     /// # Errors
-    /// If the planes differ in size, channels or sample format, or the placement is not one; see [`WarpError`].
+    /// If the planes differ in size, channels or sample format, or the placement is invalid; see
+    /// [`WarpError`].
     pub fn warp(
         &self,
         src: &Plane<'_>,

@@ -1,11 +1,10 @@
-//! Sequences that are to grow, and their inverse.
+//! Monotone projection and inversion.
 //!
-//! A line of the frame, carried to the reference, folds where one thing comes to cover another, and gapes
-//! where something is uncovered. The picture shown has to be a function of the place all the same: it is
-//! the inverse of the nearest sequence that grows, not too fast and not too slowly.
+//! The forward map along a line folds at occlusions and has gaps at disocclusions. To have an inverse, it
+//! is projected to a monotone sequence of bounded slope.
 
-/// Changes `values` so that none differs from the one before it by less than `least` or more than
-/// `most`; leaves them as they are where that is so already. `spare` is a buffer.
+/// Limits the differences between successive `values` to `least`..`most`; does nothing if they are within
+/// these limits. `spare` is a buffer.
 pub(super) fn limit_slopes(values: &mut [f64], least: f64, most: f64, spare: &mut Vec<f64>) {
     if values.windows(2).all(|pair| (least..=most).contains(&(pair[1] - pair[0]))) {
         return;
@@ -17,7 +16,7 @@ pub(super) fn limit_slopes(values: &mut [f64], least: f64, most: f64, spare: &mu
 }
 
 /// The mean of the smallest sequence above `values` and the largest one below whose steps are all at
-/// least `least`: at a fold it takes no side.
+/// least `least`: symmetric at a fold.
 fn raise_slopes(values: &mut [f64], least: f64, spare: &mut Vec<f64>) {
     let mut above = f64::NEG_INFINITY;
     spare.clear();
@@ -32,28 +31,27 @@ fn raise_slopes(values: &mut [f64], least: f64, spare: &mut Vec<f64>) {
     }
 }
 
-/// The inverse of a growing sequence, asked for at growing values.
+/// The inverse of an increasing sequence, evaluated at non-decreasing values.
 ///
 /// Between two values it is the Hermite cubic whose slopes are the inverse of the central differences.
-/// They are at most twice the slope of the chord, so that it grows too, whatever the sequence (Fritsch
-/// and Carlson's condition is three times). Its error is that of the differences, h²/6 · f‴ in the slope
-/// and a tenth of h times that in the place.
+/// They are at most twice the slope of the chord, so that it is monotone for any sequence (the condition
+/// of Fritsch and Carlson is three times). Its error is that of the differences, h²/6 · f‴ in the slope
+/// and a tenth of h times that in the position.
 pub(super) struct Inverse<'a> {
     values: &'a [f64],
-    /// What a step outside the sequence adds to the value.
+    /// Slope outside the sequence: change of the value per step.
     spacing: f64,
-    /// The step in which the last value asked for lies.
+    /// The step that contains the last value.
     step: usize,
 }
 
 impl<'a> Inverse<'a> {
-    /// The inverse of at least two values, each greater than the one before; outside, they go on with
-    /// `spacing` a step.
+    /// The inverse of at least two increasing values, extrapolated with the slope `spacing`.
     pub fn new(values: &'a [f64], spacing: f64) -> Self {
         Self { values, spacing, step: 0 }
     }
 
-    /// Where the sequence takes `value`, in steps from its beginning; not less than the last one.
+    /// The position of `value` in steps from the first one; `value` must not be less than in the last call.
     pub fn at(&mut self, value: f64) -> f64 {
         let values = self.values;
         let (first, last) = (values[0], values[values.len() - 1]);

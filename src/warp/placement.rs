@@ -1,10 +1,9 @@
-//! Where the pixels of a plane lie in the frame.
+//! The position of a plane's pixels in the frame.
 
-/// Where a plane's pixels lie in the frame: frame pixel = scale · plane pixel + offset, per axis,
+/// The position of a plane's pixels in the frame: frame pixel = scale · plane pixel + offset, per axis,
 /// pixel centres at integers.
 ///
-/// Chroma of 4:2:0 has scale 2; offset 0 where it is sited on the luma pixel, ½ where it is sited
-/// between two.
+/// Chroma of 4:2:0 has scale 2, and offset 0 if sited on the luma pixel, ½ if sited between two.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Placement {
     /// Frame pixels from one plane pixel to the next, in x and y.
@@ -17,7 +16,7 @@ impl Placement {
     /// A plane of the frame's own size.
     pub const FULL: Self = Self { scale: [1.0, 1.0], offset: [0.0, 0.0] };
 
-    /// Whether the plane's pixels lie anywhere.
+    /// Whether scales are positive and all numbers finite.
     pub(super) fn is_valid(&self) -> bool {
         let numbers = self.scale.iter().chain(&self.offset);
         numbers.into_iter().all(|number| number.is_finite()) && self.scale.iter().all(|&scale| scale > 0.0)

@@ -1,7 +1,7 @@
-//! Walks the rows of a plane in bands, one band a task of the thread pool.
+//! Processes the rows of a plane in bands, one band per task of the thread pool.
 
 use super::blocks::{BLOCK, Block};
-use super::kernels::{self, Fixed, Float, Horizontal, Output, Passes, Vertical};
+use super::kernels::{self, Fixed, Float, Horizontal, OutputFormat, Passes, Vertical};
 use super::knots::KnotTable;
 use super::settings::{BorderMode, Interpolation};
 use crate::cpu::{CpuLevel, for_each_cpu};
@@ -12,7 +12,7 @@ use std::cell::RefCell;
 /// Rows in a band: 68 bands for 1080 rows.
 const BAND: usize = 16;
 
-/// All that a plane needs to be warped.
+/// The warp of one plane.
 pub(super) struct PlaneTask<'a> {
     pub level: CpuLevel,
     pub interpolation: Interpolation,
@@ -23,9 +23,9 @@ pub(super) struct PlaneTask<'a> {
     pub source: Plane<'a>,
 }
 
-/// Buffers of one thread, kept from frame to frame.
+/// Buffers of one thread, reused for all frames.
 #[derive(Default)]
-struct Scratch {
+struct RowBuffers {
     knots: Vec<i32>,
     across: Vec<Block>,
     down: Vec<Block>,
@@ -35,13 +35,13 @@ struct Scratch {
 }
 
 thread_local! {
-    static SCRATCH: RefCell<Scratch> = RefCell::default();
+    static SCRATCH: RefCell<RowBuffers> = RefCell::default();
 }
 
 /// Calls `row` with each row of `dst` (from its first sample on) and its index, in bands.
 pub(super) fn for_each_row(dst: &mut PlaneMut<'_>, row: impl Fn(usize, &mut [u8]) + Sync) {
     let PlaneLayout { height, stride, .. } = *dst.layout();
-    // One row may have any stride.
+    // The stride of a single row is not used.
     let stride = if height > 1 { stride } else { dst.data_mut().len() }.max(1);
     dst.data_mut().par_chunks_mut(BAND * stride).enumerate().for_each(|(band, bytes)| {
         for (index, bytes) in bytes.chunks_mut(stride).enumerate() {
@@ -53,10 +53,10 @@ pub(super) fn for_each_row(dst: &mut PlaneMut<'_>, row: impl Fn(usize, &mut [u8]
 }
 
 impl PlaneTask<'_> {
-    /// Fills `dst`, of the source's size, channels and format.
+    /// Fills `dst`, which has the source's size, channels and format.
     pub fn run(&self, dst: &mut PlaneMut<'_>) {
         let layout = *dst.layout();
-        let output = Output {
+        let output = OutputFormat {
             bytes: layout.format.bytes(),
             channels: layout.channels,
             step: layout.step,
@@ -68,7 +68,7 @@ impl PlaneTask<'_> {
         });
     }
 
-    fn row(&self, index: usize, output: Output, row: &mut [u8], scratch: &mut Scratch) {
+    fn row(&self, index: usize, output: OutputFormat, row: &mut [u8], scratch: &mut RowBuffers) {
         let layout = self.source.layout();
         let (first, last, round) = kernels::reach(self.interpolation);
         self.across.row(self.level, index, round, &mut scratch.knots);
@@ -86,7 +86,7 @@ impl PlaneTask<'_> {
             column: from,
             blocks: &scratch.down,
         };
-        let Scratch { across, patch, integers, floats, .. } = scratch;
+        let RowBuffers { across, patch, integers, floats, .. } = scratch;
         if output.bytes == 1 {
             self.passes::<Fixed>(&vertical, across, output, patch, integers, row);
         } else {
@@ -99,7 +99,7 @@ impl PlaneTask<'_> {
         &self,
         vertical: &Vertical<'_>,
         across: &[Block],
-        output: Output,
+        output: OutputFormat,
         patch: &mut Vec<u8>,
         middle: &mut Vec<A::Number>,
         row: &mut [u8],
@@ -111,15 +111,15 @@ impl PlaneTask<'_> {
     }
 }
 
-/// First and last source column at which the pixels of these blocks lie.
+/// First and last source column of the pixels of these blocks.
 fn columns_read(level: CpuLevel, blocks: &[Block]) -> (isize, isize) {
     let (first, last) = extremes(level, blocks);
     (first as isize, last as isize + BLOCK as isize - 1)
 }
 
 for_each_cpu! {
-    /// The least and the largest source column at which the first pixel of a block lies. Columns are far below 2³¹:
-    /// displacements are limited.
+    /// The least and the largest source column of the first pixel of a block. No overflow: displacements are
+    /// limited by `MAX_DISPLACEMENT`.
     fn extremes(blocks: &[Block]) -> (i32, i32) {
         let (mut least, mut largest, mut left) = (i32::MAX, i32::MIN, 0i32);
         for block in blocks {
@@ -132,11 +132,11 @@ for_each_cpu! {
     }
 }
 
-/// Copies a plane's own samples; those of other views between them stay as they are.
+/// Copies a plane's own samples; samples of other views between them are not written.
 pub(super) fn copy(src: &Plane<'_>, dst: &mut PlaneMut<'_>) {
     let (from, to) = (*src.layout(), *dst.layout());
     let bytes = to.format.bytes();
-    let own = to.channels * bytes;
+    let own_bytes = to.channels * bytes;
     for_each_row(dst, |index, row| {
         let source = src.row(index);
         if to.step == to.channels && from.step == from.channels {
@@ -145,7 +145,7 @@ pub(super) fn copy(src: &Plane<'_>, dst: &mut PlaneMut<'_>) {
         }
         let pixels = row.chunks_mut(to.step * bytes).zip(source.chunks(from.step * bytes));
         for (out, pixel) in pixels.take(to.width) {
-            out[..own].copy_from_slice(&pixel[..own]);
+            out[..own_bytes].copy_from_slice(&pixel[..own_bytes]);
         }
     });
 }

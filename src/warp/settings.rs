@@ -1,6 +1,6 @@
 //! How a frame is rectified.
 
-/// How samples between pixels are made.
+/// The interpolation kernel.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 #[non_exhaustive]
 pub enum Interpolation {
@@ -15,7 +15,7 @@ pub enum Interpolation {
     Lanczos,
 }
 
-/// What is shown where the frame saw nothing.
+/// The picture outside the frame.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 #[non_exhaustive]
 pub enum BorderMode {
@@ -37,17 +37,16 @@ pub enum BorderMode {
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[non_exhaustive]
 pub struct WarpSettings {
-    /// How samples between pixels are made.
+    /// The interpolation kernel.
     pub interpolation: Interpolation,
-    /// What is shown where the frame saw nothing.
+    /// The picture outside the frame.
     pub border: BorderMode,
     /// Share of the readout whose instant the output shows, 0 to 1; 0 = first read.
     pub reference_row: f64,
-    /// Share of the correction that is applied, 0 to 1: each point of the picture is displaced by this
-    /// share of its whole displacement, so that a frame fades steadily into the one that arrived,
-    /// whatever its motion.
+    /// Share of the correction that is applied, 0 to 1: each point is displaced by this share of its full
+    /// displacement, so that 0 gives the original frame and the transition is linear for any motion.
     pub strength: f64,
-    /// The picture is enlarged about its centre by this factor, at least 1, to push borders out.
+    /// Magnification about the picture's centre, at least 1, to hide borders.
     pub zoom: f64,
 }
 

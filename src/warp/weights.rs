@@ -1,12 +1,12 @@
 //! Interpolation kernels: the weights of the samples around a position.
 //!
-//! A position is a whole sample and a fraction t of [`FRACTION_BITS`] bits: quantising it moves a
-//! sample by at most 1/4096 px, which on the steepest edge of a picture (full range in one pixel) is
-//! 1/4096 of the range: 0.06 grey levels of 255.
+//! A position is an integer sample and a fraction t of [`FRACTION_BITS`] bits: the quantisation error is
+//! at most 1/4096 px, which on the steepest edge of a picture (full range in one pixel) is 1/4096 of the
+//! range: 0.06 grey levels of 255.
 //!
-//! Weights come in two kinds: 16-bit integers with [`WEIGHT_BITS`] fraction bits for 8-bit samples,
+//! Weights have two formats: 16-bit integers with [`WEIGHT_BITS`] fraction bits for 8-bit samples,
 //! `f32` for all others. Integer weights sum to exactly one, and those of the linear and cubic
-//! kernel have exactly t as their first moment, so that ramps stay ramps.
+//! kernel have exactly t as their first moment, so that ramps are reproduced.
 
 use super::settings::Interpolation;
 use std::sync::LazyLock;
@@ -18,16 +18,16 @@ pub(super) const ONE: i32 = 1 << FRACTION_BITS;
 /// Fraction bits of integer weights.
 pub(super) const WEIGHT_BITS: u32 = 14;
 const UNIT: i16 = 1 << WEIGHT_BITS;
-/// The most taps a kernel has.
+/// Most taps of a kernel.
 pub(super) const MAX_TAPS: usize = 6;
 
 /// An interpolation kernel; `fraction` is in 0..[`ONE`]. Weights past `TAPS` are zero.
 pub(super) trait Kernel {
-    /// Samples that have a weight.
+    /// Number of taps.
     const TAPS: usize;
-    /// The first of them, counted from the whole sample.
+    /// Position of the first tap, relative to the integer sample.
     const FIRST: isize;
-    /// What is added to a position before its whole part is taken.
+    /// Added to a position before its integer part is taken.
     const ROUND: i32 = 0;
 
     /// Integer weights.
@@ -45,7 +45,7 @@ pub(super) struct Cubic;
 /// sinc(x)·sinc(x/3) for |x| < 3, normalised to sum one.
 pub(super) struct Lanczos;
 
-/// (a · b + 2¹⁴) >> 15: the product that vector units have for 16-bit numbers.
+/// (a · b + 2¹⁴) >> 15: the rounded product of 16-bit vector instructions.
 pub(super) const fn mulhrs(a: i16, b: i16) -> i16 {
     ((a as i32 * b as i32 + (1 << 14)) >> 15) as i16
 }
@@ -87,8 +87,8 @@ impl Kernel for Cubic {
     const TAPS: usize = 4;
     const FIRST: isize = -1;
 
-    /// The outer weights are polynomials, (−t³ + 2t² − t)/2 and (t³ − t²)/2, each 3/2¹⁴ from the
-    /// truth at most; the inner ones follow from the sum, 1, and the first moment, t.
+    /// The outer weights are polynomials, (−t³ + 2t² − t)/2 and (t³ − t²)/2, with an error of at most
+    /// 3/2¹⁴ each; the inner ones follow from the sum, 1, and the first moment, t.
     fn fixed(fraction: i16) -> [i16; MAX_TAPS] {
         let t15 = fraction << (15 - FRACTION_BITS);
         let t14 = fraction << (WEIGHT_BITS - FRACTION_BITS);
@@ -112,8 +112,8 @@ impl Kernel for Cubic {
     }
 }
 
-/// The weights of all fractions: 2048 × 6 × 2 bytes = 24 KiB, and twice that in `f32`. The integers have one row
-/// more, so that 16 bytes can be read from each row on.
+/// The weights of all fractions: 2048 × 6 × 2 bytes = 24 KiB, and twice that in `f32`. The integers have one
+/// extra row, so that 16 bytes can be read at each row.
 struct LanczosTable {
     fixed: Vec<[i16; MAX_TAPS]>,
     float: Vec<[f32; MAX_TAPS]>,
@@ -138,7 +138,7 @@ fn lanczos(t: f64) -> [f64; MAX_TAPS] {
     weights.map(|weight| weight / sum)
 }
 
-/// Rounds weights and gives what is missing to the largest, so that they sum to one.
+/// Rounds weights and adds the rounding error to the largest, so that they sum to one.
 fn quantise(weights: &[f64; MAX_TAPS]) -> [i16; MAX_TAPS] {
     let mut fixed = weights.map(|weight| (weight * f64::from(UNIT)).round() as i16);
     let missing = UNIT - fixed.iter().sum::<i16>();
@@ -148,7 +148,7 @@ fn quantise(weights: &[f64; MAX_TAPS]) -> [i16; MAX_TAPS] {
 }
 
 impl Lanczos {
-    /// The integer weights of all fractions, [`MAX_TAPS`] each, and one row more.
+    /// The integer weights of all fractions, [`MAX_TAPS`] each, and one extra row.
     #[cfg(target_arch = "x86_64")]
     pub fn table() -> &'static [i16] {
         LANCZOS.fixed.as_flattened()
@@ -169,7 +169,7 @@ impl Kernel for Lanczos {
 }
 
 impl Interpolation {
-    /// Samples along one axis that make one output sample.
+    /// Samples along one axis per output sample.
     pub const fn taps(self) -> usize {
         match self {
             Self::Nearest => Nearest::TAPS,

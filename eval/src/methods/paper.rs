@@ -10,7 +10,7 @@ use anyhow::Result;
 use nalgebra::Vector2;
 use rsrectify::motion::{MotionPath, image_centre};
 use rsrectify::solve::Link;
-use rsrectify::solve::link::{Fit, Known, Scratch};
+use rsrectify::solve::link::{Fit, FitBuffers, KnownFrame};
 
 /// Standard deviation of a measured coordinate in pixels.
 const TRACKING_NOISE: f64 = 0.1;
@@ -65,12 +65,12 @@ fn correction(input: &Input, fit: &Fit) -> Box<dyn Correction> {
 struct Run {
     links: Vec<Link>,
     uniform: Vec<Option<Fit>>,
-    scratch: Scratch,
+    scratch: FitBuffers,
 }
 
 impl Run {
     fn new(input: &Input) -> Self {
-        let mut scratch = Scratch::default();
+        let mut scratch = FitBuffers::default();
         let intervals = input.stamps.windows(2).map(|stamps| stamps[1] - stamps[0]);
         let links: Vec<_> = input
             .pairs
@@ -99,18 +99,18 @@ impl Run {
         fits[pair] = self.uniform[pair];
         fits[pair + 1] = self.uniform[pair];
         for k in pair + 2..frames {
-            let reached = self.sequential_step(k - 1, Known::First, fits[k - 1]);
+            let reached = self.sequential_step(k - 1, KnownFrame::First, fits[k - 1]);
             fits[k] = choose(reached, self.initial(k));
         }
         for k in (0..pair).rev() {
-            let reached = self.sequential_step(k, Known::Second, fits[k + 1]);
+            let reached = self.sequential_step(k, KnownFrame::Second, fits[k + 1]);
             fits[k] = choose(reached, self.initial(k));
         }
         fits
     }
 
     /// The unknown frame's motion over a pair, where it can be trusted.
-    fn sequential_step(&mut self, pair: usize, known: Known, fit: Option<Fit>) -> Option<Fit> {
+    fn sequential_step(&mut self, pair: usize, known: KnownFrame, fit: Option<Fit>) -> Option<Fit> {
         self.links[pair].sequential_step(known, fit?.twist, &mut self.scratch).filter(Fit::is_trusted)
     }
 

@@ -1,41 +1,42 @@
-//! Vectors on a grid of cells, each measured to some accuracy: the posterior of each, given all.
+//! Vectors on a grid of cells, each measured with its own information: the posterior of each, given all.
 //!
-//! In a Gaussian Markov random field neighbouring vectors differ by a random step of variance q along each axis. As on a
-//! chain, messages are passed along the rows and along the columns, there and back:
+//! In a Gaussian Markov random field neighbouring vectors differ by a random step of variance q along each
+//! axis. As on a chain, messages are passed along the rows and along the columns, in both directions:
 //!
-//! > message = (Λ⁻¹ + q·I)⁻¹, Λ = own information + prior + message of the cell before
+//! > message = (Λ⁻¹ + q·I)⁻¹, Λ = own information + prior + message of the previous cell
 //!
-//! and a cell's posterior is its own information, the prior and the four messages that reach it (belief propagation, cut off after
-//! one sweep along each axis). Where a message contradicts what a cell has measured there is an edge between
-//! them, and it counts less.
+//! and a cell's posterior is the sum of its own information, the prior and the four messages (belief
+//! propagation, cut off after one sweep along each axis). A message that contradicts a cell's measurement
+//! indicates a depth edge between them and is down-weighted.
 
 use crate::parallel::*;
 use crate::robust::loss::{GemanMcClure, Loss};
 
-/// Squared distance of a message from what a cell has measured, in units of their variances, at which it counts a quarter.
-const CONTRADICTION: f32 = 4.0;
+/// Squared distance of a message from a cell's own estimate, in units of their summed variances, at which its
+/// weight is ¼.
+const QUARTER_WEIGHT_DISTANCE: f32 = 4.0;
 
 /// Information about a vector (xx, xy, yy), and that times the vector.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub(super) struct Known {
+pub(super) struct VelocityEstimate {
     information: [f32; 3],
     sum: [f32; 2],
 }
 
-impl Known {
+impl VelocityEstimate {
     #[inline(always)]
     pub(super) fn new(information: [f32; 3], value: [f32; 2]) -> Self {
         Self { information, sum: [0.0; 2] }.with_value(value)
     }
 
-    /// As much information, about another value.
+    /// The same information about another value.
     #[inline(always)]
     pub(super) fn with_value(self, [x, y]: [f32; 2]) -> Self {
         let [xx, xy, yy] = self.information;
         Self { sum: [xx * x + xy * y, xy * x + yy * y], ..self }
     }
 
-    /// What two independent sources know.
+    /// The product of two independent likelihoods.
     #[inline(always)]
     pub(super) fn plus(self, other: Self) -> Self {
         Self {
@@ -44,7 +45,7 @@ impl Known {
         }
     }
 
-    /// With a prior of mean zero and this information along each axis.
+    /// The product with a prior of mean zero and this information along each axis.
     #[inline(always)]
     pub(super) fn plus_prior(self, prior: f32) -> Self {
         let [xx, xy, yy] = self.information;
@@ -57,14 +58,14 @@ impl Known {
         self.trace() / (xx * yy - xy * xy).max(f32::MIN_POSITIVE)
     }
 
-    /// Information along both axes.
+    /// Sum of the information along both axes.
     pub(super) fn trace(&self) -> f32 {
         self.information[0] + self.information[2]
     }
 
-    /// The square of a vector in units of the variances.
+    /// The squared Mahalanobis norm of a vector.
     #[inline(always)]
-    fn along(&self, [x, y]: [f32; 2]) -> f32 {
+    fn squared_norm(&self, [x, y]: [f32; 2]) -> f32 {
         let [xx, xy, yy] = self.information;
         xx * x * x + 2.0 * xy * x * y + yy * y * y
     }
@@ -77,7 +78,7 @@ impl Known {
         }
     }
 
-    /// The mean; zero where nothing is known along some axis.
+    /// The mean; zero if the information is singular.
     #[inline(always)]
     pub(super) fn value(&self) -> [f32; 2] {
         let ([xx, xy, yy], [x, y]) = (self.information, self.sum);
@@ -90,7 +91,7 @@ impl Known {
         }
     }
 
-    /// What is known of the next cell, a random step of variance q away: (I + q·Λ)⁻¹ times both.
+    /// The message to the next cell, a random step of variance q away: (I + q·Λ)⁻¹ times information and sum.
     #[inline(always)]
     fn after_step(&self, q: f32) -> Self {
         let ([xx, xy, yy], [x, y]) = (self.information, self.sum);
@@ -102,69 +103,79 @@ impl Known {
         }
     }
 
-    /// The part of a message that does not contradict what a cell has measured itself, whose posterior without the message
-    /// is `value`.
+    /// The message, down-weighted where it contradicts the cell's own measurement; `value` is the cell's
+    /// posterior without the message.
     #[inline(always)]
     fn accept(&self, value: [f32; 2], message: &Self) -> Self {
         let other = message.value();
-        let apart = [value[0] - other[0], value[1] - other[1]];
-        let (own, other) = (self.along(apart), message.along(apart));
+        let difference = [value[0] - other[0], value[1] - other[1]];
+        let (own, other) = (self.squared_norm(difference), message.squared_norm(difference));
         // The variances of the two along their difference add up.
         let square = own * other / (own + other + f32::MIN_POSITIVE);
-        message.times(GemanMcClure(CONTRADICTION).weight(square))
+        message.times(GemanMcClure(QUARTER_WEIGHT_DISTANCE).weight(square))
     }
 }
 
-/// What is known of the field before anything is measured.
+/// Smoothness and prior of the field.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Field {
+pub(super) struct FieldPrior {
     /// Cells in a row.
     pub(super) columns: usize,
-    /// Variance of the step from one cell to the next: q.
+    /// Variance q of the step from one cell to the next.
     pub(super) step: f32,
-    /// Information of each cell about a mean of zero.
+    /// Prior information of each cell, about zero.
     pub(super) prior: f32,
 }
 
-impl Field {
-    /// The posterior of each cell from what all have measured.
-    pub(super) fn posterior(&self, own: &[Known], out: &mut Vec<Known>) {
+impl FieldPrior {
+    /// The posterior of each cell from the measurements of all.
+    pub(super) fn posterior(&self, own: &[VelocityEstimate], out: &mut Vec<VelocityEstimate>) {
         out.clear();
         out.extend(own.iter().map(|own| own.plus_prior(self.prior)));
         let columns = self.columns.max(1);
         out.par_chunks_mut(columns).zip(own.par_chunks(columns)).for_each(|(out, own)| {
-            let mut message = Known::default();
+            let mut message = VelocityEstimate::default();
             for (out, own) in out.iter_mut().zip(own) {
                 message = self.pass(own, message, out);
             }
-            message = Known::default();
+            message = VelocityEstimate::default();
             for (out, own) in out.iter_mut().zip(own).rev() {
                 message = self.pass(own, message, out);
             }
         });
-        // Row after row, so that what lies side by side in memory is read together.
-        let mut messages = vec![Known::default(); columns];
+        // Row by row, for contiguous memory access.
+        let mut messages = vec![VelocityEstimate::default(); columns];
         for (out, own) in out.chunks_mut(columns).zip(own.chunks(columns)) {
             self.pass_row(own, &mut messages, out);
         }
-        messages.fill(Known::default());
+        messages.fill(VelocityEstimate::default());
         for (out, own) in out.chunks_mut(columns).zip(own.chunks(columns)).rev() {
             self.pass_row(own, &mut messages, out);
         }
     }
 
-    fn pass_row(&self, own: &[Known], messages: &mut [Known], out: &mut [Known]) {
+    fn pass_row(
+        &self,
+        own: &[VelocityEstimate],
+        messages: &mut [VelocityEstimate],
+        out: &mut [VelocityEstimate],
+    ) {
         for ((out, own), message) in out.iter_mut().zip(own).zip(messages) {
             *message = self.pass(own, *message, out);
         }
     }
 
-    /// Adds a message to a cell; the message to the next one.
+    /// Adds a message to a cell's posterior, and returns the message to the next cell.
     ///
-    /// A cell that has measured nothing contradicts no message: the prior is compared with none, for neighbours say more
-    /// about a cell than the mean of the frame.
+    /// Messages are compared with the cell's measurement only, not with the prior: neighbours predict a cell
+    /// better than the mean of the frame.
     #[inline(always)]
-    fn pass(&self, own: &Known, message: Known, out: &mut Known) -> Known {
+    fn pass(
+        &self,
+        own: &VelocityEstimate,
+        message: VelocityEstimate,
+        out: &mut VelocityEstimate,
+    ) -> VelocityEstimate {
         let alone = own.plus_prior(self.prior);
         let accepted = own.accept(alone.value(), &message);
         *out = out.plus(accepted);
@@ -176,17 +187,17 @@ impl Field {
 mod tests {
     use super::*;
 
-    fn field(columns: usize) -> Field {
-        Field { columns, step: 0.1, prior: 0.0 }
+    fn field(columns: usize) -> FieldPrior {
+        FieldPrior { columns, step: 0.1, prior: 0.0 }
     }
 
-    fn round(information: f32, value: [f32; 2]) -> Known {
-        Known::new([information, 0.0, information], value)
+    fn round(information: f32, value: [f32; 2]) -> VelocityEstimate {
+        VelocityEstimate::new([information, 0.0, information], value)
     }
 
     #[test]
     fn a_step_adds_to_the_covariance() {
-        let before = Known::new([3.0, 1.0, 2.0], [4.0, -5.0]);
+        let before = VelocityEstimate::new([3.0, 1.0, 2.0], [4.0, -5.0]);
         let after = before.after_step(0.5);
         // Λ = (3 1; 1 2), Λ⁻¹ + ½·I = (0.9 −0.2; −0.2 1.1), whose inverse is (1.1 0.2; 0.2 0.9)/0.95.
         let expected = [1.1 / 0.95, 0.2 / 0.95, 0.9 / 0.95];
@@ -199,14 +210,14 @@ mod tests {
     fn a_gap_is_bridged_and_an_edge_is_kept() {
         let at = |column: usize| match column {
             0..8 => round(50.0, [1.0, -2.0]),
-            // Nothing but a prior is known here.
+            // Only a prior here.
             8..12 => round(0.01, [0.0; 2]),
             _ => round(50.0, [9.0, 6.0]),
         };
-        let own: Vec<Known> = (0..20 * 15).map(|index| at(index % 20)).collect();
+        let own: Vec<VelocityEstimate> = (0..20 * 15).map(|index| at(index % 20)).collect();
         let mut out = Vec::new();
         field(20).posterior(&own, &mut out);
-        let row: Vec<[f32; 2]> = out[7 * 20..8 * 20].iter().map(Known::value).collect();
+        let row: Vec<[f32; 2]> = out[7 * 20..8 * 20].iter().map(VelocityEstimate::value).collect();
         let is_near = |a: [f32; 2], b: [f32; 2]| (a[0] - b[0]).hypot(a[1] - b[1]) < 0.1;
         assert!(is_near(row[3], [1.0, -2.0]) && is_near(row[16], [9.0, 6.0]), "{row:?}");
         assert!(is_near(row[7], [1.0, -2.0]) && is_near(row[12], [9.0, 6.0]), "{row:?}");
@@ -214,12 +225,12 @@ mod tests {
     }
 
     #[test]
-    fn what_is_known_along_one_axis_is_completed_along_the_other() {
+    fn a_cell_measured_along_one_axis_is_completed_by_its_neighbours() {
         let at = |index: usize| match index {
-            5 => Known::new([100.0, 0.0, 0.0], [3.0, 0.0]),
+            5 => VelocityEstimate::new([100.0, 0.0, 0.0], [3.0, 0.0]),
             _ => round(20.0, [2.0, 7.0]),
         };
-        let own: Vec<Known> = (0..11).map(at).collect();
+        let own: Vec<VelocityEstimate> = (0..11).map(at).collect();
         let mut out = Vec::new();
         field(11).posterior(&own, &mut out);
         let [x, y] = out[5].value();
@@ -228,20 +239,21 @@ mod tests {
 
     #[test]
     fn where_nothing_is_measured_neighbours_count_more_than_the_prior() {
-        let measured = |column: usize| if column < 3 { round(50.0, [9.0, 0.0]) } else { Known::default() };
-        let own: Vec<Known> = (0..10).map(measured).collect();
+        let measured =
+            |column: usize| if column < 3 { round(50.0, [9.0, 0.0]) } else { VelocityEstimate::default() };
+        let own: Vec<VelocityEstimate> = (0..10).map(measured).collect();
         let mut out = Vec::new();
         // A deviation of 10, of which the steps over all cells make a tenth.
-        Field { columns: 10, step: 0.1, prior: 0.01 }.posterior(&own, &mut out);
+        FieldPrior { columns: 10, step: 0.1, prior: 0.01 }.posterior(&own, &mut out);
         let last = out[9].value()[0];
         assert!(last > 8.0 && last < 9.0, "{last}");
     }
 
     #[test]
-    fn nothing_known_is_zero() {
+    fn without_information_the_posterior_is_zero() {
         let mut out = Vec::new();
-        field(4).posterior(&[Known::default(); 12], &mut out);
-        assert!(out.iter().all(|known| known.value() == [0.0; 2]));
+        field(4).posterior(&[VelocityEstimate::default(); 12], &mut out);
+        assert!(out.iter().all(|posterior| posterior.value() == [0.0; 2]));
         field(0).posterior(&[], &mut out);
         assert!(out.is_empty());
     }

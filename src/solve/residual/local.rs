@@ -8,28 +8,28 @@ use crate::motion::{ResidualField, ResidualMesh, image_centre};
 use crate::readout::Readout;
 use std::collections::VecDeque;
 
-/// What parts of a frame do beside its path.
+/// The motion of parts of a frame beside its path.
 #[derive(Clone, Debug, Default)]
 pub struct LocalMotion {
-    /// Residual velocities; `None` where there is no flow.
+    /// Residual velocities; `None` without flow.
     pub field: Option<ResidualField>,
-    /// Mean velocity and expected error of each region, row by row; none where there is no flow.
+    /// Mean velocity and expected error of each region, row by row; none without flow.
     pub regions: Vec<Region>,
 }
 
-/// The flow between the frames that wait for their motion, and what solves their residual velocities.
+/// The flow between the waiting frames, and the solver of their residual velocities.
 #[derive(Debug, Default)]
 pub struct LocalMotions {
-    /// Flow from a frame to the next and back: of the frame that was settled last, and of those that wait.
+    /// Flow from a frame to the next and back: of the frame settled last, and of the waiting ones.
     before: Option<[FlowField; 2]>,
     waiting: VecDeque<[FlowField; 2]>,
-    /// Memory for flow.
+    /// Buffers for flow.
     spare: Vec<[FlowField; 2]>,
     solver: ResidualSolver,
 }
 
 impl LocalMotions {
-    /// Adds the next frame, with the flow from the frame before to it and back, where there is any.
+    /// Adds the next frame, with the flow from the previous frame to it and back, if there is any.
     pub fn push(&mut self, flow: Option<[&FlowField; 2]>) {
         let last = self.waiting.back_mut().or(self.before.as_mut());
         if let Some((own, flow)) = last.zip(flow) {
@@ -40,8 +40,8 @@ impl LocalMotions {
         self.waiting.push_back(fields);
     }
 
-    /// Solves the first frame that waits, given its path and the seconds to the frames before and after it, where the path joins
-    /// them.
+    /// Solves the first waiting frame, given its path and the seconds to the previous and the next frame; `None`
+    /// for a frame that the path does not connect with it.
     pub fn solve(
         &mut self,
         readout: &Readout,
@@ -66,14 +66,14 @@ impl LocalMotions {
         LocalMotion { field, regions: self.solver.regions().to_vec() }
     }
 
-    /// Goes on to the next frame.
+    /// Advances to the next frame.
     pub fn advance(&mut self) {
         // The flow back from the next frame is still needed.
         let before = std::mem::replace(&mut self.before, self.waiting.pop_front());
         self.spare.extend(before);
     }
 
-    /// Forgets all frames.
+    /// Discards all frames.
     pub fn restart(&mut self) {
         self.spare.extend(self.before.take().into_iter().chain(self.waiting.drain(..)));
     }

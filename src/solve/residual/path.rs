@@ -11,7 +11,7 @@ pub trait Path: Sync {
     fn back(&self, time: f64) -> Matrix3<f64>;
 }
 
-/// A path that stands still.
+/// A path without motion.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Still;
 

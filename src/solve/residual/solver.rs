@@ -1,21 +1,22 @@
 //! The residual velocities of a frame.
 
-use super::diffuse::{Field, Known};
+use super::diffuse::{FieldPrior, VelocityEstimate};
 use super::frame_flow::FrameFlow;
 use super::path::Path;
-use super::velocity::{FASTEST, Side, joined};
+use super::velocity::{MAX_SPEED, NeighbourFlow, combine};
 use crate::flow::FlowField;
 use crate::readout::Readout;
 use nalgebra::Vector2;
 
-/// Variance in squared cells of the step from one cell's velocity to the next: a tenth of a pixel of eight, squared.
-/// Five times as much or a fifth of it changes no figure of the evaluation by more than a tenth.
-const STEP: f32 = 0.0016;
+/// Variance of the difference between neighbouring cells' velocities, in squared cells per readout²: 0.1 px²
+/// for cells of eight pixels. Five times as much or a fifth of it changes no figure of the evaluation by more
+/// than a tenth.
+const STEP_VARIANCE: f32 = 0.0016;
 
-/// Variance that residual velocities have in squared cells, at least: below it they are noise.
-const LEAST_VARIANCE: f32 = 0.00016;
+/// Noise floor: least variance of residual velocities, in squared cells per readout².
+const MIN_VARIANCE: f32 = 0.00016;
 
-/// Columns and rows of the regions of a frame for which an error is told.
+/// Columns and rows of the regions of a frame for which an expected error is reported.
 pub const REGIONS: [usize; 2] = [6, 5];
 
 /// Residual velocities at the centres of the flow's cells, row by row.
@@ -36,13 +37,14 @@ pub struct CellVelocities {
 pub struct Region {
     /// Mean residual velocity in pixels per readout.
     pub velocity: Vector2<f64>,
-    /// Mean square distance in px² at which path and residual velocities are expected to leave points from where they are at
-    /// the middle of the readout: for the time until then, the variances of the velocities and their residuals in the flow.
+    /// Expected mean square error, in px², of the positions at the middle of the readout that path and
+    /// residual velocities predict: variances of the velocities plus squared residuals of the flow, times the
+    /// squared time until then.
     pub error: f64,
 }
 
 impl Region {
-    /// The same in other pixels, of which `factor` make one of these.
+    /// The same in pixels smaller by `factor`.
     #[must_use]
     pub fn scaled(self, factor: f64) -> Self {
         Self { velocity: self.velocity * factor, error: self.error * factor * factor }
@@ -53,14 +55,14 @@ impl Region {
 #[derive(Debug, Default)]
 pub struct ResidualSolver {
     cells: CellVelocities,
-    sides: [Side; 2],
-    own: Vec<Known>,
-    posterior: Vec<Known>,
+    sides: [NeighbourFlow; 2],
+    own: Vec<VelocityEstimate>,
+    posterior: Vec<VelocityEstimate>,
     regions: Vec<Region>,
 }
 
 impl ResidualSolver {
-    /// The residual velocities of a frame, given the flow to its neighbours, one or two; none where there is no flow.
+    /// The residual velocities of a frame from the flow to one or two neighbours; none without flow.
     pub fn solve(&mut self, readout: &Readout, flows: &[FrameFlow<'_>], path: &impl Path) -> &CellVelocities {
         self.cells.velocities.clear();
         self.regions.clear();
@@ -74,16 +76,16 @@ impl ResidualSolver {
             side.fill(readout, flow, path);
         }
         let sides = sides.get(..flows.len()).unwrap_or_default();
-        joined(readout, first.field, sides, own);
+        combine(readout, first.field, sides, own);
         let area = (cells.side * cells.side) as f32;
-        let prior = 1.0 / (variance(own, STEP * area) + LEAST_VARIANCE * area);
-        Field { columns: cells.columns, step: STEP * area, prior }.posterior(own, posterior);
-        cells.velocities.extend(posterior.iter().map(Known::value));
+        let prior = 1.0 / (variance(own, STEP_VARIANCE * area) + MIN_VARIANCE * area);
+        FieldPrior { columns: cells.columns, step: STEP_VARIANCE * area, prior }.posterior(own, posterior);
+        cells.velocities.extend(posterior.iter().map(VelocityEstimate::value));
         self.find_regions(readout, first.field, flows.len(), prior);
         &self.cells
     }
 
-    /// The regions of the frame that was solved last, row by row; none where there is no flow.
+    /// The regions of the frame solved last, row by row; none without flow.
     pub fn regions(&self) -> &[Region] {
         &self.regions
     }
@@ -101,16 +103,17 @@ impl ResidualSolver {
                 continue;
             };
             let sides = self.sides.iter().take(sides);
-            let left = sides.filter_map(|side| side.difference(index, *velocity, prior));
-            let [sum, known] = left.fold([0.0; 2], |[sum, known], square| [sum + square, known + 1.0]);
+            let squares = sides.filter_map(|side| side.squared_residual(index, *velocity, prior));
+            let [sum, sources] =
+                squares.fold([0.0; 2], |[sum, sources], square| [sum + square, sources + 1.0]);
             let [x, y] = field.centre(column, row);
-            let late = readout.share(x, y) - 0.5;
+            let elapsed = readout.share(x, y) - 0.5;
             region.velocity += Vector2::from(*velocity).cast::<f64>();
-            // No more than before anything was measured: rounding hides the prior from what is known far better along
-            // one axis. Not a number becomes the most, too.
+            // At most the prior variance: rounding loses the prior if the information along one axis is far
+            // larger than along the other. NaN becomes the bound, too.
             let variance = posterior.variance().min(2.0 / prior);
-            let square = (variance + sum / f32::max(known, 1.0)).min(FASTEST * FASTEST);
-            region.error += late * late * f64::from(square);
+            let square = (variance + sum / f32::max(sources, 1.0)).min(MAX_SPEED * MAX_SPEED);
+            region.error += elapsed * elapsed * f64::from(square);
             *count += 1.0;
         }
         for (region, count) in self.regions.iter_mut().zip(counts) {
@@ -120,21 +123,22 @@ impl ResidualSolver {
     }
 }
 
-/// The variance of a coordinate of the velocities, of which those count half that are known with the variance `usual`.
-fn variance(cells: &[Known], usual: f32) -> f32 {
+/// The variance of a coordinate of the velocities; the weight of a velocity of information trace
+/// 1/`half_weight_variance` is ½.
+fn variance(cells: &[VelocityEstimate], half_weight_variance: f32) -> f32 {
     let (mut square, mut weights) = (0.0, f32::MIN_POSITIVE);
-    for known in cells {
-        let information = known.trace();
-        let weight = information / (information + 1.0 / usual);
-        let [x, y] = known.plus_prior(LITTLE).value();
+    for cell in cells {
+        let information = cell.trace();
+        let weight = information / (information + 1.0 / half_weight_variance);
+        let [x, y] = cell.plus_prior(NEGLIGIBLE_INFORMATION).value();
         square += weight * 0.5 * (x * x + y * y);
         weights += weight;
     }
     square / weights
 }
 
-/// Information in (pixels per readout)⁻² that is next to none.
-const LITTLE: f32 = 1e-6;
+/// Negligible information in (pixels per readout)⁻², to keep matrices regular.
+const NEGLIGIBLE_INFORMATION: f32 = 1e-6;
 
 #[cfg(test)]
 #[path = "solver_tests.rs"]

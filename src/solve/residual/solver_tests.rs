@@ -1,4 +1,4 @@
-//! The field against motions written down in closed form.
+//! The residual field against motions in closed form.
 
 use super::super::path::Still;
 use super::*;
@@ -7,10 +7,10 @@ use crate::flow::Cell;
 use crate::readout::{ReadoutDirection, ReadoutTime};
 use nalgebra::{Matrix3, Vector2};
 
-/// A path that is no path.
-struct Nowhere;
+/// An invalid path.
+struct InvalidPath;
 
-impl Path for Nowhere {
+impl Path for InvalidPath {
     fn until(&self, _: f64) -> Matrix3<f64> {
         Matrix3::identity() * f64::NAN
     }
@@ -29,8 +29,8 @@ fn readout() -> Readout {
     Readout::new(640, 480, ReadoutDirection::TopToBottom, ReadoutTime::Seconds(READOUT), PERIOD).unwrap()
 }
 
-/// The flow to a neighbour of points that move from `at`, exposed at t, by `moved`(at, t, t′) until t′; each cell as
-/// `known` has it: confidence, and information.
+/// The flow to a neighbour of points that move from `at`, exposed at t, by `moved`(at, t, t′) until t′;
+/// confidence and information of each cell from `known`.
 fn flow(
     interval: f64,
     moved: impl Fn(Vector2<f64>, f64, f64) -> Vector2<f64>,
@@ -58,7 +58,7 @@ fn place(index: usize) -> Vector2<f64> {
 
 const SURE: (f32, [f32; 3]) = (1.0, [50.0, 0.0, 50.0]);
 
-/// The field over a global path that stands still, by both neighbours.
+/// The field over a still global path, from both neighbours.
 fn solved(
     moved: impl Fn(Vector2<f64>, f64, f64) -> Vector2<f64> + Copy,
     known: impl Fn(Vector2<f64>) -> (f32, [f32; 3]) + Copy,
@@ -92,8 +92,8 @@ fn a_uniform_velocity_is_found_everywhere() {
 }
 
 #[test]
-fn what_neighbours_contradict_is_expected_to_be_wrong() {
-    // In the left half points turn round in the middle of the three frames: by ±v the two flows say the contrary.
+fn contradicting_neighbours_raise_the_expected_error() {
+    // In the left half points reverse in the middle of the three frames: the two flows measure v and −v.
     let velocity = Vector2::new(300.0, 0.0);
     let moved = |at: Vector2<f64>, from: f64, to: f64| {
         if at.x < 320.0 { velocity * (to - from).abs() } else { velocity * (to - from) }
@@ -101,7 +101,7 @@ fn what_neighbours_contradict_is_expected_to_be_wrong() {
     let (_, regions) = solved(moved, |_| SURE);
     let [columns, rows] = REGIONS;
     for (index, region) in regions.iter().enumerate() {
-        // A velocity of v and one of −v leave v of either, for the time until the middle of the readout.
+        // Measurements of v and −v have residuals of v each, for the time until the middle of the readout.
         let late = ((index / columns) as f64 + 0.5) / rows as f64 - 0.5;
         let wrong = (velocity.x * READOUT * late).powi(2);
         if index % columns < columns / 2 {
@@ -116,7 +116,7 @@ fn what_neighbours_contradict_is_expected_to_be_wrong() {
 }
 
 #[test]
-fn an_edge_stays_an_edge() {
+fn a_depth_edge_is_kept() {
     let velocity = |at: Vector2<f64>| Vector2::new(if at.x < 320.0 { 0.0 } else { 400.0 }, 0.0);
     let (cells, _) = solved(|at, from, to| velocity(at) * (to - from), |_| SURE);
     let error = worst(&cells, |at| Some(velocity(at) * READOUT));
@@ -124,7 +124,7 @@ fn an_edge_stays_an_edge() {
 }
 
 #[test]
-fn a_constant_acceleration_is_followed() {
+fn a_constant_acceleration_is_measured() {
     // x(t) = ½·a·t² about the middle of the readout, where the point is shown.
     let middle = 0.5 * READOUT;
     let along = |t: f64| 0.5 * 9000.0 * (t - middle).powi(2);
@@ -132,7 +132,7 @@ fn a_constant_acceleration_is_followed() {
     let readout = readout();
     let error = worst(&cells, |at| {
         let from = readout.offset(at.x, at.y);
-        // Near the middle a velocity is displacement over next to no time.
+        // Near the middle the velocity is a displacement over a very short time.
         let apart = middle - from;
         (apart.abs() > 0.1 * READOUT)
             .then(|| Vector2::new((along(middle) - along(from)) / apart * READOUT, 0.0))
@@ -141,9 +141,9 @@ fn a_constant_acceleration_is_followed() {
 }
 
 #[test]
-fn what_is_not_trusted_follows_its_surroundings_and_the_path() {
+fn unmeasured_cells_follow_their_neighbours_and_the_path() {
     let velocity = Vector2::new(100.0, 0.0);
-    // In the left half a mistake that nobody trusts; a hole of six cells in the right half.
+    // In the left half an outlier of no confidence; a hole of six cells in the right half.
     let moved = |at: Vector2<f64>, from: f64, to: f64| {
         if at.x < 320.0 { Vector2::new(0.0, 900.0) * (to - from) } else { velocity * (to - from) }
     };
@@ -151,9 +151,9 @@ fn what_is_not_trusted_follows_its_surroundings_and_the_path() {
     let known = |at: Vector2<f64>| if at.x < 320.0 || is_hole(at) { (0.0, [0.0; 3]) } else { SURE };
     let (cells, _) = solved(moved, known);
     let right = worst(&cells, |at| (at.x > 330.0).then(|| velocity * READOUT));
-    // A hole is filled from its surroundings.
+    // A hole is filled from its neighbours.
     assert!(right < 1.0, "{right}");
-    // Far from all that is known it is the path's.
+    // Far from all measurements the residual velocity is zero.
     let [x, y] = cells.velocities[30 * COLUMNS];
     assert!(x.hypot(y) < 0.5 * 3.0, "{x} {y}");
     assert!(cells.velocities.iter().all(|[_, y]| y.abs() < 0.1));
@@ -178,16 +178,16 @@ fn without_flow_there_is_no_field() {
     assert!(solver.solve(&readout(), &none, &Still).velocities.is_empty());
     assert!(solver.regions().is_empty());
     assert!(solver.solve(&readout(), &[], &Still).velocities.is_empty());
-    // Nor is there one that is not a number.
+    // An invalid path gives zero, not NaN.
     let wild = flow(PERIOD, |_, _, _| Vector2::new(f64::NAN, 1e300), |_| SURE);
     let flows = [FrameFlow { field: &wild, interval: PERIOD }];
-    let cells = solver.solve(&readout(), &flows, &Nowhere);
+    let cells = solver.solve(&readout(), &flows, &InvalidPath);
     assert!(cells.velocities.iter().flatten().all(|value| *value == 0.0));
 }
 
 #[test]
-fn what_a_vibrating_path_explains_is_no_residual() {
-    /// A shift to and fro, 2.3 cycles to a readout.
+fn a_vibration_explained_by_the_path_leaves_no_residual() {
+    /// An oscillation of 2.3 cycles per readout.
     struct Vibration;
 
     fn shift(time: f64) -> f64 {
@@ -213,9 +213,9 @@ fn what_a_vibrating_path_explains_is_no_residual() {
 }
 
 #[test]
-fn a_readout_next_to_none_leaves_next_to_no_error() {
-    // What is known along an edge alone, each neighbour some 10⁴ readouts away: information too large for f32 to hold what
-    // is known across it beside.
+fn a_very_short_readout_has_a_very_small_error() {
+    // Information across an edge only, each neighbour some 10⁴ readouts away: the information in the other
+    // direction is lost to rounding in f32.
     let readout =
         Readout::new(640, 480, ReadoutDirection::TopToBottom, ReadoutTime::Seconds(8e-5 * PERIOD), PERIOD);
     let still = flow(PERIOD, |_, _, _| Vector2::zeros(), |_| (1.0, [3000.0, 9000.0, 27000.0]));

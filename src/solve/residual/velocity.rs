@@ -1,6 +1,6 @@
-//! Flow less path: the residual velocity of each cell, and how well it is known.
+//! Flow minus path: the residual velocity of each cell, and its information.
 
-use super::diffuse::Known;
+use super::diffuse::VelocityEstimate;
 use super::frame_flow::FrameFlow;
 use super::path::Path;
 use crate::flow::FlowField;
@@ -8,50 +8,53 @@ use crate::parallel::*;
 use crate::readout::Readout;
 use nalgebra::{Matrix3, Vector2};
 
-/// Pixels in a readout, at most, that a part of a picture moves by beside the whole: more cannot be squared and weighed
-/// in `f32`, and is no measurement.
-pub(super) const FASTEST: f32 = 1e6;
+/// Largest residual velocity in pixels per readout: larger values are outliers, and their weighted squares
+/// overflow `f32`.
+pub(super) const MAX_SPEED: f32 = 1e6;
 
-/// Readouts from a frame to a neighbour, at most, and their inverse at least, for the same reason.
-const FARTHEST: f32 = 1e6;
+/// Largest interval from a frame to a neighbour in readouts, and inverse of the smallest, for the same
+/// reason.
+const MAX_INTERVAL: f32 = 1e6;
 
-/// What the flow to one neighbour says.
+/// Residual velocities from the flow to one neighbour.
 #[derive(Debug, Default)]
-pub(super) struct Side {
-    /// Readouts from the frame to the neighbour; negative for the frame before.
+pub(super) struct NeighbourFlow {
+    /// Interval from the frame to the neighbour in readouts; negative for the previous frame.
     ahead: f32,
-    /// Velocity in pixels per readout and its information, of each cell.
+    /// Velocity in pixels per readout and its information (xx, xy, yy), per cell.
     cells: Vec<([f32; 2], [f32; 3])>,
 }
 
-/// The path at the instants at which the lines of a neighbour are exposed: homographies from the first instant to
-/// each, linear between equidistant ones. Of a vibration of 7 px at 2.3 cycles a readout that is right to 0.01 px.
-struct Arrivals {
+/// The path at the instants at which the lines of a neighbour are exposed: homographies from the first
+/// instant to equidistant ones, interpolated linearly. The error for a vibration of 7 px at 2.3 cycles a
+/// readout is 0.01 px.
+struct ArrivalPath {
     /// Seconds.
     first: f64,
     step: f64,
     homographies: Vec<Matrix3<f64>>,
 }
 
-impl Arrivals {
-    /// Instants to a readout.
-    const EVERY: f64 = 128.0;
-    /// Readouts before the first line's exposure and after the last one's that are covered: points leave the frame.
-    const BEYOND: f64 = 0.25;
+impl ArrivalPath {
+    /// Samples per readout.
+    const SAMPLES_PER_READOUT: f64 = 128.0;
+    /// Margin before the first line's exposure and after the last one's, in readouts, for points that leave
+    /// the frame.
+    const MARGIN: f64 = 0.25;
 
     fn new(interval: f64, readout: f64, until: impl Fn(f64) -> Matrix3<f64> + Sync) -> Self {
-        let (first, step) = (interval - Self::BEYOND * readout, readout / Self::EVERY);
-        let count = (Self::EVERY * (1.0 + 2.0 * Self::BEYOND)) as usize + 2;
+        let (first, step) = (interval - Self::MARGIN * readout, readout / Self::SAMPLES_PER_READOUT);
+        let count = (Self::SAMPLES_PER_READOUT * (1.0 + 2.0 * Self::MARGIN)) as usize + 2;
         let homographies =
             (0..count).into_par_iter().with_min_len(32).map(|index| until(first + index as f64 * step));
         Self { first, step, homographies: homographies.collect() }
     }
 
-    /// The homography from the first instant to a time; the outermost ones go on.
+    /// The homography from the first instant to a time; constant beyond the outermost samples.
     fn at(&self, time: f64) -> Option<Matrix3<f64>> {
         let last = self.homographies.len().checked_sub(2)?;
         let at = ((time - self.first) / self.step).clamp(0.0, last as f64);
-        // Not a number becomes 0.
+        // NaN becomes 0.
         let index = at as usize;
         let [a, b] = self.homographies.get(index..)?.first_chunk()?;
         let share = at - index as f64;
@@ -59,20 +62,20 @@ impl Arrivals {
     }
 }
 
-impl Side {
-    /// Takes the flow to a neighbour, less what the path explains of it.
+impl NeighbourFlow {
+    /// Computes the residual velocities of the flow to a neighbour.
     pub(super) fn fill(&mut self, readout: &Readout, flow: &FrameFlow<'_>, path: &impl Path) {
         let field = flow.field;
         let (columns, rows) = (field.columns(), field.rows());
         self.ahead = (flow.interval / readout.time) as f32;
         self.cells.clear();
         self.cells.resize(columns * rows, Default::default());
-        if !(self.ahead.abs() < FARTHEST && self.ahead.abs() > FARTHEST.recip()) {
+        if !(self.ahead.abs() < MAX_INTERVAL && self.ahead.abs() > MAX_INTERVAL.recip()) {
             return;
         }
-        let arrivals = Arrivals::new(flow.interval, readout.time, |time| path.until(time));
+        let arrivals = ArrivalPath::new(flow.interval, readout.time, |time| path.until(time));
         let by_rows = readout.direction.is_by_rows();
-        // All cells of a line are exposed at once.
+        // All cells of a line have the same exposure time.
         let start = |line: usize| {
             let [x, y] = if by_rows { field.centre(0, line) } else { field.centre(line, 0) };
             let time = readout.offset(x, y);
@@ -87,12 +90,12 @@ impl Side {
             let to = flow.interval + readout.offset(there.x, there.y);
             let at_first = back * here.push(1.0);
             let carried = arrivals.at(to)? * at_first;
-            // Readouts between the two exposures.
-            let apart = ((to - from) / readout.time) as f32;
-            let velocity = (there - carried.xy() / carried.z).cast::<f32>() / apart;
-            let weight = cell.confidence * apart * apart;
-            let is_sound = velocity.x.abs() < FASTEST && velocity.y.abs() < FASTEST && weight.is_finite();
-            is_sound.then(|| (velocity.into(), cell.information.map(|value| value * weight)))
+            // Time between the two exposures in readouts.
+            let interval = ((to - from) / readout.time) as f32;
+            let velocity = (there - carried.xy() / carried.z).cast::<f32>() / interval;
+            let weight = cell.confidence * interval * interval;
+            let is_valid = velocity.x.abs() < MAX_SPEED && velocity.y.abs() < MAX_SPEED && weight.is_finite();
+            is_valid.then(|| (velocity.into(), cell.information.map(|value| value * weight)))
         };
         self.cells.par_chunks_mut(columns.max(1)).enumerate().for_each(|(row, cells)| {
             for (column, cell) in cells.iter_mut().enumerate() {
@@ -101,31 +104,38 @@ impl Side {
         });
     }
 
-    /// By what the flow to the neighbour and a velocity differ in a cell, squared, in px² per readout²; `None` where the flow
-    /// says no more than `least`.
-    pub(super) fn difference(&self, index: usize, velocity: [f32; 2], least: f32) -> Option<f32> {
+    /// Squared difference between a velocity and that of the flow to the neighbour in a cell, in px² per
+    /// readout²; `None` if the trace of the flow's information is at most `least`.
+    pub(super) fn squared_residual(&self, index: usize, velocity: [f32; 2], least: f32) -> Option<f32> {
         let (own, [xx, _, yy]) = self.cells.get(index)?;
-        let apart = [own[0] - velocity[0], own[1] - velocity[1]];
-        (xx + yy > least).then_some(apart[0] * apart[0] + apart[1] * apart[1])
+        let difference = [own[0] - velocity[0], own[1] - velocity[1]];
+        (xx + yy > least).then_some(difference[0] * difference[0] + difference[1] * difference[1])
     }
 }
 
-/// The velocity of each cell from its exposure to the middle of the readout, as one or two neighbours have it.
+/// The mean velocity of each cell between its exposure and the middle of the readout, from one or two
+/// neighbours.
 ///
-/// The mean velocity until a neighbour is that at half the time until then; what is wanted is that at half the time until
-/// the middle of the readout: on the line through the two, where both are known alike, and else their mean.
-pub(super) fn joined(readout: &Readout, field: &FlowField, sides: &[Side], out: &mut Vec<Known>) {
+/// The mean velocity over the interval to a neighbour is that at half the interval. The velocity at half the
+/// time to the middle of the readout is interpolated linearly between the two if their information is
+/// similar, and tends to their weighted mean otherwise.
+pub(super) fn combine(
+    readout: &Readout,
+    field: &FlowField,
+    sides: &[NeighbourFlow],
+    out: &mut Vec<VelocityEstimate>,
+) {
     out.clear();
     let (Some(first), last) = (sides.first(), sides.last()) else { return };
     let second = last.filter(|_| sides.len() > 1);
     out.extend(first.cells.iter().enumerate().map(|(index, (velocity, information))| {
-        let own = Known::new(*information, *velocity);
+        let own = VelocityEstimate::new(*information, *velocity);
         let Some((second, (other_velocity, other_information))) =
             second.and_then(|second| Some((second, second.cells.get(index)?)))
         else {
             return own;
         };
-        let other = Known::new(*other_information, *other_velocity);
+        let other = VelocityEstimate::new(*other_information, *other_velocity);
         let both = own.plus(other);
         let least = own.trace().min(other.trace());
         if least <= 0.0 {
@@ -136,10 +146,10 @@ pub(super) fn joined(readout: &Readout, field: &FlowField, sides: &[Side], out: 
         let along = ((0.5 - share - first.ahead) / (second.ahead - first.ahead)).clamp(-0.5, 1.5);
         let balance = (4.0 * least / both.trace()).min(1.0);
         let mean = both.plus_prior(1e-6 * both.trace()).value();
-        let towards = [0, 1].map(|axis| {
+        let interpolated = [0, 1].map(|axis| {
             let line = velocity[axis] + (other_velocity[axis] - velocity[axis]) * along;
             mean[axis] + balance * (line - mean[axis])
         });
-        both.with_value(towards)
+        both.with_value(interpolated)
     }));
 }

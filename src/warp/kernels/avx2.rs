@@ -1,11 +1,10 @@
-//! Both passes with AVX2: 8-bit samples, 1 to 4 a pixel, bit for bit as in `scalar`.
+//! Both passes with AVX2: 8-bit samples, 1 to 4 per pixel, bit-exact with `scalar`.
 //!
-//! A block of 16 pixels with a step of n samples is n vectors of 16 samples. [`Lanes`] says for each
-//! vector which half of the block a lane belongs to and how far along it; after that all steps
-//! are the same: position → whole part and fraction → weights → taps. A tap is a vector at a
-//! constant distance from the one before (a row in the vertical pass, a pixel in the horizontal
-//! one); where the whole part varies inside a block, the vectors of the next whole part are
-//! blended in.
+//! A block of 16 pixels with a step of n samples is n vectors of 16 samples. [`LaneMap`] maps each lane of a
+//! vector to a half of the block and its position along it; all further operations are the same for all
+//! steps: position → integer part and fraction → weights → taps. A tap is a vector at a constant distance
+//! from the previous one (a row in the vertical pass, a pixel in the horizontal one); if the integer part
+//! varies inside a block, the vectors of the next integer part are blended in.
 
 use super::passes::{Passes, with_kernel};
 use super::scalar::{self, Fixed};
@@ -18,25 +17,25 @@ use crate::warp::weights::{
 };
 use std::arch::x86_64::*;
 
-/// The largest step that is served.
+/// The largest supported step.
 pub(super) const MAX_STEP: usize = 4;
 
-/// Where the 16 lanes of one vector of a block lie.
+/// The pixels of a block to which the 16 lanes of one vector belong.
 #[repr(C, align(32))]
-pub(super) struct Lanes {
+pub(super) struct LaneMap {
     /// Byte shuffle that gives each lane the start of its half of the block.
     start: [u8; 32],
     /// The same for the change.
     change: [u8; 32],
-    /// How far along its half a lane lies, times 2¹⁵.
+    /// Position of a lane along its half, 0 to 1, times 2¹⁵.
     ramp: [i16; 16],
 }
 
-/// `LANES[step − 1][vector]`.
-pub(super) static LANES: [[Lanes; MAX_STEP]; MAX_STEP] = [lanes(1), lanes(2), lanes(3), lanes(4)];
+/// `LANE_MAPS[step − 1][vector]`.
+pub(super) static LANE_MAPS: [[LaneMap; MAX_STEP]; MAX_STEP] = [lanes(1), lanes(2), lanes(3), lanes(4)];
 
-const fn lanes(step: usize) -> [Lanes; MAX_STEP] {
-    const EMPTY: Lanes = Lanes { start: [0; 32], change: [0; 32], ramp: [0; 16] };
+const fn lanes(step: usize) -> [LaneMap; MAX_STEP] {
+    const EMPTY: LaneMap = LaneMap { start: [0; 32], change: [0; 32], ramp: [0; 16] };
     let mut table = [EMPTY; MAX_STEP];
     let mut sample = 0;
     while sample < BLOCK * step {
@@ -53,7 +52,7 @@ const fn lanes(step: usize) -> [Lanes; MAX_STEP] {
     table
 }
 
-/// A kernel whose weights are made in vectors.
+/// A kernel whose weights are computed in vectors.
 trait VectorKernel: Kernel {
     /// As [`Kernel::fixed`], for 16 fractions.
     ///
@@ -104,14 +103,14 @@ impl VectorKernel for Cubic {
 }
 
 impl VectorKernel for Lanczos {
-    /// The weights of each fraction lie in one row of the table: 16 rows are read and transposed, which takes no
-    /// gathers, slow on many CPUs.
+    /// The weights of each fraction are one row of the table: 16 rows are read and transposed, to avoid
+    /// gathers, which are slow on many CPUs.
     #[inline(always)]
     unsafe fn weights(fraction: __m256i) -> [__m256i; MAX_TAPS] {
         let table = Lanczos::table();
         debug_assert!(table.len() >= (ONE as usize - 1) * MAX_TAPS + 8);
-        // SAFETY: the caller's promise; masked, a fraction is that of one of the rows, and 8 numbers may be read
-        // from the first of each on.
+        // SAFETY: the caller's promise; a masked fraction is the index of a row, and 8 numbers can be read at
+        // the start of each.
         unsafe {
             let mut rows = [0u16; 16];
             let fraction = _mm256_and_si256(fraction, _mm256_set1_epi16(ONE as i16 - 1));
@@ -144,7 +143,7 @@ impl VectorKernel for Lanczos {
 }
 
 /// Vectors of 16 factors for `mulhrs`, at a constant distance from one another.
-trait Taps: Copy {
+trait TapVectors: Copy {
     /// The factors of tap `index`.
     ///
     /// # Safety
@@ -154,9 +153,9 @@ trait Taps: Copy {
 
 /// Rows of bytes, as factors times 2⁷.
 #[derive(Clone, Copy)]
-struct Rows(*const u8, usize);
+struct ByteRows(*const u8, usize);
 
-impl Taps for Rows {
+impl TapVectors for ByteRows {
     #[inline(always)]
     unsafe fn load(self, index: usize) -> __m256i {
         // SAFETY: the caller's promise.
@@ -167,11 +166,11 @@ impl Taps for Rows {
     }
 }
 
-/// Neighbours in the row between the passes.
+/// Neighbouring samples in the row between the passes.
 #[derive(Clone, Copy)]
-struct Pixels(*const i16, usize);
+struct PixelTaps(*const i16, usize);
 
-impl Taps for Pixels {
+impl TapVectors for PixelTaps {
     #[inline(always)]
     unsafe fn load(self, index: usize) -> __m256i {
         // SAFETY: the caller's promise.
@@ -179,12 +178,12 @@ impl Taps for Pixels {
     }
 }
 
-/// Displacements of the 16 lanes less the block's first whole one, in 1/[`ONE`] px.
+/// Displacements of the 16 lanes less the block's least integer displacement, in 1/[`ONE`] px.
 ///
 /// # Safety
 /// The CPU must have AVX2.
 #[inline(always)]
-pub(super) unsafe fn positions(block: &Block, lanes: &Lanes) -> __m256i {
+pub(super) unsafe fn positions(block: &Block, lanes: &LaneMap) -> __m256i {
     // SAFETY: the block's first 8 bytes are its starts and changes; lanes are aligned to 32 bytes.
     unsafe {
         let halves = _mm256_set1_epi64x(std::ptr::from_ref(block).cast::<i64>().read_unaligned());
@@ -200,7 +199,7 @@ pub(super) unsafe fn positions(block: &Block, lanes: &Lanes) -> __m256i {
 /// # Safety
 /// `taps` 0 to `K::TAPS − 1 + span` must be readable, and the CPU must have AVX2.
 #[inline(always)]
-unsafe fn sum<K: VectorKernel>(taps: impl Taps, block: &Block, lanes: &Lanes) -> __m256i {
+unsafe fn sum<K: VectorKernel>(taps: impl TapVectors, block: &Block, lanes: &LaneMap) -> __m256i {
     // SAFETY: the caller's promise.
     unsafe {
         let position = positions(block, lanes);
@@ -210,7 +209,7 @@ unsafe fn sum<K: VectorKernel>(taps: impl Taps, block: &Block, lanes: &Lanes) ->
         for (tap, samples) in samples.iter_mut().enumerate().take(K::TAPS) {
             *samples = taps.load(tap);
         }
-        // A block spans 14 whole displacements at most: the limit is below 2¹⁵.
+        // A block spans at most 14 integer displacements: the limit is below 2¹⁵.
         for more in 1..=block.span as usize {
             let limit = _mm256_set1_epi16(more as i16 * ONE as i16 - 1);
             let further = _mm256_cmpgt_epi16(position, limit);
@@ -226,7 +225,7 @@ unsafe fn sum<K: VectorKernel>(taps: impl Taps, block: &Block, lanes: &Lanes) ->
     }
 }
 
-/// `STEP` is the plane's: known beforehand, what lies around a block's few instructions is as few.
+/// `STEP` is the plane's step, a constant so that the loop around a block's few instructions is unrolled.
 ///
 /// # Safety
 /// The CPU must have AVX2.
@@ -242,10 +241,10 @@ unsafe fn vertical<K: VectorKernel, const STEP: usize>(
         let window = task.window::<K>(index, patch);
         let last = window.offset + (K::TAPS - 1 + block.span as usize) * window.stride;
         let bytes = &window.bytes[window.offset..last + BLOCK * STEP];
-        for (vector, lanes) in LANES[STEP - 1].iter().enumerate().take(STEP) {
+        for (vector, lanes) in LANE_MAPS[STEP - 1].iter().enumerate().take(STEP) {
             // SAFETY: `bytes` holds 16 · STEP samples in each row of the window, `out` 16 · STEP numbers.
             unsafe {
-                let taps = Rows(bytes.as_ptr().add(16 * vector), window.stride);
+                let taps = ByteRows(bytes.as_ptr().add(16 * vector), window.stride);
                 let sum = sum::<K>(taps, block, lanes);
                 _mm256_storeu_si256(out.as_mut_ptr().add(16 * vector).cast(), sum);
             }
@@ -253,7 +252,7 @@ unsafe fn vertical<K: VectorKernel, const STEP: usize>(
     }
 }
 
-/// `STEP` is that of the samples between the passes.
+/// `STEP` is the step of the samples between the passes.
 ///
 /// # Safety
 /// The CPU must have AVX2.
@@ -289,10 +288,10 @@ unsafe fn horizontal_block<K: VectorKernel, const STEP: usize>(
     let at = ((index * BLOCK) as isize + block.first as isize + K::FIRST - task.column) as usize * STEP;
     let read = &task.middle[at..at + (BLOCK + K::TAPS - 1 + block.span as usize) * STEP];
     let out = &mut out[..BLOCK * STEP];
-    for (vector, lanes) in LANES[STEP - 1].iter().enumerate().take(STEP) {
+    for (vector, lanes) in LANE_MAPS[STEP - 1].iter().enumerate().take(STEP) {
         // SAFETY: `read` holds 16 · STEP samples from each tap on, `out` 16 · STEP bytes.
         unsafe {
-            let taps = Pixels(read.as_ptr().add(16 * vector), STEP);
+            let taps = PixelTaps(read.as_ptr().add(16 * vector), STEP);
             let sum = _mm256_add_epi16(sum::<K>(taps, block, lanes), _mm256_set1_epi16(16));
             let sum = _mm256_srai_epi16::<5>(sum);
             let bytes = _mm_packus_epi16(_mm256_castsi256_si128(sum), _mm256_extracti128_si256::<1>(sum));
@@ -301,7 +300,7 @@ unsafe fn horizontal_block<K: VectorKernel, const STEP: usize>(
     }
 }
 
-/// Writes the own samples of a block, 16 pixels or what is left of the row.
+/// Writes the view's own samples of a block, 16 pixels or the rest of the row.
 fn scatter(block: &[u8], step: usize, task: &Horizontal<'_, i16>, pixel: usize, row: &mut [u8]) {
     let output = task.output;
     let pixels = row[pixel * output.step..].chunks_mut(output.step).take(task.width - pixel);
@@ -310,7 +309,7 @@ fn scatter(block: &[u8], step: usize, task: &Horizontal<'_, i16>, pixel: usize, 
     }
 }
 
-/// As [`scalar::knots`], eight knots at a time and the rest there.
+/// As [`scalar::knots`], eight knots at a time; the remainder by the scalar function.
 pub(super) fn knots(_: Avx2, nodes: &[f32], weights: [f32; 4], round: f32, knots: &mut [i32]) {
     let columns = knots.len();
     assert!(nodes.len() >= 4 * columns);

@@ -1,10 +1,10 @@
-//! Both passes with AVX2: 16-bit words, 1 to 4 a pixel, in `f32` and in the order of `scalar`, so
-//! that the results are the same bit for bit.
+//! Both passes with AVX2: 16-bit words, 1 to 4 per pixel, in `f32` and in the order of `scalar`, so
+//! that the results are bit-exact.
 //!
 //! As in `avx2`, with 8 lanes: cubic, 24 instructions for positions and weights, 4 × 5 (vertical)
 //! or 4 × 3 (horizontal) for the taps: some 80 for both passes of 8 samples.
 
-use super::avx2::{LANES, Lanes, MAX_STEP, positions};
+use super::avx2::{LANE_MAPS, LaneMap, MAX_STEP, positions};
 use super::passes::{Passes, with_kernel};
 use super::scalar::Float;
 use super::task::{Horizontal, Vertical};
@@ -14,8 +14,8 @@ use crate::warp::settings::Interpolation;
 use crate::warp::weights::{Cubic, Kernel, Linear, Nearest, ONE};
 use std::arch::x86_64::*;
 
-/// A kernel whose weights are made in vectors.
-trait VectorKernel: Kernel {
+/// A kernel whose weights are computed in vectors.
+trait FloatVectorKernel: Kernel {
     /// As [`Kernel::float`], for 8 fractions already divided by [`ONE`].
     ///
     /// # Safety
@@ -23,7 +23,7 @@ trait VectorKernel: Kernel {
     unsafe fn weights(t: __m256) -> [__m256; 4];
 }
 
-impl VectorKernel for Nearest {
+impl FloatVectorKernel for Nearest {
     #[inline(always)]
     unsafe fn weights(_: __m256) -> [__m256; 4] {
         // SAFETY: the caller's promise.
@@ -31,7 +31,7 @@ impl VectorKernel for Nearest {
     }
 }
 
-impl VectorKernel for Linear {
+impl FloatVectorKernel for Linear {
     #[inline(always)]
     unsafe fn weights(t: __m256) -> [__m256; 4] {
         // SAFETY: the caller's promise.
@@ -39,7 +39,7 @@ impl VectorKernel for Linear {
     }
 }
 
-impl VectorKernel for Cubic {
+impl FloatVectorKernel for Cubic {
     #[inline(always)]
     unsafe fn weights(t: __m256) -> [__m256; 4] {
         // SAFETY: the caller's promise.
@@ -57,17 +57,17 @@ impl VectorKernel for Cubic {
 }
 
 /// Vectors of 8 samples at a constant distance from one another.
-trait Taps: Copy {
+trait FloatTapVectors: Copy {
     /// # Safety
     /// 8 samples must be readable at tap `index`, and the CPU must have AVX2.
     unsafe fn load(self, index: usize) -> __m256;
 }
 
-/// Rows of words: where they start, bytes between them, and the format's shift.
+/// Rows of words: start, bytes between rows, and the format's shift.
 #[derive(Clone, Copy)]
-struct Rows(*const u8, usize, __m128i);
+struct WordRows(*const u8, usize, __m128i);
 
-impl Taps for Rows {
+impl FloatTapVectors for WordRows {
     #[inline(always)]
     unsafe fn load(self, index: usize) -> __m256 {
         // SAFETY: the caller's promise.
@@ -78,11 +78,11 @@ impl Taps for Rows {
     }
 }
 
-/// Neighbours in the row between the passes.
+/// Neighbouring samples in the row between the passes.
 #[derive(Clone, Copy)]
-struct Pixels(*const f32, usize);
+struct FloatTaps(*const f32, usize);
 
-impl Taps for Pixels {
+impl FloatTapVectors for FloatTaps {
     #[inline(always)]
     unsafe fn load(self, index: usize) -> __m256 {
         // SAFETY: the caller's promise.
@@ -95,7 +95,7 @@ impl Taps for Pixels {
 /// # Safety
 /// The CPU must have AVX2.
 #[inline(always)]
-unsafe fn halves(block: &Block, lanes: &Lanes) -> [__m256i; 2] {
+unsafe fn halves(block: &Block, lanes: &LaneMap) -> [__m256i; 2] {
     // SAFETY: the caller's promise.
     unsafe {
         let all = positions(block, lanes);
@@ -109,7 +109,7 @@ unsafe fn halves(block: &Block, lanes: &Lanes) -> [__m256i; 2] {
 /// # Safety
 /// `taps` 0 to `K::TAPS − 1 + span` must be readable, and the CPU must have AVX2.
 #[inline(always)]
-unsafe fn sum<K: VectorKernel>(taps: impl Taps, position: __m256i, span: usize) -> __m256 {
+unsafe fn sum<K: FloatVectorKernel>(taps: impl FloatTapVectors, position: __m256i, span: usize) -> __m256 {
     // SAFETY: the caller's promise.
     unsafe {
         let fraction = _mm256_and_si256(position, _mm256_set1_epi32(ONE - 1));
@@ -137,7 +137,7 @@ unsafe fn sum<K: VectorKernel>(taps: impl Taps, position: __m256i, span: usize) 
 /// # Safety
 /// The CPU must have AVX2.
 #[target_feature(enable = "avx2")]
-unsafe fn vertical<K: VectorKernel>(task: &Vertical<'_>, patch: &mut Vec<u8>, middle: &mut Vec<f32>) {
+unsafe fn vertical<K: FloatVectorKernel>(task: &Vertical<'_>, patch: &mut Vec<u8>, middle: &mut Vec<f32>) {
     let layout = task.plane.layout();
     let step = layout.step;
     let shift = _mm_cvtsi32_si128(layout.format.shift() as i32);
@@ -147,11 +147,11 @@ unsafe fn vertical<K: VectorKernel>(task: &Vertical<'_>, patch: &mut Vec<u8>, mi
         let (window, span) = (task.window::<K>(index, patch), block.span as usize);
         let last = window.offset + (K::TAPS - 1 + span) * window.stride;
         let bytes = &window.bytes[window.offset..last + 2 * BLOCK * step];
-        for (vector, (out, lanes)) in out.chunks_exact_mut(16).zip(&LANES[step - 1]).enumerate() {
+        for (vector, (out, lanes)) in out.chunks_exact_mut(16).zip(&LANE_MAPS[step - 1]).enumerate() {
             // SAFETY: `bytes` holds 16 · step words in each row of the window, `out` 16 numbers.
             unsafe {
                 for (half, position) in halves(block, lanes).into_iter().enumerate() {
-                    let taps = Rows(bytes.as_ptr().add(32 * vector + 16 * half), window.stride, shift);
+                    let taps = WordRows(bytes.as_ptr().add(32 * vector + 16 * half), window.stride, shift);
                     _mm256_storeu_ps(out.as_mut_ptr().add(8 * half), sum::<K>(taps, position, span));
                 }
             }
@@ -162,21 +162,22 @@ unsafe fn vertical<K: VectorKernel>(task: &Vertical<'_>, patch: &mut Vec<u8>, mi
 /// # Safety
 /// The CPU must have AVX2.
 #[target_feature(enable = "avx2")]
-unsafe fn horizontal<K: VectorKernel>(task: &Horizontal<'_, f32>, row: &mut [u8]) {
+unsafe fn horizontal<K: FloatVectorKernel>(task: &Horizontal<'_, f32>, row: &mut [u8]) {
     let step = task.step;
     let mut stored = [0u16; 16 * MAX_STEP];
     for (index, block) in task.blocks.iter().enumerate() {
         let (pixel, span) = (index * BLOCK, block.span as usize);
         let at = (pixel as isize + block.first as isize + K::FIRST - task.column) as usize * step;
         let read = &task.middle[at..at + (BLOCK + K::TAPS - 1 + span) * step];
-        for (vector, (out, lanes)) in stored.chunks_exact_mut(16).zip(&LANES[step - 1]).take(step).enumerate()
+        for (vector, (out, lanes)) in
+            stored.chunks_exact_mut(16).zip(&LANE_MAPS[step - 1]).take(step).enumerate()
         {
             // SAFETY: `read` holds 16 · step numbers from each tap on, `out` 16 words.
             unsafe {
                 let [low, high] = halves(block, lanes);
-                let taps = Pixels(read.as_ptr().add(16 * vector), step);
+                let taps = FloatTaps(read.as_ptr().add(16 * vector), step);
                 let low = sum::<K>(taps, low, span);
-                let high = sum::<K>(Pixels(taps.0.add(8), step), high, span);
+                let high = sum::<K>(FloatTaps(taps.0.add(8), step), high, span);
                 let words = words(low, high, task.output.max, task.output.shift);
                 _mm256_storeu_si256(out.as_mut_ptr().cast(), words);
             }
@@ -203,7 +204,7 @@ unsafe fn words(low: __m256, high: __m256, max: u16, shift: u32) -> __m256i {
     }
 }
 
-/// Writes the own samples of a block, 16 pixels or what is left of the row.
+/// Writes the view's own samples of a block, 16 pixels or the rest of the row.
 fn store(block: &[u16], task: &Horizontal<'_, f32>, pixel: usize, row: &mut [u8]) {
     let output = task.output;
     let (step, pixels) = (2 * output.step, BLOCK.min(task.width - pixel));

@@ -1,25 +1,24 @@
 //! The two passes of the warp, for each CPU level.
 //!
-//! Output row Y is the image of a curve y = Y + down(x, Y) through the frame. The *vertical* pass
-//! samples each column where the curve crosses it; the *horizontal* pass samples the row that
-//! comes of it at x = X + across(X, Y). This is two-pass resampling after Catmull and Smith: two
-//! times T taps a sample instead of T², memory read in order, no gathers. It is exact where the
-//! picture is a ramp, and its error is of the order of the 2D kernel's for the slopes that a
-//! rolling shutter makes (up to some 0.3).
+//! OutputFormat row Y is the image of a curve y = Y + down(x, Y) through the frame. The *vertical* pass
+//! samples each column where the curve crosses it; the *horizontal* pass samples the resulting row
+//! at x = X + across(X, Y). This is two-pass resampling after Catmull and Smith: 2·T taps per sample
+//! instead of T², memory read in order, no gathers. It is exact for linear ramps, and its error is of
+//! the order of the 2D kernel's for the slopes due to a rolling shutter (up to some 0.3).
 //!
-//! 8-bit samples: values times 2⁷, weights times 2¹⁴, products rounded to 16 bits (`mulhrs`); between
-//! the passes 6 fraction bits are kept and 5 in the sum, so rounding costs at most 4/2⁷ + 4/2⁶ =
+//! 8-bit samples: values times 2⁷, weights times 2¹⁴, products rounded to 16 bits (`mulhrs`); there are
+//! 6 fraction bits between the passes and 5 in the sum, so the rounding error is at most 4/2⁷ + 4/2⁶ =
 //! 0.1 grey levels before the last rounding. All other samples: `f32`.
 //!
-//! Cubic, 8 bits, AVX2, a block of 16 samples where the whole displacement is constant: 5
-//! instructions for the positions, 14 for the weights, 4 × 4 (vertical) or 4 × 3 (horizontal) for the
-//! taps, some 4 for rounding and storing: 75 to 80 for both passes, 5 a sample; at three a cycle, 1.6
-//! cycles. Counted, with what leads to a block's samples and varying whole displacements: 85 (vertical) and
-//! 57 (horizontal), 9 a sample. Lanczos: 54 for the weights, which are rows of a table, and 6 taps; counted,
-//! 146 and 111, 16 a sample. Memory: one byte read and one written a sample, everything else stays in the L1 cache
-//! (a source row is read four times from there, two bytes a sample lie between the passes):
-//! 2 × 3.1 MB for 1080p I420, 0.4 ms at 15 GB/s. The floor is the arithmetic: 3.1 M × 1.6
-//! cycles = 5 M cycles, 1.6 ms on one core of 3.1 GHz.
+//! Cubic, 8 bits, AVX2, a block of 16 samples with a constant integer displacement: 5 instructions for
+//! the positions, 14 for the weights, 4 × 4 (vertical) or 4 × 3 (horizontal) for the taps, some 4 for
+//! rounding and storing: 75 to 80 for both passes, 5 per sample; at three per cycle, 1.6 cycles. Counted,
+//! with addressing and varying integer displacements: 85 (vertical) and 57 (horizontal), 9 per sample.
+//! Lanczos: 54 for the weights, which are rows of a table, and 6 taps; counted, 146 and 111, 16 per sample.
+//! Memory: one byte read and one written per sample, everything else is in the L1 cache (a source row is
+//! read four times from there, two bytes per sample between the passes): 2 × 3.1 MB for 1080p I420, 0.4 ms
+//! at 15 GB/s. The lower bound is the arithmetic: 3.1 M × 1.6 cycles = 5 M cycles, 1.6 ms on one core of
+//! 3.1 GHz.
 
 #[cfg(target_arch = "x86_64")]
 mod avx2;
@@ -36,9 +35,9 @@ use crate::cpu::CpuLevel;
 pub(super) use passes::Passes;
 use passes::with_kernel;
 pub(super) use scalar::{Fixed, Float};
-pub(super) use task::{Horizontal, Output, Vertical};
+pub(super) use task::{Horizontal, OutputFormat, Vertical};
 
-/// First and last tap, counted from the whole position, and the rounding of positions.
+/// First and last tap, relative to the integer position, and the rounding of positions.
 pub(super) fn reach(interpolation: Interpolation) -> (isize, isize, i32) {
     with_kernel!(interpolation, K => (K::FIRST, K::FIRST + K::TAPS as isize - 1, K::ROUND))
 }
@@ -53,7 +52,7 @@ pub(super) fn knots(level: CpuLevel, nodes: &[f32], weights: [f32; 4], round: f3
     scalar::knots(nodes, weights, round, knots);
 }
 
-/// Vertical pass of a row; `middle` is given the size it needs.
+/// Vertical pass of a row; `middle` is resized as needed.
 pub(super) fn vertical<A: Passes>(
     level: CpuLevel,
     interpolation: Interpolation,

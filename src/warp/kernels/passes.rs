@@ -1,4 +1,4 @@
-//! Which kernel makes a pass: by interpolation and by arithmetic.
+//! The kernel of a pass: by interpolation and by arithmetic.
 
 use super::scalar::Arithmetic;
 #[cfg(target_arch = "x86_64")]
@@ -8,8 +8,8 @@ use crate::cpu::Avx2;
 #[cfg(target_arch = "x86_64")]
 use crate::warp::settings::Interpolation;
 
-/// `$body` with `$kernel` bound to the type of an interpolation; another expression may stand for
-/// the kernel that is no vector kernel.
+/// `$body` with `$kernel` bound to the type of an interpolation. A separate expression can be given for
+/// Lanczos, if it has no vector kernel.
 macro_rules! with_kernel {
     ($interpolation:expr, $kernel:ident => $body:expr) => {
         with_kernel!($interpolation, $kernel => $body, Lanczos => {
@@ -39,7 +39,7 @@ pub(super) use with_kernel;
 
 /// Arithmetic whose passes may have vector kernels.
 pub(in crate::warp) trait Passes: Arithmetic {
-    /// The vertical pass; false, with nothing done, where there is no kernel for it.
+    /// The vertical pass; returns false and does nothing if there is no kernel for it.
     #[cfg(target_arch = "x86_64")]
     fn vertical_avx2(
         avx2: Avx2,
@@ -49,7 +49,7 @@ pub(in crate::warp) trait Passes: Arithmetic {
         middle: &mut Vec<Self::Number>,
     ) -> bool;
 
-    /// The horizontal pass; false, with nothing done, where there is no kernel for it.
+    /// The horizontal pass; returns false and does nothing if there is no kernel for it.
     #[cfg(target_arch = "x86_64")]
     fn horizontal_avx2(
         avx2: Avx2,

@@ -63,7 +63,7 @@ impl Arithmetic for Float {
     }
 }
 
-/// Samples each column at its own height.
+/// Samples each column at its own y.
 pub(super) fn vertical<A: Arithmetic, K: Kernel>(
     task: &Vertical<'_>,
     patch: &mut Vec<u8>,
@@ -108,7 +108,7 @@ pub(super) fn horizontal<A: Arithmetic, K: Kernel>(task: &Horizontal<'_, A::Numb
     }
 }
 
-/// Knots of a row from those of four rows of nodes.
+/// Knots of a row from four rows of nodes.
 pub(super) fn knots(nodes: &[f32], weights: [f32; 4], round: f32, knots: &mut [i32]) {
     let (a, rest) = nodes.split_at(knots.len());
     let (b, rest) = rest.split_at(knots.len());

@@ -1,4 +1,4 @@
-//! What a pass is given to make one output row.
+//! The input of a pass over one output row.
 
 use crate::plane::Plane;
 use crate::warp::blocks::Block;
@@ -7,11 +7,11 @@ use crate::warp::settings::BorderMode;
 /// One output row of the vertical pass.
 #[derive(Clone, Copy)]
 pub(in crate::warp) struct Vertical<'a> {
-    /// The plane that is read.
+    /// The source plane.
     pub plane: Plane<'a>,
-    /// What lies around it.
+    /// The picture outside of it.
     pub border: BorderMode,
-    /// Value outside for [`BorderMode::Constant`], one a channel.
+    /// Value outside for [`BorderMode::Constant`], one per channel.
     pub fill: [u16; 4],
     /// The output row.
     pub row: isize,
@@ -24,9 +24,9 @@ pub(in crate::warp) struct Vertical<'a> {
 /// One output row of the horizontal pass.
 #[derive(Clone, Copy)]
 pub(in crate::warp) struct Horizontal<'a, M> {
-    /// Samples from the vertical pass, `step` a pixel.
+    /// Samples from the vertical pass, `step` per pixel.
     pub middle: &'a [M],
-    /// The column of the first of them.
+    /// Column of the first sample.
     pub column: isize,
     /// Samples from one pixel to the next in `middle`.
     pub step: usize,
@@ -35,15 +35,15 @@ pub(in crate::warp) struct Horizontal<'a, M> {
     /// Pixels in the row.
     pub width: usize,
     /// How the output row is stored.
-    pub output: Output,
+    pub output: OutputFormat,
 }
 
 /// How the output row is stored.
 #[derive(Clone, Copy)]
-pub(in crate::warp) struct Output {
+pub(in crate::warp) struct OutputFormat {
     /// Bytes a sample: 1 or 2.
     pub bytes: usize,
-    /// Samples of a pixel that are written.
+    /// Samples written per pixel.
     pub channels: usize,
     /// Samples from one pixel to the next.
     pub step: usize,

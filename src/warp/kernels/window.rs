@@ -1,6 +1,6 @@
-//! The samples that a block of the vertical pass reads: in place where the plane has them, otherwise a copy with
-//! the plane's border. Counted for a cubic, the mean of all blocks that reach over an edge: 580 instructions where the
-//! picture moves by 12 px, 290 where it moves by 90 px and most of them lie wholly outside.
+//! The samples that a block of the vertical pass reads: in place if inside the plane, otherwise a copy with
+//! the plane's border. Counted for a cubic, mean of all blocks that extend beyond an edge: 580 instructions
+//! for a displacement of 12 px, 290 for 90 px, where most of them lie wholly outside.
 
 use super::task::Vertical;
 use crate::warp::blocks::BLOCK;
@@ -9,18 +9,18 @@ use crate::warp::settings::BorderMode;
 use crate::warp::weights::Kernel;
 
 /// The samples that one block of the vertical pass reads.
-pub(super) struct Window<'a> {
+pub(super) struct SourceWindow<'a> {
     pub bytes: &'a [u8],
-    /// Byte of pixel 0 in the first tap's row at the least displacement.
+    /// Byte offset of pixel 0 in the first tap's row at the least displacement.
     pub offset: usize,
-    /// Bytes from one row to the next; 0 where all rows show the same.
+    /// Bytes from one row to the next; 0 if all rows are identical.
     pub stride: usize,
 }
 
-/// Where the 16 pixels of a row of the window are in a row of the plane.
+/// Byte offsets of the 16 pixels of a row of the window in a row of the plane.
 #[expect(clippy::large_enum_variant, reason = "one at a time, on the stack")]
 enum Columns {
-    /// One after another from this byte on.
+    /// Contiguous, starting at this byte.
     InPlace(usize),
     /// All at this byte; `None` for the fill value.
     Single(Option<usize>),
@@ -31,7 +31,7 @@ enum Columns {
 impl Vertical<'_> {
     /// The window of block `index`: `taps + span` rows of 16 pixels.
     #[inline(always)]
-    pub(super) fn window<'a, K: Kernel>(&'a self, index: usize, patch: &'a mut Vec<u8>) -> Window<'a> {
+    pub(super) fn window<'a, K: Kernel>(&'a self, index: usize, patch: &'a mut Vec<u8>) -> SourceWindow<'a> {
         let layout = self.plane.layout();
         let rows = K::TAPS + self.blocks[index].span as usize;
         let top = self.row + self.blocks[index].first as isize + K::FIRST;
@@ -39,40 +39,40 @@ impl Vertical<'_> {
         let inside_rows = top >= 0 && top + rows as isize <= layout.height as isize;
         if inside_rows && left >= 0 && left + (BLOCK as isize) <= self.whole_pixels() {
             let offset = top as usize * layout.stride + left as usize * layout.step * layout.format.bytes();
-            return Window { bytes: self.plane.data(), offset, stride: layout.stride };
+            return SourceWindow { bytes: self.plane.data(), offset, stride: layout.stride };
         }
         self.border_window([left, top], rows, patch)
     }
 
-    /// Pixels of a row whose step ends within the row: the last one's may not.
+    /// Pixels of a row whose step ends within the row; that of the last one may not.
     #[inline(always)]
     fn whole_pixels(&self) -> isize {
         let layout = self.plane.layout();
         layout.width as isize - isize::from(layout.step > layout.channels)
     }
 
-    /// The window of `rows` rows of 16 pixels from (left, top) on, some of them outside the plane. Apart from the
-    /// above, which is done for each block, so that it does not weigh on those inside.
+    /// The window of `rows` rows of 16 pixels with top left pixel (left, top), some of them outside the
+    /// plane. Not inlined, to keep the common case small.
     #[inline(never)]
     fn border_window<'a>(
         &'a self,
         [left, top]: [isize; 2],
         rows: usize,
         patch: &'a mut Vec<u8>,
-    ) -> Window<'a> {
+    ) -> SourceWindow<'a> {
         let layout = self.plane.layout();
         let height = layout.height as isize;
-        // Unless mirrored, all rows beyond an edge show the same.
-        let alike = self.border != BorderMode::Mirror && (top >= height || top + rows as isize <= 0);
+        // Unless mirrored, all rows beyond an edge are identical.
+        let is_uniform = self.border != BorderMode::Mirror && (top >= height || top + rows as isize <= 0);
         let columns = self.columns(left);
         let shown = |row: isize| resolve(row, layout.height, self.border).map(|row| self.plane.row(row));
-        if let (true, Columns::InPlace(offset), Some(bytes)) = (alike, &columns, shown(top)) {
-            return Window { bytes, offset: *offset, stride: 0 };
+        if let (true, Columns::InPlace(offset), Some(bytes)) = (is_uniform, &columns, shown(top)) {
+            return SourceWindow { bytes, offset: *offset, stride: 0 };
         }
         let pixel = layout.step * layout.format.bytes();
-        let own = layout.channels * layout.format.bytes();
-        let (rows, stride) = if alike { (1, 0) } else { (rows, BLOCK * pixel) };
-        // What lies between a pixel's own samples may be anything.
+        let own_bytes = layout.channels * layout.format.bytes();
+        let (rows, stride) = if is_uniform { (1, 0) } else { (rows, BLOCK * pixel) };
+        // Samples of other views between a pixel's own samples are not initialised.
         let needed = rows * BLOCK * pixel;
         if patch.len() < needed {
             patch.resize(needed, 0);
@@ -81,7 +81,7 @@ impl Vertical<'_> {
             match (shown(row), &columns) {
                 (Some(row), Columns::InPlace(from)) => copy_row(&row[*from..*from + BLOCK * pixel], out),
                 (Some(row), Columns::Single(Some(at))) => {
-                    copy_pixel(&row[*at..], out, own);
+                    copy_pixel(&row[*at..], out, own_bytes);
                     repeat_first(out, pixel);
                 }
                 (Some(row), Columns::Listed(columns)) => self.copy_pixels(row, columns, out),
@@ -91,10 +91,10 @@ impl Vertical<'_> {
                 }
             }
         }
-        Window { bytes: patch, offset: 0, stride }
+        SourceWindow { bytes: patch, offset: 0, stride }
     }
 
-    /// Where the 16 pixels from column `left` on are.
+    /// The 16 pixels starting at column `left`.
     fn columns(&self, left: isize) -> Columns {
         let layout = self.plane.layout();
         let width = layout.width as isize;
@@ -111,10 +111,10 @@ impl Vertical<'_> {
 
     fn copy_pixels(&self, row: &[u8], columns: &[Option<usize>; BLOCK], out: &mut [u8]) {
         let layout = self.plane.layout();
-        let own = layout.channels * layout.format.bytes();
+        let own_bytes = layout.channels * layout.format.bytes();
         for (column, out) in columns.iter().zip(out.chunks_exact_mut(out.len() / BLOCK)) {
             match *column {
-                Some(at) => copy_pixel(&row[at..], out, own),
+                Some(at) => copy_pixel(&row[at..], out, own_bytes),
                 None => self.copy_fill(out),
             }
         }
@@ -132,20 +132,20 @@ impl Vertical<'_> {
     }
 }
 
-/// Copies the samples of a pixel, `own` bytes.
+/// Copies the view's own samples of a pixel, `own_bytes` in all.
 #[inline(always)]
-fn copy_pixel(pixel: &[u8], out: &mut [u8], own: usize) {
-    // A single byte is no call.
-    if own == 1 {
+fn copy_pixel(pixel: &[u8], out: &mut [u8], own_bytes: usize) {
+    // Avoids a call for a single byte.
+    if own_bytes == 1 {
         out[0] = pixel[0];
     } else {
-        out[..own].copy_from_slice(&pixel[..own]);
+        out[..own_bytes].copy_from_slice(&pixel[..own_bytes]);
     }
 }
 
 /// Copies 16 pixels.
 fn copy_row(pixels: &[u8], out: &mut [u8]) {
-    // A size known beforehand is a load and a store.
+    // A constant size compiles to a load and a store.
     match (<&[u8; BLOCK]>::try_from(pixels), <&mut [u8; BLOCK]>::try_from(&mut *out)) {
         (Ok(pixels), Ok(out)) => *out = *pixels,
         _ => out.copy_from_slice(pixels),
@@ -158,11 +158,11 @@ fn repeat_first(out: &mut [u8], pixel: usize) {
         *out = [out[0]; BLOCK];
         return;
     }
-    let mut known = pixel;
-    while known < out.len() {
-        let (from, to) = out.split_at_mut(known);
-        to[..known].copy_from_slice(from);
-        known *= 2;
+    let mut filled = pixel;
+    while filled < out.len() {
+        let (from, to) = out.split_at_mut(filled);
+        to[..filled].copy_from_slice(from);
+        filled *= 2;
     }
 }
 

@@ -1,15 +1,15 @@
-//! Positions: the inverse map as the kernels read it against an independent solution.
+//! Positions: the blocks of the inverse map against an independent solution.
 
 use super::*;
 use crate::warp::blocks::Block;
 use crate::warp::weights::ONE;
 
-/// The forward map, written out for a motion that is known in closed form.
+/// The forward map of a motion in closed form.
 pub(super) struct Truth<'a> {
     pub size: [f64; 2],
     pub direction: ReadoutDirection,
     pub settings: WarpSettings,
-    /// Where a point (centred) seen at the first share is at the second.
+    /// Moves a point (centred) from the first share to the second.
     pub carry: &'a dyn Fn([f64; 2], f64, f64) -> [f64; 2],
 }
 
@@ -23,7 +23,7 @@ impl Truth<'_> {
         }
     }
 
-    /// Where the frame's pixel is shown.
+    /// The output position of a pixel of the frame.
     pub fn forward(&self, x: f64, y: f64) -> [f64; 2] {
         let WarpSettings { strength, zoom, reference_row, .. } = self.settings;
         let centre = [(self.size[0] - 1.0) / 2.0, (self.size[1] - 1.0) / 2.0];
@@ -32,7 +32,7 @@ impl Truth<'_> {
         [0, 1].map(|axis| centre[axis] + zoom * (seen[axis] + strength * (moved[axis] - seen[axis])))
     }
 
-    /// The frame's pixel that is shown at (x, y): Newton with numeric derivatives.
+    /// The pixel of the frame at output (x, y): Newton with numeric derivatives.
     pub fn inverse(&self, x: f64, y: f64) -> [f64; 2] {
         let (mut u, mut v) = (x, y);
         for _ in 0..60 {
@@ -60,8 +60,8 @@ impl Truth<'_> {
     }
 }
 
-/// 25.11 written out: a rotation about c by the share that is left to the reference; `gamma` frames
-/// are read in a second, so that the twist is one a frame.
+/// 25.11: a rotation about c over the share from the exposure to the reference; at one frame a second, so
+/// that the twist is per frame, with the readout ratio `gamma`.
 fn turn(twist: Twist, gamma: f64) -> impl Fn([f64; 2], f64, f64) -> [f64; 2] {
     move |[x, y], from, to| {
         let time = (to - from) * gamma;
@@ -92,7 +92,7 @@ fn largest_error(truth: &Truth, path: &MotionPath, placement: Placement) -> f64 
     worst
 }
 
-/// Calls `check` with places of the output and where the frame shows them, in frame pixels.
+/// Calls `check` with output positions and the corresponding positions in the frame, in frame pixels.
 pub(super) fn for_each_sample(
     truth: &Truth,
     path: &MotionPath,
@@ -129,7 +129,7 @@ pub(super) const DIRECTIONS: [ReadoutDirection; 4] = [
 ];
 
 #[test]
-fn positions_are_right_to_a_hundredth_of_a_pixel() {
+fn positions_are_accurate_to_a_hundredth_of_a_pixel() {
     let twists = [
         Twist::new(0.2, 0.0, 0.0),
         Twist::new(-0.2, 60.0, -150.0),

@@ -1,4 +1,4 @@
-//! Kernels: every CPU level against plain Rust, and memory that must not be touched.
+//! Kernels: every CPU level against plain Rust, and memory that must not be written.
 
 use super::*;
 
@@ -153,8 +153,8 @@ fn hostile_motion_ends_and_stays_inside() {
 }
 
 #[test]
-fn planes_of_hardly_any_scale_are_alike_at_all_levels() {
-    // One plane pixel is no frame pixel at all: displacements are infinite, and differences of them no numbers.
+fn planes_of_a_scale_near_zero_agree_at_all_levels() {
+    // A scale near zero: displacements are infinite, and their differences NaN.
     let readout = readout(52, 11, ReadoutDirection::TopToBottom, 1.0);
     let motion = FrameMotion::new(readout, path(&readout, 0.3, 9.0, -4.0));
     let layout = PlaneLayout::packed(52, 11, SampleFormat::U8);
@@ -177,7 +177,7 @@ fn planes_of_hardly_any_scale_are_alike_at_all_levels() {
 }
 
 #[test]
-fn a_placement_that_is_none_is_refused() {
+fn an_invalid_placement_is_refused() {
     let layout = PlaneLayout::packed(70, 33, SampleFormat::U8);
     let (source, mut target) = ([9; 70 * 33], [0; 70 * 33]);
     for (scale, offset) in [

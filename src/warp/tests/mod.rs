@@ -43,7 +43,7 @@ fn picture(width: usize, height: usize, value: impl Fn(f64, f64) -> f64) -> Vec<
         .collect()
 }
 
-/// Repeatable pseudo-random numbers (xorshift).
+/// Reproducible pseudo-random numbers (xorshift).
 struct Random(u64);
 
 impl Random {

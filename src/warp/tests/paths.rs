@@ -1,4 +1,4 @@
-//! Positions under paths that vibrate and fields that move parts of the picture, against closed forms.
+//! Positions under vibrating paths and residual fields, against closed forms.
 
 use super::accuracy::{DIRECTIONS, Truth, for_each_sample};
 use super::*;
@@ -6,7 +6,7 @@ use crate::motion::{ResidualField, ResidualMesh, SampledPath};
 use nalgebra::{Matrix3, matrix};
 use std::f64::consts::TAU;
 
-/// A camera that trembles: the picture turns about its centre and slides, both at 2.3 cycles a frame.
+/// A camera vibration: the picture rotates about its centre and shifts, both at 2.3 cycles a frame.
 #[derive(Clone, Copy)]
 struct Vibration {
     gamma: f64,
@@ -54,8 +54,8 @@ fn field(size: [f64; 2], spacing: f64, velocity: impl Fn(f64, f64) -> [f64; 2]) 
     ResidualField::new(mesh, (0..columns * rows).map(node).collect()).unwrap()
 }
 
-/// The largest error in pixels, where the frame itself is shown: outside of it, before and after the
-/// readout, a sampled path goes on as it may.
+/// The largest error in pixels inside the frame: outside of it, before and after the readout, a sampled
+/// path is extrapolated.
 fn largest_error(truth: &Truth, path: &MotionPath) -> f64 {
     let mut worst: f64 = 0.0;
     let within = |at: f64, axis: usize| (0.0..=truth.size[axis] - 1.0).contains(&at);
@@ -96,7 +96,7 @@ fn a_pan_with_perspective_is_followed() {
         let ((s, c), (sr, cr)) = ((0.1 * share).sin_cos(), (0.05 * share).sin_cos());
         matrix![cr, -sr, 0.0; sr, cr, 0.0; 0.0, 0.0, 1.0] * matrix![c, 0.0, s; 0.0, 1.0, 0.0; -s, 0.0, c]
     };
-    // The ray that a pixel looks along, turned back.
+    // The ray of a pixel, rotated back.
     let carry = |[x, y]: [f64; 2], from: f64, to: f64| {
         let ray = turn(to).transpose() * (turn(from) * nalgebra::vector![x, y, f]);
         [f * ray.x / ray.z, f * ray.y / ray.z]
@@ -117,7 +117,7 @@ fn a_pan_with_perspective_is_followed() {
 fn smooth_fields_are_followed() {
     let vibration = Vibration { gamma: 0.7, angle: 0.003, shift: [3.0, 2.0] };
     let size = [640.0, 480.0];
-    // Bilinear, so that the mesh holds it exactly; up to 20 px a readout.
+    // Bilinear, so that the mesh represents it exactly; up to 20 px a readout.
     let velocity = |x: f64, y: f64| [4.0 + 0.02 * x - 0.03 * y + 4e-5 * x * y, -2.0 - 0.01 * x + 0.03 * y];
     let carry = |[x, y]: [f64; 2], from: f64, to: f64| {
         let ([gx, gy], v) = (vibration.carry([x, y], from, to), velocity(x, y));
@@ -128,7 +128,7 @@ fn smooth_fields_are_followed() {
         for (reference_row, strength) in [(0.5, 1.0), (0.0, 0.5), (1.0, 1.0)] {
             let settings = WarpSettings { reference_row, strength, ..WarpSettings::default() };
             let truth = Truth { size, direction, settings, carry: &carry };
-            // A mesh that reaches half a frame farther than the frame, as the closed form does.
+            // A mesh that extends half a frame beyond the frame, as the closed form does.
             let path = vibration.path().with_residual(field([1280.0, 960.0], 8.0, velocity));
             let error = largest_error(&truth, &path);
             assert!(error < 0.01, "{direction:?} {reference_row}: {error}");
@@ -141,7 +141,7 @@ fn smooth_fields_are_followed() {
 #[test]
 fn a_bump_is_followed_as_far_as_the_mesh_does() {
     let size = [1920.0, 1080.0];
-    // 6 px a readout, 400 px wide: between nodes 16 px apart the mesh is off by A·k²·16²/8 each way.
+    // 6 px a readout, 400 px wide: between nodes 16 px apart the mesh has an error of A·k²·16²/8 each way.
     let k = TAU / 400.0;
     let velocity = |x: f64, y: f64| [6.0 * (k * x).sin() * (k * y).cos(), 3.0 * (k * (x + y)).cos()];
     let mesh = 6.0 * k * k * 256.0 / 8.0 * 2.0;
@@ -157,13 +157,13 @@ fn a_bump_is_followed_as_far_as_the_mesh_does() {
     }
 }
 
-/// Something in the right half moves by (40, −24) px a readout before a background that stands still.
+/// A foreground in the right half moves by (40, −24) px a readout before a still background.
 fn edge(x: f64, _: f64) -> [f64; 2] {
     if x > 0.0 { [40.0, -24.0] } else { [0.0, 0.0] }
 }
 
 #[test]
-fn both_sides_of_an_edge_are_right() {
+fn both_sides_of_a_depth_edge_are_accurate() {
     let size = [640.0, 480.0];
     let path = MotionPath::STILL.with_residual(field(size, 8.0, edge));
     for direction in DIRECTIONS {
@@ -174,7 +174,8 @@ fn both_sides_of_an_edge_are_right() {
         let truth = Truth { size, direction, settings: WarpSettings::default(), carry: &carry };
         let mut checked = 0;
         for_each_sample(&truth, &path, Placement::FULL, |[x, y], [u, v]| {
-            // Within half of 40 px of the edge, and of what becomes of it, anything may be shown.
+            // Within half of 40 px of the depth edge, before or after the correction, any position is
+            // accepted.
             if (x - 319.5).abs() > 50.0 {
                 let [shown_x, shown_y] = truth.forward(u, v);
                 let error = (shown_x - x).hypot(shown_y - y);
@@ -187,8 +188,8 @@ fn both_sides_of_an_edge_are_right() {
 }
 
 #[test]
-fn an_edge_neither_tears_nor_folds_the_picture() {
-    // Edges along both axes, so that each readout sees what is covered and what is uncovered.
+fn a_depth_edge_neither_tears_nor_folds_the_picture() {
+    // Depth edges along both axes, for occlusion and disocclusion in each readout direction.
     let corner = |x: f64, y: f64| if x > 40.0 && y > -30.0 { [50.0, 40.0] } else { [-10.0, 0.0] };
     let size = [640, 480];
     let layout = PlaneLayout::packed(size[0], size[1], SampleFormat::U16);
@@ -198,7 +199,7 @@ fn an_edge_neither_tears_nor_folds_the_picture() {
         let mut warper = Warper::new();
         let settings = WarpSettings { interpolation: Interpolation::Linear, ..WarpSettings::default() };
         warper.solve(&FrameMotion::new(readout, path), &settings);
-        // Both coordinates of what is shown; displacements are 30 px at most, less at the border.
+        // Both frame coordinates; displacements are 30 px at most, less at the border.
         let [across, down] = picture::positions(&warper, layout, Placement::FULL);
         let at = |plane: &[f64], x: usize, y: usize| plane[y * size[0] + x];
         for (x, y) in (40..600).flat_map(|x| (40..440).map(move |y| (x, y))) {
@@ -215,7 +216,7 @@ fn an_edge_neither_tears_nor_folds_the_picture() {
 
 #[test]
 fn strength_fades_in_proportion() {
-    // A vibration, which a share of the readout would not fade: there and back.
+    // A vibration, which a share of the readout time would not fade, as it reverses.
     let vibration = Vibration { gamma: 1.0, angle: 0.0, shift: [12.0, 0.0] };
     let size = [640.0, 480.0];
     let shown = |strength: f64| {
@@ -227,7 +228,7 @@ fn strength_fades_in_proportion() {
         for_each_sample(&truth, &vibration.path(), Placement::FULL, |[x, _], [u, _]| moved.push(u - x));
         moved
     };
-    // Translations along the rows: rows stay what they are, and the displacement is the share of it.
+    // Translations along the rows: rows are unchanged, and displacements are scaled by the strength.
     let whole = shown(1.0);
     for strength in [1e-6, 1e-3, 0.3, 0.9, 0.999] {
         for (part, whole) in shown(strength).iter().zip(&whole) {
@@ -237,7 +238,7 @@ fn strength_fades_in_proportion() {
 }
 
 #[test]
-fn wild_motions_leave_a_picture() {
+fn extreme_motions_give_a_picture() {
     let size = [320, 240];
     let readout = readout(size[0], size[1], ReadoutDirection::TopToBottom, 1.0);
     let layout = PlaneLayout::packed(size[0], size[1], SampleFormat::U8);

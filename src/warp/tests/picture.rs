@@ -1,4 +1,4 @@
-//! Pictures: what is shown, against closed forms.
+//! Rectified pictures against closed forms.
 
 use super::*;
 
@@ -8,14 +8,14 @@ fn smooth(x: f64, y: f64) -> f64 {
     128.0 + 50.0 * (x * 0.11 + y * 0.05).sin() + 50.0 * (y * 0.13 - x * 0.03).cos()
 }
 
-/// What a camera that turns and slides reads of `scene`: each row shows the scene as moved by then.
+/// The frame of a rotating and shifting camera: each row shows `scene` at its own exposure time.
 fn distorted(readout: &Readout, path: &MotionPath, scene: impl Fn(f64, f64) -> f64) -> Vec<u8> {
     let centre = Vector2::new((SIZE.0 as f64 - 1.0) / 2.0, (SIZE.1 as f64 - 1.0) / 2.0);
     picture(SIZE.0, SIZE.1, |x, y| {
         let share = readout.share(x, y);
         let twist = path.mean_twist();
         let angle = twist.omega * (share - 0.5) * readout.time;
-        // The scene lies still at share ½; a pixel read at `share` looks back along the rotation.
+        // The scene is at rest at share ½; a pixel exposed at `share` is rotated back to it.
         let about = twist.centre().unwrap();
         let (dx, dy) = (x - centre.x - about.x, y - centre.y - about.y);
         let (sin, cos) = (-angle).sin_cos();
@@ -23,7 +23,7 @@ fn distorted(readout: &Readout, path: &MotionPath, scene: impl Fn(f64, f64) -> f
     })
 }
 
-/// Mean and largest absolute difference away from the border.
+/// Mean and largest absolute difference inside a margin.
 fn difference(out: &[u8], truth: impl Fn(f64, f64) -> f64, margin: usize) -> (f64, f64) {
     let (mut sum, mut worst, mut count) = (0.0, 0.0f64, 0.0);
     for y in margin..SIZE.1 - margin {
@@ -78,7 +78,7 @@ fn better_kernels_keep_more_of_fine_detail() {
     assert!(errors[0] > errors[1] && errors[1] > 1.5 * errors[2] && errors[2] > errors[3], "{errors:?}");
 }
 
-/// 16-bit ramps, so that rounding to a grey level does not hide an error in position.
+/// 16-bit ramps, so that rounding to grey levels does not mask an error in position.
 fn ramp(layout: PlaneLayout, placement: Placement, axis: usize) -> Vec<u8> {
     (0..layout.width * layout.height)
         .flat_map(|index| {
@@ -89,7 +89,7 @@ fn ramp(layout: PlaneLayout, placement: Placement, axis: usize) -> Vec<u8> {
         .collect()
 }
 
-/// Frame positions that the rectified plane shows, by a ramp along each axis.
+/// Frame positions of the pixels of the rectified plane, from a ramp along each axis.
 pub(super) fn positions(warper: &Warper, layout: PlaneLayout, placement: Placement) -> [Vec<f64>; 2] {
     [0, 1].map(|axis| {
         rectify(warper, &ramp(layout, placement, axis), layout, placement, [0; 4])
@@ -100,7 +100,7 @@ pub(super) fn positions(warper: &Warper, layout: PlaneLayout, placement: Placeme
 }
 
 #[test]
-fn luma_and_chroma_show_the_same_place() {
+fn luma_and_chroma_agree() {
     let readout = readout(320, 240, ReadoutDirection::TopToBottom, 1.0);
     let luma_layout = PlaneLayout::packed(320, 240, SampleFormat::U16);
     let chroma_layout = PlaneLayout::packed(160, 120, SampleFormat::U16);
@@ -122,7 +122,7 @@ fn luma_and_chroma_show_the_same_place() {
 }
 
 #[test]
-fn a_slide_shows_each_row_where_it_was_at_the_reference() {
+fn a_translation_moves_each_row_to_the_reference() {
     // 64 px a frame over 64 rows: row r was read at share (r + ½)/64 and moves by 32 − (r + ½).
     let readout = readout(256, 64, ReadoutDirection::TopToBottom, 1.0);
     let layout = PlaneLayout::packed(256, 64, SampleFormat::U8);
@@ -140,8 +140,8 @@ fn a_slide_shows_each_row_where_it_was_at_the_reference() {
 }
 
 #[test]
-fn a_motion_that_is_half_trusted_is_corrected_by_half() {
-    // As above, of which the weight leaves half, and the strength half of that.
+fn a_weight_of_half_halves_the_correction() {
+    // As above, halved by the weight, and again by the strength.
     let readout = readout(256, 64, ReadoutDirection::TopToBottom, 1.0);
     let layout = PlaneLayout::packed(256, 64, SampleFormat::U8);
     let data = picture(256, 64, |x, _| x);
@@ -159,7 +159,7 @@ fn a_motion_that_is_half_trusted_is_corrected_by_half() {
 }
 
 #[test]
-fn nothing_to_do_is_an_exact_copy() {
+fn without_motion_the_result_is_an_exact_copy() {
     let readout = readout(33, 21, ReadoutDirection::TopToBottom, 1.0);
     let mut random = Random(3);
     let data: Vec<u8> = (0..33 * 21 * 2).map(|_| random.next() as u8).collect();
@@ -176,8 +176,8 @@ fn nothing_to_do_is_an_exact_copy() {
 }
 
 #[test]
-fn borders_show_what_they_say() {
-    // Everything moves 20 px to the right, seen from share ½ on, in a frame read at once at its first column.
+fn borders_follow_their_mode() {
+    // The picture moves 40 px to the right during the readout; the reference is share 1.
     let readout = readout(64, 8, ReadoutDirection::TopToBottom, 1.0);
     let motion = path(&readout, 0.0, 40.0, 0.0);
     let layout = PlaneLayout::packed(64, 8, SampleFormat::U8);

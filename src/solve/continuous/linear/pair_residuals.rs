@@ -1,8 +1,8 @@
 //! The residuals of a pair: what a path does not explain of its matches.
 
 use super::residual::{Evaluator, Leg};
-use crate::solve::continuous::data::{FramePair, ScanAxis, Track};
 use crate::robust::median::{MEDIAN_TO_VARIANCE, weighted_median};
+use crate::solve::continuous::data::{FramePair, ScanAxis, Track};
 use nalgebra::Vector2;
 
 /// Bands of lines in which residuals are alike if a motion is faster than the path.

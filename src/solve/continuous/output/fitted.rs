@@ -1,8 +1,8 @@
 //! How the correspondences of a frame fit the path that was found.
 
 use crate::correspond::Correspondence;
-use crate::solve::FittedCorrespondence;
 use crate::solve::continuous::camera::Hypothesis;
+use crate::solve::solution::FittedCorrespondence;
 use nalgebra::{Matrix2, Vector2};
 
 /// Standard deviations of a coordinate within which a residual is an inlier's, as where the inliers of a pair are counted.

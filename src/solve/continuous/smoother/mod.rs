@@ -12,7 +12,7 @@ use crate::solve::continuous::data::{FramePair, PairWindow, StaticOverlay};
 use crate::solve::continuous::output::FittedPair;
 use crate::solve::continuous::trajectory::FramePath;
 use crate::solve::residual::{LocalMotion, LocalMotions, Region};
-use crate::solve::{FittedCorrespondence, FocalLength, FrameSolution, Origin, root_mean_square};
+use crate::solve::solution::{FittedCorrespondence, FocalLength, FrameSolution, Origin, root_mean_square};
 use nalgebra::{Matrix3, Vector2};
 use std::collections::VecDeque;
 
