@@ -7,7 +7,7 @@ use nalgebra::{Matrix2, Vector2};
 use rsrectify::correspond::Correspondence;
 use rsrectify::motion::{Twist, image_centre};
 use rsrectify::readout::{Readout, ReadoutDirection, ReadoutTime};
-use rsrectify::solve::link::{FitBuffers, KnownFrame};
+use rsrectify::solve::sequential::link::{FitBuffers, KnownFrame};
 use rsrectify::solve::{Link, Window};
 
 const PERIOD: f64 = 1.0 / 30.0;

@@ -8,8 +8,8 @@ use rsrectify::flow::{Cell, FlowField};
 use rsrectify::motion::{Twist, image_centre};
 use rsrectify::readout::Readout;
 use rsrectify::solve::continuous::{Camera, Continuous};
-use rsrectify::solve::link::{FitBuffers, KnownFrame};
 use rsrectify::solve::residual::{FrameFlow, LocalMotions, ResidualSolver, Still};
+use rsrectify::solve::sequential::link::{FitBuffers, KnownFrame};
 use rsrectify::solve::{FrameSolution, Link, Window};
 
 const WIDTH: usize = 640;

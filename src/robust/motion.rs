@@ -2,7 +2,7 @@
 //!
 //! Displacement = A·φ(p), where φ(p) are the N terms of a basis at the point p and A is 2 × N. Both coordinates have terms and
 //! weights in common, so the system of normal equations is N × N and has two right sides. (A twist is none of these motions: its
-//! angular velocity belongs to both coordinates. `solve::start` fits it, with the same loss.)
+//! angular velocity belongs to both coordinates. `solve::sequential` fits it, with the same loss.)
 
 use super::loss::Loss;
 use super::median::variance_of;

@@ -10,7 +10,7 @@ use anyhow::Result;
 use nalgebra::Vector2;
 use rsrectify::motion::{MotionPath, image_centre};
 use rsrectify::solve::Link;
-use rsrectify::solve::link::{Fit, FitBuffers, KnownFrame};
+use rsrectify::solve::sequential::link::{Fit, FitBuffers, KnownFrame};
 
 /// Standard deviation of a measured coordinate in pixels.
 const TRACKING_NOISE: f64 = 0.1;

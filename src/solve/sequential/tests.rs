@@ -1,7 +1,8 @@
 //! Links and the window on a flat world that moves by a known twist in each frame period.
 
+use super::link::Link;
 use super::link::{FitBuffers, KnownFrame};
-use super::*;
+use super::window::{MotionCandidate, Window};
 use crate::correspond::Correspondence;
 use crate::motion::{Twist, image_centre};
 use crate::readout::{Readout, ReadoutDirection, ReadoutTime};

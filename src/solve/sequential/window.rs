@@ -30,7 +30,7 @@
 //! frames by less than 0.1 px a frame at the corners.
 
 use super::link::{Fit, FitBuffers, KnownFrame, Link};
-use super::solution::Origin;
+use crate::solve::solution::Origin;
 use std::collections::VecDeque;
 
 /// A candidate for the motion of a frame.
