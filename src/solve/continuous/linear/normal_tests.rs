@@ -239,7 +239,7 @@ fn the_normal_equations_of_tracks_are_those_of_what_is_new() {
                 let [start, end] = evaluator.times(stamps, &before);
                 before.from = evaluator.trajectory.carry(to, end, start);
             }
-            pair.tracks[index] = Some(Track { before, stamps, is_scene: true });
+            pair.tracks[index] = Some(Track { before, stamps, is_dominant: true });
         }
     });
     let (mut residuals, mut normal) = setting.sums(&pair);

@@ -1,8 +1,8 @@
 //! The residuals of a pair: what a path does not explain of its matches.
 
 use super::residual::{Evaluator, Leg};
-use crate::solve::continuous::data::{FramePair, ScanAxis, Track};
 use crate::robust::median::{MEDIAN_TO_VARIANCE, weighted_median};
+use crate::solve::continuous::data::{FramePair, ScanAxis, Track};
 use nalgebra::Vector2;
 
 /// Bands of lines in which residuals are alike if a motion is faster than the path.
@@ -129,7 +129,7 @@ impl Evaluator<'_> {
     /// tell its parallax from its noise.
     pub fn residuals(&self, pair: &FramePair, tracks: bool, out: &mut PairResiduals) {
         out.legs.clear();
-        let matches = pair.matches.iter().zip(&pair.scene);
+        let matches = pair.matches.iter().zip(&pair.prior);
         out.legs.extend(matches.filter_map(|(m, prior)| self.leg(pair.stamps, m, *prior)));
         let least = self.noise * self.noise;
         let variance = out.misfit(least);

@@ -55,7 +55,7 @@ pub struct Continuous {
     /// Whether the first frame that waits follows a settled one.
     continues: bool,
     /// Where the picture is fixed to the frame, and the last pair's correspondences elsewhere.
-    fixed: StaticOverlay,
+    overlay: StaticOverlay,
     scene: Vec<Correspondence>,
     /// Whether correspondences are given out with the motions.
     keeps_correspondences: bool,
@@ -77,7 +77,7 @@ impl Continuous {
             clock: None,
             unit_before: None,
             continues: false,
-            fixed: StaticOverlay::new(width, height, NOISE * pixel_scale),
+            overlay: StaticOverlay::new(width, height, NOISE * pixel_scale),
             scene: Vec::new(),
             keeps_correspondences: false,
         }
@@ -104,7 +104,7 @@ impl Continuous {
         let mut is_cut = false;
         if let (Some(last), Some(found)) = (last, found) {
             let before = before.and_then(|entry| entry.to_next.as_ref());
-            self.fixed.part(found, &mut self.scene);
+            self.overlay.remove(found, &mut self.scene);
             let area = self.pixel_scale * self.pixel_scale;
             self.scene.iter_mut().for_each(|found| found.covariance /= area);
             last.to_next = FramePair::new(&self.scene, centre, radius, [last.stamp, stamp], before);
