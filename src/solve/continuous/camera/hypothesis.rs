@@ -126,7 +126,7 @@ impl Hypothesis {
     }
 
     pub fn density(&self) -> KnotDensity {
-        self.posterior.trajectory.density()
+        self.posterior.trajectory.density
     }
 
     /// Whether γ is known; it may be zero.
@@ -328,7 +328,7 @@ impl Hypothesis {
 
     /// Whether anything moves at the frame of a window that may constrain a readout or a knot density.
     pub fn moves(&self, window: PairWindow<'_>) -> bool {
-        let moved = window.moved().sqrt() * self.posterior.trajectory.radius();
+        let moved = window.moved().sqrt() * self.posterior.trajectory.radius;
         moved > NOTICEABLE * self.setup.noise && self.breadth(window) > 0.0
     }
 
@@ -344,7 +344,7 @@ impl Hypothesis {
 
     /// Whether the path explains less than half of the mean square that points move by in the pairs that the frame is in.
     fn explains_little(&self, window: PairWindow<'_>) -> bool {
-        let radius = self.posterior.trajectory.radius();
+        let radius = self.posterior.trajectory.radius;
         let left = 2.0 * self.innovation_deviation(window).powi(2);
         left > 0.5 * window.moved() * radius * radius
     }
@@ -428,7 +428,7 @@ impl Hypothesis {
         trial.advance(window, steps, &self.setup);
         let trial = self.searches.density.take_if(|trial| trial.is_done())?;
         let (_, mut posterior) = trial.ranked(window, &self.setup).into_iter().next()?;
-        let is_vibrating = posterior.trajectory.density() == KnotDensity::Vibrating;
+        let is_vibrating = posterior.trajectory.density == KnotDensity::Vibrating;
         // A window that only has a past constrains the prediction too little.
         posterior.predicts = is_vibrating && window.pairs.len() > window.past;
         let log_odds = if is_vibrating { VIBRATION_LOG_ODDS } else { -VIBRATION_LOG_ODDS };

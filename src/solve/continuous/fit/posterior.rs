@@ -53,12 +53,12 @@ impl Posterior {
     /// Of another knot density, with what this one has found of the camera.
     pub fn with_density(&self, density: KnotDensity) -> Self {
         let smoothness = self.smoothness.started(density.start_variance());
-        Self::new(Trajectory::new(density, self.trajectory.radius()), smoothness, self.shared)
+        Self::new(Trajectory::new(density, self.trajectory.radius), smoothness, self.shared)
     }
 
     /// Forgets the path, not the camera.
     pub fn restart(&mut self) {
-        self.trajectory.clear();
+        self.trajectory.splines.coefficients.clear();
         evaluated::invalidate(&mut self.evaluated);
         self.smoothness.restart();
         self.observed = Shared::default();
@@ -68,7 +68,7 @@ impl Posterior {
     pub fn scale_time(&mut self, factor: f64) {
         self.shared.gamma *= factor;
         self.restart();
-        self.trajectory.forget_homographies();
+        self.trajectory.homographies = Default::default();
     }
 
     /// Block of the instant at which the line at `place` along the scan axis of the frame with this timestamp is exposed.
@@ -175,7 +175,7 @@ impl Posterior {
     /// Share of displacements of this size (mean square, squared radii) that is explained where `sigma` is left of a
     /// coordinate in pixels, 0 to 1.
     pub fn explained(&self, sigma: f64, moved: f64, setup: &Setup) -> f64 {
-        let radius = self.trajectory.radius();
+        let radius = self.trajectory.radius;
         let allowed = (3.0 * setup.noise).powi(2) + 0.25 * moved * radius * radius;
         (1.0 - 2.0 * sigma * sigma / allowed).clamp(0.0, 1.0)
     }

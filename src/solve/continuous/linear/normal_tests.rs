@@ -61,7 +61,7 @@ impl Setting {
         self.evaluate(|evaluator| {
             let residual = |m: &Match| {
                 let [from, to] = evaluator.times(pair.stamps, m);
-                (m.to - evaluator.trajectory.carry(m.from, from, to)) * RADIUS
+                (m.to - evaluator.trajectory.homographies.carry(m.from, from, to)) * RADIUS
             };
             pair.matches.iter().map(residual).collect()
         })
@@ -89,7 +89,7 @@ impl Setting {
                 for _ in 0..20 {
                     let [before, after] = evaluator
                         .times(pair.stamps, &Match { from: m.from, to, covariance: Matrix2::zeros() });
-                    to = evaluator.trajectory.carry(m.from, before, after) + off;
+                    to = evaluator.trajectory.homographies.carry(m.from, before, after) + off;
                 }
                 pair.matches[k].to = to;
             }
@@ -237,7 +237,7 @@ fn the_normal_equations_of_tracks_are_those_of_what_is_new() {
             let (mut before, stamps) = (Match { from: to, to, covariance: Matrix2::zeros() }, [-0.8, 0.2]);
             for _ in 0..20 {
                 let [start, end] = evaluator.times(stamps, &before);
-                before.from = evaluator.trajectory.carry(to, end, start);
+                before.from = evaluator.trajectory.homographies.carry(to, end, start);
             }
             pair.tracks[index] = Some(Track { before, stamps, is_dominant: true });
         }

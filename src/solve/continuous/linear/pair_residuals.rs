@@ -134,7 +134,7 @@ impl Evaluator<'_> {
         let least = self.noise * self.noise;
         let variance = out.misfit(least);
         out.sigma = variance.sqrt();
-        out.others = variance + 0.5 * pair.moved() * self.trajectory.radius() * self.trajectory.radius();
+        out.others = variance + 0.5 * pair.moved() * self.trajectory.radius * self.trajectory.radius;
         out.legs.iter_mut().for_each(|leg| leg.whiten(variance));
         let near = out.legs.iter().filter(|leg| leg.residual.norm_squared() < 2.0 * 9.0 * variance).count();
         out.inliers = near * pair.count() / pair.matches.len().max(1);

@@ -71,7 +71,8 @@ impl Evaluator<'_> {
     /// A match against the path; `None` where there is no path.
     pub fn leg(&self, stamps: [f64; 2], m: &Match, prior: f64) -> Option<Leg> {
         let times = self.times(stamps, m);
-        let (from, to) = (self.trajectory.at(times[0])?, self.trajectory.at(times[1])?);
+        let (from, to) =
+            (self.trajectory.homographies.at(times[0])?, self.trajectory.homographies.at(times[1])?);
         let places = [m.from, m.to].map(|point| self.trajectory.block(self.shutter.scan_axis.place(point)));
         let (rates, values) = ([from.rates(), to.rates()], [from.values(), to.values()]);
         let rates =
@@ -84,7 +85,7 @@ impl Evaluator<'_> {
             m: *m,
             prior,
             times,
-            residual: (m.to - from.carry(m.from, to)) * self.trajectory.radius(),
+            residual: (m.to - from.carry(m.from, to)) * self.trajectory.radius,
             parallax: others * moved.fixed_rows::<OTHERS>(TURNS),
             by_readout: [turns * rates.fixed_rows::<TURNS>(0), others * rates.fixed_rows::<OTHERS>(TURNS)],
             by_kappa: middle * middle.dot(&moved.xy()),

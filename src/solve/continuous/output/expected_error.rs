@@ -143,7 +143,7 @@ impl Hypothesis {
     fn correction(&self, stamp: f64, point: Vector2<f64>) -> Vector2<f64> {
         let trajectory = &self.posterior.trajectory;
         let [seen, middle] = self.blocks_to_middle(stamp, self.setup.scan_axis.place(point));
-        (trajectory.carry(point, seen, middle) - point) * trajectory.radius()
+        (trajectory.homographies.carry(point, seen, middle) - point) * trajectory.radius
     }
 
     /// Velocity of a point when it is seen, in pixels a frame period.

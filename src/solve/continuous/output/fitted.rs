@@ -33,7 +33,10 @@ impl FittedPair<'_> {
         let fitted = |found: &Correspondence| {
             let ends = [found.from, found.to].map(|pixel| (pixel - centre) / radius);
             let block = |end: usize| posterior.block(self.stamps[end], setup.scan_axis.place(ends[end]));
-            let (from, to) = (posterior.trajectory.at(block(0))?, posterior.trajectory.at(block(1))?);
+            let (from, to) = (
+                posterior.trajectory.homographies.at(block(0))?,
+                posterior.trajectory.homographies.at(block(1))?,
+            );
             let residual = (ends[1] - from.carry(ends[0], to)) * radius;
             let variance = Matrix2::identity() * (self.sigma * self.sigma) + found.covariance;
             let square = residual.dot(&(variance.try_inverse()? * residual));

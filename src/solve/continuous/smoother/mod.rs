@@ -163,10 +163,10 @@ impl Continuous {
         let point = (pixel - self.centre) / self.radius;
         let place = setup.scan_axis.place(point);
         let [before, after] = [before, after].map(|stamp| posterior.block(stamp, place));
-        if !posterior.trajectory.covers(after) {
+        if !posterior.trajectory.homographies.covers(after) {
             return pixel;
         }
-        let moved = posterior.trajectory.carry(point, before, after) * self.radius + self.centre;
+        let moved = posterior.trajectory.homographies.carry(point, before, after) * self.radius + self.centre;
         if moved.iter().all(|coordinate| coordinate.is_finite()) { moved } else { pixel }
     }
 
@@ -298,11 +298,11 @@ impl Continuous {
         let is_reversed = hypothesis.gamma() < 0.0;
         let scale = Matrix3::new_nonuniform_scaling(&Vector2::new(self.radius, self.radius));
         let unscale = Matrix3::new_nonuniform_scaling(&Vector2::new(1.0 / self.radius, 1.0 / self.radius));
-        let middle = scale * trajectory.until(posterior.block(stamp, 0.5));
+        let middle = scale * trajectory.homographies.until(posterior.block(stamp, 0.5));
         let homography = |index: usize| {
             let share = index as f64 / SHARES as f64;
             let place = if is_reversed { 1.0 - share } else { share };
-            middle * trajectory.back(posterior.block(stamp, place)) * unscale
+            middle * trajectory.homographies.back(posterior.block(stamp, place)) * unscale
         };
         (0..=SHARES).map(homography).collect()
     }
