@@ -68,7 +68,7 @@ fn step(window: PairWindow<'_>, posterior: &mut Posterior, setup: &Setup) -> boo
     let before = posterior.shared;
     (posterior.shared, posterior.observed) = setup.camera.step(&equations, before);
     let changes = posterior.shared.zip(before).map(|(now, before)| now - before);
-    if !posterior.system.follow(changes) {
+    if !posterior.system.substitute(changes) {
         return false;
     }
     posterior.apply_step(setup);

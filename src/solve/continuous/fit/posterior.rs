@@ -154,7 +154,7 @@ impl Posterior {
 
     /// Standard deviation of a coordinate's innovation in pair `index`, given the pair before.
     pub fn innovation_deviation(&self, index: usize) -> Option<f64> {
-        self.evaluated.get(index).map(|pair| pair.normal.scatter.noise.sqrt())
+        self.evaluated.get(index).map(|pair| pair.normal.variances.noise.sqrt())
     }
 
     /// Share of the residuals of pair `index` that is a function of the line alone, 0 to 1.
@@ -184,8 +184,8 @@ impl Posterior {
     /// Of what the path does not explain few are independent, and the fit takes all for that.
     pub fn noise_share(&self, setup: &Setup) -> f64 {
         let shares = self.evaluated.iter().map(|EvaluatedPair { normal, residuals, .. }| {
-            let noise = (setup.noise * setup.noise / normal.scatter.noise).min(1.0);
-            let counted = normal.independent / (2.0 * residuals.legs.len().max(1) as f64);
+            let noise = (setup.noise * setup.noise / normal.variances.noise).min(1.0);
+            let counted = normal.independent / (2.0 * residuals.matches.len().max(1) as f64);
             1.0 - noise + noise * counted.min(1.0)
         });
         shares.sum::<f64>() / self.evaluated.len().max(1) as f64
@@ -196,7 +196,7 @@ impl Posterior {
     /// error of n coordinates, of variance σ² each, adds ρ²·n·σ² to the σ² of chance.
     pub fn design_effect(&self, setup: &Setup) -> f64 {
         let errors_of_model = |EvaluatedPair { normal, .. }: &EvaluatedPair| {
-            normal.independent * (1.0 - setup.noise * setup.noise / normal.scatter.noise)
+            normal.independent * (1.0 - setup.noise * setup.noise / normal.variances.noise)
         };
         1.0 + ERROR_CORRELATION.powi(2) * self.evaluated.iter().map(errors_of_model).sum::<f64>()
     }
