@@ -7,7 +7,7 @@
 //! difference over its standard error is a normal deviate z, and ½·z² the logarithm of the odds. Before there are windows
 //! to scatter, errors of the model are expected to add what they do to the variance of γ.
 
-use crate::solve::continuous::prior::REMEMBERED;
+use crate::solve::continuous::prior::MEMORY;
 use std::collections::VecDeque;
 
 /// Variance in nats² of the difference of two evidences of one pair of frames whose residuals are noise of measurement: some
@@ -51,7 +51,7 @@ impl EvidenceRecord {
             return;
         }
         self.windows.push_front(window);
-        self.windows.truncate(REMEMBERED);
+        self.windows.truncate(MEMORY);
     }
 
     /// How many windows that count whole it has seen.

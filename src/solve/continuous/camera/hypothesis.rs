@@ -162,7 +162,7 @@ impl Hypothesis {
     /// Takes γ as expected.
     pub fn expect_readout(&mut self, belief: Belief) {
         self.posterior.shared.gamma = belief.mean;
-        self.setup.camera.expect_gamma(belief);
+        self.setup.camera.beliefs.gamma = belief;
     }
 
     /// Continues with frame periods that are shorter by `factor`; the path begins anew.
@@ -219,7 +219,7 @@ impl Hypothesis {
     /// unknown.
     pub fn settle(&mut self, window: PairWindow<'_>, starts: bool, longest: Option<f64>) {
         if let Some(longest) = longest {
-            self.setup.camera.limit_gamma(self.signs.map(|sign| sign * longest));
+            self.setup.camera.limits.gamma = self.signs.map(|sign| sign * longest);
         }
         if starts {
             self.posterior.restart();

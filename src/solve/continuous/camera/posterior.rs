@@ -105,10 +105,10 @@ impl CameraPosterior {
         };
         let beliefs = Shared { gamma: READOUT_BELIEF, kappa: camera.kappa_belief() };
         let beliefs = beliefs.map(|(mean, deviation)| Belief::new(mean, deviation));
-        let belief = CameraBelief::new(beliefs, Shared { gamma: signs, kappa: KAPPA_LIMITS });
+        let belief = CameraBelief { beliefs, limits: Shared { gamma: signs, kappa: KAPPA_LIMITS } };
         let setup = Setup { cpu: CpuLevel::detect(), scan_axis, noise: self.noise, camera: belief };
         let trajectory = Trajectory::new(density, self.radius);
-        let posterior = Posterior::new(trajectory, smoothness, belief.means());
+        let posterior = Posterior::new(trajectory, smoothness, beliefs.map(|belief| belief.mean));
         let log_prior = Camera::log_prior(direction, width, height);
         Hypothesis::new(direction, signs, setup, posterior, log_prior)
     }
@@ -394,7 +394,8 @@ impl CameraPosterior {
     /// perspective, or none shows.
     pub fn focal_length(&self) -> Option<(f64, f64)> {
         let leading = self.leading();
-        let (kappa, deviation) = (leading.posterior.shared.kappa, leading.setup.camera.kappa_deviation());
+        let (kappa, deviation) =
+            (leading.posterior.shared.kappa, leading.setup.camera.beliefs.kappa.deviation());
         if !self.camera.model.has_perspective() || kappa <= 0.0 {
             return None;
         }

@@ -106,7 +106,7 @@ impl Multistart {
         self.candidates.par_iter_mut().for_each(|candidate| {
             let mut setup = *setup;
             if is_short {
-                setup.camera.hold_gamma(candidate.start);
+                setup.camera.limits.gamma = [candidate.start; 2];
             }
             let start = std::mem::take(&mut candidate.posterior);
             (candidate.posterior, _) = fit(window, start, &setup, steps);
@@ -145,5 +145,6 @@ impl Multistart {
 
 /// Readout ratios within what the camera may have.
 fn clamped(setup: &Setup, starts: &[f64]) -> impl Iterator<Item = f64> {
-    starts.iter().map(|start| setup.camera.clamp_gamma(*start))
+    let [low, high] = setup.camera.limits.gamma;
+    starts.iter().map(move |start| start.clamp(low, high))
 }

@@ -52,7 +52,7 @@ impl Posterior {
 
     /// Of another knot density, with what this one has found of the camera.
     pub fn with_density(&self, density: KnotDensity) -> Self {
-        let smoothness = self.smoothness.started(density.start_variance());
+        let smoothness = self.smoothness.restarted(density.start_variance());
         Self::new(Trajectory::new(density, self.trajectory.radius), smoothness, self.shared)
     }
 

@@ -161,7 +161,7 @@ impl Hypothesis {
 
     /// Root mean square error that is expected of γ: that of a window is another one than is believed.
     fn gamma_error(&self) -> f64 {
-        self.setup.camera.gamma_deviation().hypot(self.gamma() - self.setup.camera.means().gamma)
+        self.setup.camera.gamma_deviation().hypot(self.gamma() - self.setup.camera.beliefs.gamma.mean)
     }
 
     /// Covariance in px² of what the paths of the generators do from when a place along the scan axis is exposed until the

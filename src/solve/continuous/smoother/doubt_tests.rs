@@ -72,7 +72,7 @@ fn a_hypothesis_takes_a_smoothness_that_explains_more_and_no_other() {
     // What was learnt while the camera stood still.
     let mut still = camera.leading().clone();
     still.posterior.restart();
-    still.posterior.smoothness = still.posterior.smoothness.started(1e-7);
+    still.posterior.smoothness = still.posterior.smoothness.restarted(1e-7);
     let most = camera.hypotheses[0].log_evidence(window).unwrap();
     let least = still.log_evidence(window).unwrap();
     assert!(least < most - DECISIVE_LOG_BAYES_FACTOR, "{least} {most}");
