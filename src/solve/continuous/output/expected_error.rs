@@ -51,7 +51,7 @@ impl CameraPosterior {
     /// residuals of `sigma` pixels in a coordinate. Nothing is applied where it cannot be told.
     pub fn expected(&self, stamp: f64, regions: &[Region], sigma: f64) -> Expected {
         let leading = self.leading();
-        let points = middles(self.size());
+        let points = middles(self.size);
         let frame = Frame::new(stamp, points, regions, sigma, leading.gamma().abs());
         let own = frame.corrections(leading);
         let all: Vec<(f64, Vec<Vector2<f64>>)> = self

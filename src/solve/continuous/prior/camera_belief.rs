@@ -35,12 +35,6 @@ impl CameraBelief {
         self.beliefs.gamma.deviation()
     }
 
-    /// Fixes γ.
-    pub fn give_gamma(&mut self, belief: Belief) {
-        self.limits.gamma = [belief.mean; 2];
-        self.beliefs.gamma = belief;
-    }
-
     /// Converts to frame periods shorter by `factor`.
     pub fn scale_time(&mut self, factor: f64) {
         self.beliefs.gamma.scale(factor);

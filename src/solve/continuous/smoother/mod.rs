@@ -258,7 +258,9 @@ impl Continuous {
         let path = SampledPath::new(&self.homographies(leading, stamp), readout.time).ok()?;
         let beside = window.beside();
         let measured = |index: usize| window.pairs.get(index).map_or(0, |pair| pair.measured);
-        let counts = beside.clone().map(|index| (leading.posterior.inliers(index), measured(index)));
+        let inliers =
+            |index: usize| leading.posterior.evaluated.get(index).map_or(0, |pair| pair.residuals.inliers);
+        let counts = beside.clone().map(|index| (inliers(index), measured(index)));
         let (inliers, correspondences) = counts.max().unwrap_or_default();
         let sigma = beside.filter_map(|index| leading.posterior.sigma(index)).fold(0.0, f64::max);
         let (frame_path, intervals) = self.frame_path(leading, window, own)?;
