@@ -1,17 +1,17 @@
 //! Log odds of two hypotheses by the evidence of successive windows.
 //!
-//! Log evidence is exact only if the model is. Depth, moving objects and the splines leave misfits that favour one
-//! hypothesis for a while and another one later. So the mean difference of two log evidences is compared with its scatter
-//! between windows, as in a test of non-nested models (Q. H. Vuong, *Likelihood ratio tests for model selection and
-//! non-nested hypotheses*, Econometrica 57(2), 1989): over its standard error it is a normal deviate z, and the log odds
-//! are ½·z². The scatter starts from that which errors of the model are expected to cause, by their share in the variance
-//! of γ.
+//! Log evidence is exact only if the model is. Depth, moving objects and the splines leave misfits that
+//! favour one hypothesis for a while and another one later. So the mean difference of two log evidences is
+//! compared with its scatter between windows, as in a test of non-nested models (Q. H. Vuong, *Likelihood
+//! ratio tests for model selection and non-nested hypotheses*, Econometrica 57(2), 1989): over its standard
+//! error it is a normal deviate z, and the log odds are ½·z². The scatter starts from that which errors of
+//! the model are expected to cause, by their share in the variance of γ.
 
 use crate::solve::continuous::prior::MEMORY;
 use std::collections::VecDeque;
 
-/// Variance in nats² of the difference of two log evidences of one pair whose residuals are noise: some 25 independent
-/// matches of 1 nat² each.
+/// Variance in nats² of the difference of two log evidences of one pair whose residuals are noise: some 25
+/// independent matches of 1 nat² each.
 const NOISE_VARIANCE: f64 = 25.0;
 /// The difference of a window is clamped to this many standard deviations.
 const MAX_DEVIATIONS: f64 = 10.0;
@@ -97,7 +97,8 @@ mod tests {
 
     #[test]
     fn worked_by_hand() {
-        // Differences of 10, no scatter of their own, in a window of four pairs, and in as many as two: z² = 10²·4/25·2.
+        // Differences of 10, no scatter of their own, in a window of four pairs, and in as many as two: z² =
+        // 10²·4/25·2.
         let odds = record([15.0; 5]).log_odds(&record([5.0; 5]));
         assert!((odds - 16.0).abs() < 1e-12, "{odds}");
         assert_eq!(record([5.0; 5]).log_odds(&record([15.0; 5])), -odds);

@@ -5,12 +5,13 @@ use crate::readout::{ReadoutDirection, ReadoutPrior, ReadoutTime};
 
 /// Mean and standard deviation of the prior of γ. The mean changes no picture.
 pub const READOUT_BELIEF: (f64, f64) = (0.0, 0.5);
-/// Mean and standard deviation of the prior of κ = (half the width / f)²: f is 0.9 widths, with a wide spread.
+/// Mean and standard deviation of the prior of κ = (half the width / f)²: f is 0.9 widths, with a wide
+/// spread.
 const KAPPA_BELIEF: (f64, f64) = (0.3, 0.3);
 /// Limits of κ: a field of view under 110°.
 pub const KAPPA_LIMITS: [f64; 2] = [0.0, 2.0];
-/// Prior log odds of lines along the longer side of the picture: nearly every sensor has them, and about one video in
-/// sixteen is cropped to the other shape. Half as much again changes little.
+/// Prior log odds of lines along the longer side of the picture: nearly every sensor has them, and about one
+/// video in sixteen is cropped to the other shape. Half as much again changes little.
 const LONGER_SIDE_LOG_ODDS: f64 = 2.7;
 /// Standard deviation of given values.
 pub const GIVEN_DEVIATION: f64 = 1e-6;
@@ -26,7 +27,8 @@ pub struct Camera {
     pub readout_time: ReadoutTime,
     /// Prior of the readout, used if `readout_time` is unknown.
     pub readout_prior: Option<ReadoutPrior>,
-    /// Focal length in frame widths; `None` if unknown. Less than 0.354, a field of view of 110°, counts as that.
+    /// Focal length in frame widths; `None` if unknown. Less than 0.354, a field of view of 110°, counts as
+    /// that.
     pub focal_length: Option<f64>,
 }
 
@@ -36,7 +38,8 @@ impl Camera {
         self.readout_time.is_known()
     }
 
-    /// The directions that are tried. Opposite edges are hard to distinguish in short shakes, so either has a start.
+    /// The directions that are tried. Opposite edges are hard to distinguish in short shakes, so either has a
+    /// start.
     pub fn directions(&self) -> Vec<ReadoutDirection> {
         use ReadoutDirection::{BottomToTop, LeftToRight, RightToLeft, TopToBottom};
         match self.direction {

@@ -14,12 +14,13 @@ use crate::solve::continuous::trajectory::KnotDensity;
 const VIBRATION_LOG_ODDS: f64 = -5.0;
 /// Residuals and displacements below this many times the noise floor count as noise.
 const NOISE_LIMIT: f64 = 4.0;
-/// EM steps, at most, for the prediction of a vibration: in all until the first path, of these per frame, and with each later
-/// path. EM converges more slowly than the path, and its steps hardly change displacements, so none is skipped. Only the
-/// first frame of all takes them at once. Twelve per frame instead of six would leave up to a twelfth less over 60 frames,
-/// and take twice as long for three of them.
+/// EM steps, at most, for the prediction of a vibration: in all until the first path, of these per frame, and
+/// with each later path. EM converges more slowly than the path, and its steps hardly change displacements,
+/// so none is skipped. Only the first frame of all takes them at once. Twelve per frame instead of six would
+/// leave up to a twelfth less over 60 frames, and take twice as long for three of them.
 const EM_STEPS: [usize; 3] = [36, 6, 3];
-/// Share of the residuals that is common to the matches of a line, above which the vibrating knot density is tried.
+/// Share of the residuals that is common to the matches of a line, above which the vibrating knot density is
+/// tried.
 const MIN_LINE_SHARE: f64 = 0.7;
 /// Magnitudes of γ from which a vibration is fitted if γ is unknown.
 const VIBRATION_STARTS: [f64; 2] = [0.9, 0.5];
@@ -30,7 +31,8 @@ const SIGNIFICANT_DEVIATION: f64 = 0.02;
 const SIGNIFICANCE: f64 = 4.0;
 /// Fewest pairs to which a fit is begun before the first frame is due.
 const MIN_PAIRS: usize = 2;
-/// Steps from several starts with each pair before the first frame is due: while the window is short, and after that.
+/// Steps from several starts with each pair before the first frame is due: while the window is short, and
+/// after that.
 const PREPARED_STEPS: [usize; 2] = [4, 1];
 
 /// The state of a hypothesis.
@@ -57,7 +59,8 @@ struct Searches {
 /// A hypothesis about the camera.
 #[derive(Clone, Debug)]
 pub struct Hypothesis {
-    /// Edge that is read first; if none is given, the one from which γ is searched, which may change its sign.
+    /// Edge that is read first; if none is given, the one from which γ is searched, which may change its
+    /// sign.
     pub direction: ReadoutDirection,
     /// Limits of γ over the longest readout: −1, 0 or 1.
     signs: [f64; 2],
@@ -169,8 +172,9 @@ impl Hypothesis {
         self.posterior.shared.gamma *= factor;
     }
 
-    /// γ from which a fit is begun: the present one and, if it is unknown, the end of its direction. Values between are
-    /// reached; so are those beyond zero, where the fit of the other direction may end in a local optimum.
+    /// γ from which a fit is begun: the present one and, if it is unknown, the end of its direction. Values
+    /// between are reached; so are those beyond zero, where the fit of the other direction may end in a local
+    /// optimum.
     fn starts(&self, is_vague: bool) -> Vec<f64> {
         std::iter::once(self.gamma()).chain(is_vague.then_some(self.signed(SEARCH_START))).collect()
     }
@@ -205,7 +209,8 @@ impl Hypothesis {
         self.searches = Searches::default();
     }
 
-    /// Fits the path to a window; `longest` is the longest readout in frame periods if the readout is unknown.
+    /// Fits the path to a window; `longest` is the longest readout in frame periods if the readout is
+    /// unknown.
     pub fn settle(&mut self, window: PairWindow<'_>, starts: bool, longest: Option<f64>) {
         if let Some(longest) = longest {
             self.setup.camera.limits.gamma = self.signs.map(|sign| sign * longest);
@@ -239,8 +244,9 @@ impl Hypothesis {
         self.has_converged = found.unwrap_or_else(|| self.follow(window));
     }
 
-    /// Fits the window with the smoothness of another hypothesis, and keeps that fit if its evidence exceeds `evidence`: the
-    /// motion of the camera does not depend on its readout. After a failure, the next trial waits.
+    /// Fits the window with the smoothness of another hypothesis, and keeps that fit if its evidence exceeds
+    /// `evidence`: the motion of the camera does not depend on its readout. After a failure, the next trial
+    /// waits.
     pub fn try_smoothness(&mut self, smoothness: &Smoothness, evidence: f64, window: PairWindow<'_>) {
         if !self.schedule.smoothness.is_due() {
             return;
@@ -334,8 +340,8 @@ impl Hypothesis {
         window.beside().filter_map(|index| self.posterior.innovation_deviation(index)).fold(0.0, f64::max)
     }
 
-    /// Weight of a window, 0 to 1: the share of the motion at its frame that the path explains, times the coverage of the
-    /// scan axis, as a single object may be all that moves.
+    /// Weight of a window, 0 to 1: the share of the motion at its frame that the path explains, times the
+    /// coverage of the scan axis, as a single object may be all that moves.
     pub fn weight(&self, window: PairWindow<'_>) -> f64 {
         let sigma = self.innovation_deviation(window);
         self.breadth(window) * self.posterior.explained(sigma, window.moved(), &self.setup)
@@ -346,7 +352,8 @@ impl Hypothesis {
         self.posterior.log_evidence(window.pairs, &self.setup)
     }
 
-    /// Continues from the fit with the greatest evidence; whether γ converged and no other γ has nearly as much.
+    /// Continues from the fit with the greatest evidence; whether γ converged and no other γ has nearly as
+    /// much.
     fn decide(&mut self, search: Multistart, window: PairWindow<'_>) -> bool {
         let steps = search.steps_left();
         if self.moves(window) {

@@ -1,9 +1,9 @@
-//! The posterior of the camera: hypotheses about the edge of the sensor that is read first and the knot density, each with a
-//! fit of its own.
+//! The posterior of the camera: hypotheses about the edge of the sensor that is read first and the knot
+//! density, each with a fit of its own.
 //!
-//! They are a mixture of Gaussians of the signed readout ratio γ along either axis, weighted by the evidence of the same
-//! pairs of frames. The mixture is what is reported and applied: its deviation includes the rivals, and a correction is
-//! applied as far as they agree on it.
+//! They are a mixture of Gaussians of the signed readout ratio γ along either axis, weighted by the evidence
+//! of the same pairs of frames. The mixture is what is reported and applied: its deviation includes the
+//! rivals, and a correction is applied as far as they agree on it.
 
 use super::evidence::WindowEvidence;
 use super::given::{Camera, GIVEN_DEVIATION, KAPPA_LIMITS, READOUT_BELIEF};
@@ -21,16 +21,18 @@ use nalgebra::Vector2;
 
 /// Log odds below the likeliest hypothesis at which one is dropped.
 const DROP_LOG_ODDS: f64 = 12.0;
-/// Prior log odds of another camera: after some time or a gap, one in a thousand; after a cut, or of one other than the
-/// expected or in another mode, one in twenty.
+/// Prior log odds of another camera: after some time or a gap, one in a thousand; after a cut, or of one
+/// other than the expected or in another mode, one in twenty.
 const OTHER_CAMERA_LOG_ODDS: [f64; 2] = [-7.0, -3.0];
-/// Hypotheses beside which another one is tried: the likeliest and a rival, as one along the other axis may stay undecided
-/// for minutes.
+/// Hypotheses beside which another one is tried: the likeliest and a rival, as one along the other axis may
+/// stay undecided for minutes.
 const MAX_BESIDE: usize = 2;
-/// Fewest pairs of a window for a vibration, and while several hypotheses are compared: as many as with the usual lookahead.
+/// Fewest pairs of a window for a vibration, and while several hypotheses are compared: as many as with the
+/// usual lookahead.
 const VIBRATING_PAIRS: usize = 10;
 const COMPARED_PAIRS: usize = 8;
-/// Longest readout in frame periods: a converter may have inserted frames, and the cost of a path grows with the readout.
+/// Longest readout in frame periods: a converter may have inserted frames, and the cost of a path grows with
+/// the readout.
 const MAX_READOUT: f64 = 8.0;
 
 /// The connection of a frame with the one before it.
@@ -66,8 +68,8 @@ pub struct CameraPosterior {
 }
 
 impl CameraPosterior {
-    /// For frames of this size in pixels; `radius` is half the width and `noise` the least standard deviation of a coordinate,
-    /// in analysed pixels.
+    /// For frames of this size in pixels; `radius` is half the width and `noise` the least standard deviation
+    /// of a coordinate, in analysed pixels.
     pub fn new(camera: Camera, size: [usize; 2], radius: f64, noise: f64) -> Self {
         let mut posterior = Self {
             camera,
@@ -112,7 +114,8 @@ impl CameraPosterior {
         Hypothesis::new(direction, signs, setup, posterior, log_prior)
     }
 
-    /// Begins a stretch of frames; `period` is their frame period and `before` that of the stretch before, in seconds.
+    /// Begins a stretch of frames; `period` is their frame period and `before` that of the stretch before, in
+    /// seconds.
     pub fn begin(&mut self, period: f64, before: Option<f64>) {
         let [width, height] = self.size;
         let camera = self.camera;
@@ -133,8 +136,8 @@ impl CameraPosterior {
         }
     }
 
-    /// Changes the frame period, in seconds, and resets the path. A significant readout is kept; else all starts anew, as the
-    /// prior of γ is in frame periods. Whether the camera was kept.
+    /// Changes the frame period, in seconds, and resets the path. A significant readout is kept; else all
+    /// starts anew, as the prior of γ is in frame periods. Whether the camera was kept.
     pub fn change_period(&mut self, before: f64, period: f64) -> bool {
         let factor = before / period;
         let leading = self.leading();
@@ -193,8 +196,8 @@ impl CameraPosterior {
 
     /// The part of a window that all hypotheses are fitted to, so that their evidence is comparable.
     ///
-    /// With few pairs ahead, more of the past are included if many are needed: to compare hypotheses, and to predict a
-    /// vibration. Otherwise they are of no use, as shake is soon uncorrelated.
+    /// With few pairs ahead, more of the past are included if many are needed: to compare hypotheses, and to
+    /// predict a vibration. Otherwise they are of no use, as shake is soon uncorrelated.
     pub fn window<'a>(&self, window: PairWindow<'a>) -> PairWindow<'a> {
         let is_vibrating = self.hypotheses.iter().any(Hypothesis::considers_vibration);
         let density = if is_vibrating { KnotDensity::Vibrating } else { KnotDensity::Usual };
@@ -206,8 +209,8 @@ impl CameraPosterior {
         window.recent(density.past(), least)
     }
 
-    /// Offers the smoothness with the greatest evidence to the other hypotheses of its knot density, so that none is less
-    /// likely only for a worse one.
+    /// Offers the smoothness with the greatest evidence to the other hypotheses of its knot density, so that
+    /// none is less likely only for a worse one.
     fn share_smoothness(&mut self, window: PairWindow<'_>) {
         if !self.can_compare(window) {
             return;
@@ -244,8 +247,8 @@ impl CameraPosterior {
         self.hypotheses.extend(found);
     }
 
-    /// Tries each direction again, from time to time and after a gap or a cut, as the camera may be another one: one at a time
-    /// beside the likeliest hypotheses, as each doubles the cost.
+    /// Tries each direction again, from time to time and after a gap or a cut, as the camera may be another
+    /// one: one at a time beside the likeliest hypotheses, as each doubles the cost.
     fn try_other_cameras(&mut self, window: PairWindow<'_>, before: Break) {
         self.other_camera.tick();
         let starts_anew = before != Break::None && std::mem::replace(&mut self.has_begun, true);
@@ -311,9 +314,9 @@ impl CameraPosterior {
         }
     }
 
-    /// Sorts by probability and drops hypotheses that are far less likely than the first, once its γ is significant: until then
-    /// the comparison may depend on searches that have not converged. Beside a first one on trial none is dropped, as a few
-    /// windows share pairs and their errors.
+    /// Sorts by probability and drops hypotheses that are far less likely than the first, once its γ is
+    /// significant: until then the comparison may depend on searches that have not converged. Beside a first
+    /// one on trial none is dropped, as a few windows share pairs and their errors.
     fn prune(&mut self) {
         self.end_trials();
         self.hypotheses.sort_by(|a, b| b.log_probability.total_cmp(&a.log_probability));
@@ -331,7 +334,8 @@ impl CameraPosterior {
         self.drop_twins();
     }
 
-    /// Drops hypotheses whose trial has ended and that are less likely than the one of the same direction beside them.
+    /// Drops hypotheses whose trial has ended and that are less likely than the one of the same direction
+    /// beside them.
     fn end_trials(&mut self) {
         for index in (0..self.hypotheses.len()).rev() {
             let tried = &mut self.hypotheses[index];
@@ -364,8 +368,8 @@ impl CameraPosterior {
         self.hypotheses = kept;
     }
 
-    /// Standard deviation of γ about that of the likeliest hypothesis, of the mixture along either axis; 0 if the readout is
-    /// given.
+    /// Standard deviation of γ about that of the likeliest hypothesis, of the mixture along either axis; 0 if
+    /// the readout is given.
     pub fn readout_deviation(&self) -> f64 {
         if self.camera.is_known() {
             return 0.0;
@@ -386,7 +390,8 @@ impl CameraPosterior {
         self.camera.is_known()
     }
 
-    /// Focal length in frame widths and its standard deviation, to first order that of κ; `None` without perspective.
+    /// Focal length in frame widths and its standard deviation, to first order that of κ; `None` without
+    /// perspective.
     pub fn focal_length(&self) -> Option<(f64, f64)> {
         let leading = self.leading();
         let kappa = leading.posterior.shared.kappa;

@@ -11,8 +11,8 @@
 const TRIAL: usize = 15;
 /// Longest interval after several failed trials of the knot density.
 const MAX_TRIAL: usize = 8 * TRIAL;
-/// First and longest interval of trials of other cameras. It doubles each time, as an event that has not happened in n frames
-/// has a probability of about 1/n in the next one (Laplace's rule of succession).
+/// First and longest interval of trials of other cameras. It doubles each time, as an event that has not
+/// happened in n frames has a probability of about 1/n in the next one (Laplace's rule of succession).
 const OTHER_CAMERA: [usize; 2] = [90, 16 * 90];
 
 /// Counts the frames until a trial is due.

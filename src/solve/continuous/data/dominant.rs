@@ -1,12 +1,13 @@
 //! The dominant motion of a pair, by least median of squares.
 //!
-//! A path describes one motion; fitted to two, it bends between them. So matches of the scene and of moving objects are
-//! separated before any path is known: of affine motions through three matches, the one with the least median of squared
-//! residuals (P. J. Rousseeuw, *Least median of squares regression*, JASA 79(388), 1984), refined to a motion quadratic
-//! in the point, which approximates perspective, rotation and the shutter between two frames.
+//! A path describes one motion; fitted to two, it bends between them. So matches of the scene and of moving
+//! objects are separated before any path is known: of affine motions through three matches, the one with the
+//! least median of squared residuals (P. J. Rousseeuw, *Least median of squares regression*, JASA 79(388),
+//! 1984), refined to a motion quadratic in the point, which approximates perspective, rotation and the
+//! shutter between two frames.
 //!
-//! The weight of a match grows with its squared distance from the centre, as the background surrounds moving objects.
-//! Matches that were outliers in the pair before are not eligible.
+//! The weight of a match grows with its squared distance from the centre, as the background surrounds moving
+//! objects. Matches that were outliers in the pair before are not eligible.
 
 use super::matches::Match;
 use crate::robust::loss::GemanMcClure;
@@ -120,8 +121,8 @@ mod tests {
     use crate::solve::random::Random;
     use nalgebra::{Matrix2, Vector2};
 
-    /// Matches that rotate and accelerate with the row; those within `side` of the centre along both axes are displaced
-    /// by `own` more.
+    /// Matches that rotate and accelerate with the row; those within `side` of the centre along both axes are
+    /// displaced by `own` more.
     fn scene(side: f64, own: Vector2<f64>) -> Vec<Match> {
         let mut random = Random(7);
         let mut point = || {

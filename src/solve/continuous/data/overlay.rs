@@ -1,10 +1,10 @@
 //! Static overlays: a timestamp, a logo, the bonnet below a dashcam.
 //!
-//! An overlay is at rest in the same rows whatever the camera does, which looks like a shutter. So it is detected cell by
-//! cell, and its matches are left out. Per pair, a cell's log odds change by the difference of two Student-t log
-//! likelihoods (ν = 3) of a match: of its distance from rest, and of its distance from the affine motion of all that
-//! moves. Either distance is in units of its own standard deviation, and the normalising constants are left out, so that
-//! the difference is about 0 where that motion is at rest itself.
+//! An overlay is at rest in the same rows whatever the camera does, which looks like a shutter. So it is
+//! detected cell by cell, and its matches are left out. Per pair, a cell's log odds change by the difference
+//! of two Student-t log likelihoods (ν = 3) of a match: of its distance from rest, and of its distance from
+//! the affine motion of all that moves. Either distance is in units of its own standard deviation, and the
+//! normalising constants are left out, so that the difference is about 0 where that motion is at rest itself.
 
 use crate::correspond::Correspondence;
 use crate::robust::loss::{GemanMcClure, Loss, StudentT};
@@ -15,12 +15,13 @@ use nalgebra::{Matrix2x3, Vector2};
 const COLUMNS: usize = 32;
 /// Rows of cells, at most, however narrow the frame.
 const MAX_ROWS: usize = 8 * COLUMNS;
-/// Standard deviation of an overlay's displacement over that of the measurement: the scene moves at its edges.
+/// Standard deviation of an overlay's displacement over that of the measurement: the scene moves at its
+/// edges.
 const OVERLAY_NOISE: f64 = 5.0;
 /// A displacement beyond this many of these standard deviations is motion.
 const MOTION_DEVIATIONS: f64 = 4.0;
-/// Shares of the matches, and of the columns of cells, that must move for the camera to move: people who walk past a
-/// camera at rest fill less of the width.
+/// Shares of the matches, and of the columns of cells, that must move for the camera to move: people who walk
+/// past a camera at rest fill less of the width.
 const MIN_MOVING: f64 = 1.0 / 3.0;
 const MIN_MOVING_COLUMNS: f64 = 0.75;
 /// Log odds of a cell at first, and their greatest magnitude.
@@ -53,8 +54,8 @@ impl StaticOverlay {
         Self { cell, log_odds: vec![PRIOR_LOG_ODDS; COLUMNS * rows], deviation: OVERLAY_NOISE * noise }
     }
 
-    /// Updates the cells by the matches of a pair and writes those outside of overlays to `scene`; all, if these are
-    /// fewer than a third.
+    /// Updates the cells by the matches of a pair and writes those outside of overlays to `scene`; all, if
+    /// these are fewer than a third.
     pub fn remove(&mut self, found: &[Correspondence], scene: &mut Vec<Correspondence>) {
         self.update(found);
         let is_overlay = |m: &Correspondence| {

@@ -18,7 +18,8 @@ pub struct PairWindow<'a> {
 }
 
 impl<'a> PairWindow<'a> {
-    /// The part from `past` pairs before the frame on, extended into the past to `least` pairs in all if there are.
+    /// The part from `past` pairs before the frame on, extended into the past to `least` pairs in all if
+    /// there are.
     pub fn recent(self, past: usize, least: usize) -> Self {
         let ahead = self.pairs.len().saturating_sub(self.past);
         let skipped = self.past.saturating_sub(past.max(least.saturating_sub(ahead)));
@@ -60,8 +61,8 @@ impl<'a> PairWindow<'a> {
     }
 }
 
-/// Coverage of the scan axis by the matches of a pair: 0 up to a quarter of the lines, 1 from a half on. With less, a
-/// shutter is not distinguished from a moving object.
+/// Coverage of the scan axis by the matches of a pair: 0 up to a quarter of the lines, 1 from a half on. With
+/// less, a shutter is not distinguished from a moving object.
 pub fn breadth(pair: &FramePair, scan_axis: ScanAxis) -> f64 {
     let mut shown = [false; LINES];
     for m in &pair.matches {

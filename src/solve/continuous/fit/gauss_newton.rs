@@ -4,12 +4,12 @@ use super::posterior::Posterior;
 use super::setup::Setup;
 use crate::solve::continuous::data::PairWindow;
 
-/// A step is the last if it changes the displacements in the frame's pairs by less than this share of the noise floor (root
-/// mean square), and γ by less than `GAMMA_TOLERANCE`.
+/// A step is the last if it changes the displacements in the frame's pairs by less than this share of the
+/// noise floor (root mean square), and γ by less than `GAMMA_TOLERANCE`.
 const TOLERANCE: f64 = 0.3;
 const GAMMA_TOLERANCE: f64 = 0.01;
-/// A fit has also converged if its last step changed displacements by less than σ, and γ by less than this share of its
-/// standard deviation.
+/// A fit has also converged if its last step changed displacements by less than σ, and γ by less than this
+/// share of its standard deviation.
 const GAMMA_TOLERANCE_DEVIATIONS: f64 = 0.5;
 
 /// How a fit ended.

@@ -10,12 +10,13 @@ use crate::solve::continuous::trajectory::{KnotDensity, Trajectory};
 
 /// Correlation of residuals beyond the noise with the derivatives by γ and κ, at most.
 const ERROR_CORRELATION: f64 = 0.12;
-/// Greatest order of the prediction of a vibration: the steps of one and a half frame periods, enough for eight sinusoids.
+/// Greatest order of the prediction of a vibration: the steps of one and a half frame periods, enough for
+/// eight sinusoids.
 const MAX_ORDER: usize = 16;
 /// Standard deviation of γ above which no prediction is learnt: with a wrong γ the path imitates the shutter.
 const MAX_PREDICTION_DEVIATION: f64 = 0.03;
-/// Share of the initial variances for the path of a single pair: with all of them, depth that varies along the rows is
-/// fitted as acceleration. Between a third and a tenth, strong shakes keep more.
+/// Share of the initial variances for the path of a single pair: with all of them, depth that varies along
+/// the rows is fitted as acceleration. Between a third and a tenth, strong shakes keep more.
 const SINGLE_PAIR_SHARE: f64 = 0.3;
 
 /// The result of a fit, and the start of the next one.
@@ -118,9 +119,10 @@ impl Posterior {
         self.smoothness.learn(&self.trajectory.splines, &self.covariance.matrix, order, setup.noise);
     }
 
-    /// Log evidence up to a constant, by Laplace's method (MacKay, as in [`Smoothness`]): with the path marginalised,
-    /// ln p(pairs | path) − ½·cᵀPc + ½·ln|P| − ½·ln|N|, c being the path's coefficients, P the matrix of the prior and N
-    /// that of all. A path that bends to imitate another shutter has less. `None` if a matrix is not positive definite.
+    /// Log evidence up to a constant, by Laplace's method (MacKay, as in [`Smoothness`]): with the path
+    /// marginalised, ln p(pairs | path) − ½·cᵀPc + ½·ln|P| − ½·ln|N|, c being the path's coefficients, P the
+    /// matrix of the prior and N that of all. A path that bends to imitate another shutter has less. `None`
+    /// if a matrix is not positive definite.
     pub fn log_evidence(&mut self, pairs: &[&FramePair], setup: &Setup) -> Option<f64> {
         self.evaluate(pairs, setup);
         self.assemble(setup);
@@ -159,16 +161,16 @@ impl Posterior {
         self.evaluated.get(index).map_or(0.0, |pair| pair.normal.moved(&self.system.right))
     }
 
-    /// Share explained of displacements whose mean square is `moved` squared radii, 0 to 1, if a coordinate's residual has
-    /// the standard deviation `sigma` in pixels.
+    /// Share explained of displacements whose mean square is `moved` squared radii, 0 to 1, if a coordinate's
+    /// residual has the standard deviation `sigma` in pixels.
     pub fn explained(&self, sigma: f64, moved: f64, setup: &Setup) -> f64 {
         let radius = self.trajectory.radius;
         let allowed = (3.0 * setup.noise).powi(2) + 0.25 * moved * radius * radius;
         (1.0 - 2.0 * sigma * sigma / allowed).clamp(0.0, 1.0)
     }
 
-    /// Factor on the covariance where errors of measurement are independent. The fit counts all errors as correlated, as
-    /// those of the model are.
+    /// Factor on the covariance where errors of measurement are independent. The fit counts all errors as
+    /// correlated, as those of the model are.
     pub fn noise_share(&self, setup: &Setup) -> f64 {
         let shares = self.evaluated.iter().map(|EvaluatedPair { normal, residuals, .. }| {
             let noise = (setup.noise * setup.noise / normal.variances.noise).min(1.0);
@@ -178,9 +180,9 @@ impl Posterior {
         shares.sum::<f64>() / self.evaluated.len().max(1) as f64
     }
 
-    /// The *design effect* (L. Kish, *Survey Sampling*, 1965), by which errors of the model, correlated between matches and
-    /// pairs, increase the variances of γ and κ. With the correlation ρ, n such errors of variance σ² add ρ²·n·σ² to the
-    /// variance σ² of independent ones.
+    /// The *design effect* (L. Kish, *Survey Sampling*, 1965), by which errors of the model, correlated
+    /// between matches and pairs, increase the variances of γ and κ. With the correlation ρ, n such errors of
+    /// variance σ² add ρ²·n·σ² to the variance σ² of independent ones.
     pub fn design_effect(&self, setup: &Setup) -> f64 {
         let model_errors = |EvaluatedPair { normal, .. }: &EvaluatedPair| {
             normal.independent * (1.0 - setup.noise * setup.noise / normal.variances.noise)

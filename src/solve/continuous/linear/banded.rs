@@ -1,10 +1,11 @@
 //! Symmetric positive definite matrices with a band, and their Cholesky factors.
 //!
-//! A pair of frames depends on the coefficients of few blocks, so the band of each row is as wide as its own couplings
-//! need (*variable-band* or *skyline* storage: A. George, J. W. Liu, *Computer Solution of Large Sparse Positive Definite
-//! Systems*, 1981, chapter 4): rows of the turns, with a support of one block, are shorter than those of the other
-//! generators, with four. The factor has the band of its matrix. With bᵢ entries in row i before the diagonal it takes
-//! Σ bᵢ²/2 multiply-adds, the inverse inside the band at most four times as many.
+//! A pair of frames depends on the coefficients of few blocks, so the band of each row is as wide as its own
+//! couplings need (*variable-band* or *skyline* storage: A. George, J. W. Liu, *Computer Solution of Large
+//! Sparse Positive Definite Systems*, 1981, chapter 4): rows of the turns, with a support of one block, are
+//! shorter than those of the other generators, with four. The factor has the band of its matrix. With bᵢ
+//! entries in row i before the diagonal it takes Σ bᵢ²/2 multiply-adds, the inverse inside the band at most
+//! four times as many.
 
 use crate::cpu::{CpuLevel, for_each_cpu};
 
@@ -116,9 +117,10 @@ impl Banded {
 
     /// The entries of (L·Lᵀ)⁻¹ inside the band, this being L: Takahashi's recursion.
     ///
-    /// Column j of the inverse Z is Z_ij = (δ_ij / L_jj − Σ_{k > j} Z_ik L_kj) / L_jj for i ≥ j: a product of the part of
-    /// Z that is known already with column j of L. Rows i with L_ij outside the band are skipped. Only the lower half of
-    /// the symmetric known part is stored, and each row is used both as row and as column, so that it is read in order.
+    /// Column j of the inverse Z is Z_ij = (δ_ij / L_jj − Σ_{k > j} Z_ik L_kj) / L_jj for i ≥ j: a product of
+    /// the part of Z that is known already with column j of L. Rows i with L_ij outside the band are skipped.
+    /// Only the lower half of the symmetric known part is stored, and each row is used both as row and as
+    /// column, so that it is read in order.
     pub fn inverse_band(&self, cpu: CpuLevel, out: &mut Banded) {
         inverse_band(cpu, self, out);
     }
@@ -200,8 +202,8 @@ mod tests {
     use crate::solve::random::Random;
     use nalgebra::{DMatrix, DVector};
 
-    /// A random positive definite matrix B·Bᵀ + I/10, B lower triangular, in both storages. Rows have `band` entries
-    /// before the diagonal, or, if `ragged`, every third one a third as many.
+    /// A random positive definite matrix B·Bᵀ + I/10, B lower triangular, in both storages. Rows have `band`
+    /// entries before the diagonal, or, if `ragged`, every third one a third as many.
     fn random(size: usize, band: usize, ragged: bool, seed: u64) -> (Banded, DMatrix<f64>) {
         let mut random = Random(seed);
         let mut uniform = || random.uniform() - 0.5;
@@ -306,7 +308,7 @@ mod tests {
 
     #[test]
     fn indefinite_matrices_are_refused() {
-        // Eigenvalues 3 and −1; a zero matrix; what is not a number.
+        // Eigenvalues 3 and −1; a zero matrix; NaN.
         for [diagonal, beside] in [[1.0, 2.0], [0.0, 0.0], [f64::NAN, 0.0], [f64::INFINITY, 0.0]] {
             let mut banded = Banded::default();
             banded.reset([0, 0]);

@@ -1,7 +1,7 @@
 //! Sums over the matches of a band.
 //!
-//! The matches of a band are exposed at about the same time and share the splines' weights: their products are summed by
-//! generator, and spread over the coefficients once (`equations`).
+//! The matches of a band are exposed at about the same time and share the splines' weights: their products
+//! are summed by generator, and spread over the coefficients once (`equations`).
 
 use super::shared::SHARED;
 use crate::motion::generators::GENERATORS;
@@ -17,14 +17,15 @@ pub type Jacobian = [Row; 2];
 /// Sums of products, row by row.
 pub type Square = [Row; GENERATORS];
 
-/// The sums of a band. The innovation of a match depends on the path over its own pair and over the pair before.
+/// The sums of a band. The innovation of a match depends on the path over its own pair and over the pair
+/// before.
 #[derive(Clone, Debug, Default)]
 pub struct Band {
     pub weight: f64,
     /// Weight of the matches with a residual before.
     pub linked: f64,
-    /// Weighted exposure times in blocks: start and end of the pair before, the latter also the start of the own one,
-    /// and end of the own one.
+    /// Weighted exposure times in blocks: start and end of the pair before, the latter also the start of the
+    /// own one, and end of the own one.
     pub blocks: [f64; 3],
     pub own: Square,
     pub before: Square,
@@ -64,7 +65,8 @@ fn add_sides(sums: &mut [Row; SIDES], a: &Jacobian, sides: &[Vector2<f64>; SIDES
 }
 
 impl Band {
-    /// Adds an innovation of this weight with its Jacobians by the path over either pair and by the shared unknowns.
+    /// Adds an innovation of this weight with its Jacobians by the path over either pair and by the shared
+    /// unknowns.
     #[inline(always)]
     pub fn add(
         &mut self,

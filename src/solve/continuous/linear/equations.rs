@@ -1,9 +1,9 @@
 //! The normal equations of a pair over the coefficients of the path.
 //!
-//! A displacement is the difference of the path at two *ends*, each a sum of four coefficients of each generator. So a
-//! band's sums, 8 × 8 numbers for two ends, are spread over 32 × 32 entries by the weights of the splines. The
-//! coefficients of a pair are sorted: the turns' knot by knot, then the others', so that the four knots of either in the
-//! support of an instant are contiguous.
+//! A displacement is the difference of the path at two *ends*, each a sum of four coefficients of each
+//! generator. So a band's sums, 8 × 8 numbers for two ends, are spread over 32 × 32 entries by the weights of
+//! the splines. The coefficients of a pair are sorted: the turns' knot by knot, then the others', so that the
+//! four knots of either in the support of an instant are contiguous.
 
 use super::banded::Banded;
 use super::bands::{Band, Row, SIDES};
@@ -17,8 +17,9 @@ const OTHERS: usize = GENERATORS - TURNS;
 const SUPPORT: usize = 4 * GENERATORS;
 /// Those of the turns.
 const TURNS_SUPPORT: usize = 4 * TURNS;
-/// Two ends of a band, 0 being the start of the pair before, and the factors of the sums `own`, `across` and `before` in
-/// their block of the matrix. Blocks on the diagonal are halved, as the transpose is added in the end.
+/// Two ends of a band, 0 being the start of the pair before, and the factors of the sums `own`, `across` and
+/// `before` in their block of the matrix. Blocks on the diagonal are halved, as the transpose is added in the
+/// end.
 const BLOCKS: [([usize; 2], [f64; 3]); 6] = [
     ([2, 2], [0.5, 0.0, 0.0]),
     ([2, 1], [-1.0, 1.0, 0.0]),

@@ -1,7 +1,7 @@
 //! The pairs of a window, evaluated against the path.
 //!
-//! The residuals and normal equations of a pair are kept while their inputs are the same. After the evidence of a window
-//! was computed, the window of the next frame finds all but its first and last pairs evaluated.
+//! The residuals and normal equations of a pair are kept while their inputs are the same. After the evidence
+//! of a window was computed, the window of the next frame finds all but its first and last pairs evaluated.
 
 use super::normal::Normal;
 use super::pair_residuals::PairResiduals;
@@ -74,7 +74,8 @@ pub fn evaluate(evaluated: &mut Vec<EvaluatedPair>, pairs: &[&FramePair], evalua
             }
         },
     );
-    // The first pair has no pair before it, so that its noise and parallax cannot be separated: it has the second's.
+    // The first pair has no pair before it, so that its noise and parallax cannot be separated: it has the
+    // second's.
     if let ([first, second, ..], [is_changed, ..]) = (evaluated.as_mut_slice(), changed.as_mut_slice()) {
         *is_changed |= first.normal.variances != second.normal.variances;
         first.normal.variances = second.normal.variances;
@@ -164,7 +165,7 @@ mod tests {
     }
 
     #[test]
-    fn nothing_is_done_again_before_the_path_changes() {
+    fn pairs_are_kept_until_the_path_changes() {
         let pairs: Vec<FramePair> = [0.0, 1.0, 2.0].map(pair).into();
         let pairs: Vec<&FramePair> = pairs.iter().collect();
         let (mut evaluated, mut fresh) = (Vec::new(), Vec::new());

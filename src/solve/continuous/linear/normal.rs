@@ -1,17 +1,17 @@
 //! The normal equations of a pair.
 //!
-//! A match is an equation x′ = F(x; t → t′), F the motion along the path. With generator j's field φⱼ and path ξⱼ, and
-//! m = (x + x′)/2, the derivatives of F are
+//! A match is an equation x′ = F(x; t → t′), F the motion along the path. With generator j's field φⱼ and
+//! path ξⱼ, and m = (x + x′)/2, the derivatives of F are
 //!
 //! - by the path: Σⱼ φⱼ(m)·(δξⱼ(t′) − δξⱼ(t)), each ξⱼ(t) a sum of four coefficients;
 //! - by γ, as t = t_k + γ·p: Σⱼ φⱼ(m)·(ξⱼ′(t′)·p′ − ξⱼ′(t)·p);
 //! - by κ: m·(m · (ξ(t′) − ξ(t))), ξ the paths of yaw and pitch.
 //!
-//! All but the turns count λ times for a point of λ times the inverse depth. An innovation rᵢ − B·rⱼ depends on the path
-//! over its own pair and, by −B, over the pair before.
+//! All but the turns count λ times for a point of λ times the inverse depth. An innovation rᵢ − B·rⱼ depends
+//! on the path over its own pair and, by −B, over the pair before.
 //!
-//! The splines are evaluated once for a *band* of matches exposed at about the same time. That rounds the Jacobians, not
-//! the residuals.
+//! The splines are evaluated once for a *band* of matches exposed at about the same time. That rounds the
+//! Jacobians, not the residuals.
 
 use super::bands::{Band, Jacobian, product};
 use super::equations::Equations;
@@ -28,7 +28,8 @@ use nalgebra::{Matrix2, SMatrix, SVector};
 const BANDS: usize = 24;
 /// Degrees of freedom of Student's t, the distribution of innovations.
 const FREEDOM: i32 = 4;
-/// A pair counts as at most this many independent matches of equal weight: residuals of neighbours are correlated.
+/// A pair counts as at most this many independent matches of equal weight: residuals of neighbours are
+/// correlated.
 const INDEPENDENT_MATCHES: f64 = 25.0;
 
 /// The normal equations of a pair.
@@ -69,8 +70,8 @@ impl Normal {
     }
 }
 
-/// The loss of an innovation: Student's t for the scene; all other matches spread evenly over as far as points move in
-/// the pair, with the variance `others` in px².
+/// The loss of an innovation: Student's t for the scene; all other matches spread evenly over as far as
+/// points move in the pair, with the variance `others` in px².
 #[inline(always)]
 fn loss_of(new: &Innovation, own: &MatchResidual, others: f64) -> Mixture<FREEDOM> {
     let inverse_scale = new.weight.determinant().sqrt() * own.whitening.determinant();
@@ -145,8 +146,8 @@ impl Evaluator<'_> {
         shared
     }
 
-    /// The whitened Jacobians of a displacement by the paths of the generators and by the shared unknowns, for a point of
-    /// relative inverse depth `depth`.
+    /// The whitened Jacobians of a displacement by the paths of the generators and by the shared unknowns,
+    /// for a point of relative inverse depth `depth`.
     #[inline(always)]
     fn jacobian(&self, one: &MatchResidual, depth: f64) -> (Jacobian, SMatrix<f64, 2, SHARED>) {
         let phi = fields((one.measured.from + one.measured.to) / 2.0, self.trajectory.splines.kappa);

@@ -179,8 +179,8 @@ fn the_normal_equations_are_those_of_the_residuals() {
         let pair = setting.pair(1.0);
         let (evaluated, normal) = setting.sums(&pair);
         let residuals = setting.residuals(&pair);
-        // Student's t with four degrees of freedom: weight (4 + 2)/(4 + r²/σ²)/σ², a pair counting as 25, times the
-        // probability that a match shows the scene.
+        // Student's t with four degrees of freedom: weight (4 + 2)/(4 + r²/σ²)/σ², a pair counting as 25,
+        // times the probability that a match shows the scene.
         let variance = evaluated.sigma * evaluated.sigma;
         let weight = |r: &Vector2<f64>| {
             let square = r.norm_squared() / variance;

@@ -26,15 +26,15 @@ pub struct PairResiduals {
     pub others: f64,
     /// Correspondences within three standard deviations.
     pub inliers: usize,
-    /// Median squared coordinate in px² of the displacements by generators other than the turns; `None` where there are
-    /// too few tracks or the residuals are noise.
+    /// Median squared coordinate in px² of the displacements by generators other than the turns; `None` where
+    /// there are too few tracks or the residuals are noise.
     pub parallax: Option<f64>,
     squares: Vec<(f64, f64)>,
 }
 
 impl PairResiduals {
-    /// Variance of a coordinate without the errors of measurement, at least `least`: the fixed point of
-    /// σ² = median(|r|²·σ²/(σ² + s²))/(2·ln 2), s² the variance of the match.
+    /// Variance of a coordinate without the errors of measurement, at least `least`: the fixed point of σ² =
+    /// median(|r|²·σ²/(σ² + s²))/(2·ln 2), s² the variance of the match.
     fn variance(&mut self, least: f64) -> f64 {
         let mut variance = f64::INFINITY;
         for _ in 0..ROUNDS {
@@ -88,8 +88,8 @@ impl Line {
         self.square += residual.norm_squared();
     }
 
-    /// The part of Σ|r|² that a linear regression on a explains, less that expected of uncorrelated residuals: two of
-    /// them.
+    /// The part of Σ|r|² that a linear regression on a explains, less that expected of uncorrelated
+    /// residuals: two of them.
     fn shared(&self) -> f64 {
         if self.count < MIN_MATCHES {
             return 0.0;
@@ -103,10 +103,10 @@ impl Line {
     }
 }
 
-/// Median squared coordinate in px² of the parallax of matches with a track; `None` where fewer than half have one, or
-/// where the variance of the residuals beyond noise, `excess` in px², is not positive. Residuals beyond any parallax
-/// count as noise of the innovation. (To count all as noise as soon as they were four times as large made fits jump
-/// between two states, and those that began in the wrong one never left it.)
+/// Median squared coordinate in px² of the parallax of matches with a track; `None` where fewer than half
+/// have one, or where the variance of the residuals beyond noise, `excess` in px², is not positive. Residuals
+/// beyond any parallax count as noise of the innovation. (To count all as noise as soon as they were four
+/// times as large made fits jump between two states, and those that began in the wrong one never left it.)
 pub fn parallax<'a, T>(
     residuals: impl Iterator<Item = (&'a MatchResidual, Option<T>)>,
     excess: f64,
@@ -191,7 +191,8 @@ mod tests {
 
     #[test]
     fn the_variance_is_without_the_errors_of_measurement() {
-        // Two thirds of the matches are measured with σ = 0.5 px, the others exactly; the path is off by 0.2 px.
+        // Two thirds of the matches are measured with σ = 0.5 px, the others exactly; the path is off by 0.2
+        // px.
         let mut random = Random(8);
         let mut residuals = residuals(|_| Vector2::zeros());
         for (index, m) in residuals.matches.iter_mut().enumerate() {

@@ -1,13 +1,15 @@
 //! Innovations: residuals given those of the same points in the pair before.
 //!
-//! A point at another depth than the path's has the residual r = (λ − 1)·w + noise, λ its inverse depth over the path's
-//! and w its displacement by the path's translations. One pair does not distinguish this from an error of the path; over
-//! two pairs λ is the same. So a residual is compared with its prediction from the pair before:
+//! A point at another depth than the path's has the residual r = (λ − 1)·w + noise, λ its inverse depth over
+//! the path's and w its displacement by the path's translations. One pair does not distinguish this from an
+//! error of the path; over two pairs λ is the same. So a residual is compared with its prediction from the
+//! pair before:
 //!
 //! e = rᵢ − B·rⱼ, B = Cᵢⱼ·Cⱼⱼ⁻¹, with covariance V = Cᵢᵢ − B·Cⱼᵢ,
 //!
-//! where Cᵢⱼ = τ²·wᵢ·wⱼᵀ (+ σ²·I for i = j), j the pair before: the density of a Markov chain of residuals. A camera that
-//! translates before a scene of any depth thus constrains path and shutter as well as one that turns.
+//! where Cᵢⱼ = τ²·wᵢ·wⱼᵀ (+ σ²·I for i = j), j the pair before: the density of a Markov chain of residuals. A
+//! camera that translates before a scene of any depth thus constrains path and shutter as well as one that
+//! turns.
 
 use super::pair_residuals::PairResiduals;
 use super::residual::MatchResidual;
@@ -212,7 +214,7 @@ mod tests {
     }
 
     #[test]
-    fn what_cannot_be_parallax_is_noise() {
+    fn residuals_beyond_parallax_are_noise() {
         // The path's translation explains a tenth of the displacements, and τ is a half at most.
         let residuals = scene(0.4, 0.1, 0.4);
         let all = residuals.sigma * residuals.sigma;

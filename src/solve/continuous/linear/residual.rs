@@ -39,8 +39,8 @@ pub struct MatchResidual {
 }
 
 impl MatchResidual {
-    /// Multiplies by W = (I + C/σ²)^(−½), C the covariance of the match and σ² the `variance` of a coordinate without it,
-    /// which is then that of the residual.
+    /// Multiplies by W = (I + C/σ²)^(−½), C the covariance of the match and σ² the `variance` of a coordinate
+    /// without it, which is then that of the residual.
     pub fn whiten(&mut self, variance: f64) {
         self.whitening = inverse_root(Matrix2::identity() + self.measured.covariance / variance);
         let [by_turns, by_others] = &mut self.by_gamma;

@@ -1,7 +1,7 @@
 //! The normal equations of a window: a banded matrix of the path's coefficients, bordered by γ and κ.
 //!
-//! N·δc + b·δ = g, N the matrix of the path, b the border and δ the step of γ and κ. The path is eliminated by the Schur
-//! complement S′ = S − bᵀN⁻¹b; then γ and κ are solved, and the path is substituted back.
+//! N·δc + b·δ = g, N the matrix of the path, b the border and δ the step of γ and κ. The path is eliminated
+//! by the Schur complement S′ = S − bᵀN⁻¹b; then γ and κ are solved, and the path is substituted back.
 
 use super::banded::Banded;
 use super::normal::Normal;

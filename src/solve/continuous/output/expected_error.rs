@@ -1,13 +1,15 @@
 //! The expected error of a frame's correction, and the share of it that is applied.
 //!
-//! A hypothesis corrects a point at the place p along the scan axis by d, to where it is at the middle of the readout: the
-//! motion along the path, and γ·(½ − p)·u, u the residual velocity. Hypothesis h has the probability pₕ. If the share w of
-//! the correction d₁ of the likeliest is applied, whose γ is believed to be γ̄ ± σ, the mean squared error is
+//! A hypothesis corrects a point at the place p along the scan axis by d, to where it is at the middle of the
+//! readout: the motion along the path, and γ·(½ − p)·u, u the residual velocity. Hypothesis h has the
+//! probability pₕ. If the share w of the correction d₁ of the likeliest is applied, whose γ is believed to be
+//! γ̄ ± σ, the mean squared error is
 //!
 //! > Σ pₕ·|dₕ − w·d₁|² + tr(φ·C·φᵀ) + (σ² + (γ − γ̄)²)·|∂d₁/∂γ|² + v,
 //!
-//! φ the fields of the generators, C the covariance of the motion of their paths until the middle of the readout, from
-//! that of the path's coefficients, and v the variance of the flow about path and residual velocities.
+//! φ the fields of the generators, C the covariance of the motion of their paths until the middle of the
+//! readout, from that of the path's coefficients, and v the variance of the flow about path and residual
+//! velocities.
 
 use crate::motion::generators::{GENERATORS, fields};
 use crate::solve::continuous::camera::{CameraPosterior, Hypothesis};
@@ -16,8 +18,8 @@ use crate::solve::continuous::trajectory::{BLOCK, Trajectory, ratio, spline};
 use crate::solve::residual::{REGIONS, Region};
 use nalgebra::{SMatrix, SVector, Vector2};
 
-/// Share of the correction's mean square that may be error if all of it is applied; the applied share falls to 0 where all
-/// of the mean square is error.
+/// Share of the correction's mean square that may be error if all of it is applied; the applied share falls
+/// to 0 where all of the mean square is error.
 const TOLERATED_ERROR: f64 = 0.5;
 /// Hypotheses of less probability are ignored.
 const MIN_PROBABILITY: f64 = 1e-3;
@@ -47,8 +49,9 @@ struct Frame<'a> {
 }
 
 impl CameraPosterior {
-    /// Share and expected error of the correction of a frame with these regions; without flow, `sigma` in pixels is the
-    /// standard deviation of a coordinate's residual. The share is 0 if any error is not finite.
+    /// Share and expected error of the correction of a frame with these regions; without flow, `sigma` in
+    /// pixels is the standard deviation of a coordinate's residual. The share is 0 if any error is not
+    /// finite.
     pub fn expected(&self, stamp: f64, regions: &[Region], sigma: f64) -> Expected {
         let leading = self.leading();
         let frame = Frame::new(stamp, middles(self.size), regions, sigma, leading.gamma().abs());
@@ -111,8 +114,8 @@ impl<'a> Frame<'a> {
         self.points.iter().zip(&self.velocities).map(correction).collect()
     }
 
-    /// Expected squared errors in px² of the correction by a hypothesis, by path, γ (root mean square `gamma_error`) and
-    /// local motion.
+    /// Expected squared errors in px² of the correction by a hypothesis, by path, γ (root mean square
+    /// `gamma_error`) and local motion.
     fn errors(&self, hypothesis: &Hypothesis, gamma_error: f64) -> Vec<f64> {
         // The points of a line have the same exposure time.
         let mut lines: Vec<(f64, PathCovariance)> = Vec::new();
@@ -157,8 +160,8 @@ impl Hypothesis {
         self.setup.camera.gamma_deviation().hypot(self.gamma() - self.setup.camera.beliefs.gamma.mean)
     }
 
-    /// Covariance in px² of the motion of the generators' paths from the exposure of a place along the scan axis to the middle
-    /// of the readout.
+    /// Covariance in px² of the motion of the generators' paths from the exposure of a place along the scan
+    /// axis to the middle of the readout.
     fn path_covariance(&self, stamp: f64, place: f64) -> PathCovariance {
         let blocks = self.blocks_to_middle(stamp, place);
         let splines = &self.posterior.trajectory.splines;

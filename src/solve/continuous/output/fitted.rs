@@ -21,7 +21,8 @@ pub struct FittedPair<'a> {
 }
 
 impl FittedPair<'_> {
-    /// The residuals by the path of a hypothesis; `centre` and `radius` in pixels. Correspondences off the path are left out.
+    /// The residuals by the path of a hypothesis; `centre` and `radius` in pixels. Correspondences off the
+    /// path are left out.
     pub fn fit(
         &self,
         hypothesis: &Hypothesis,

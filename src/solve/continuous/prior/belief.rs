@@ -1,9 +1,9 @@
 //! A Gaussian belief about a constant of the camera, updated window by window.
 //!
-//! Estimates are weighed by their inverse variances. These are too large if the errors of successive windows are
-//! correlated; by how much is measured by the *scatter*, the mean of (estimate − mean)² over its variance, by which
-//! information is divided where it is above 1. Old estimates are forgotten exponentially, as they may be errors of the
-//! start or of another camera.
+//! Estimates are weighed by their inverse variances. These are too large if the errors of successive windows
+//! are correlated; by how much is measured by the *scatter*, the mean of (estimate − mean)² over its
+//! variance, by which information is divided where it is above 1. Old estimates are forgotten exponentially,
+//! as they may be errors of the start or of another camera.
 
 /// Windows of memory: the time constant of forgetting.
 pub const MEMORY: usize = 60;
@@ -29,7 +29,8 @@ impl Belief {
         Self { mean, information: prior, scatter: 1.0, prior }
     }
 
-    /// Updates by an estimate of the given inverse variance, of which a `share` is independent of the estimates before.
+    /// Updates by an estimate of the given inverse variance, of which a `share` is independent of the
+    /// estimates before.
     pub fn add(&mut self, value: f64, information: f64, share: f64) {
         if !(value.is_finite() && information.is_finite() && information > 0.0) {
             return;

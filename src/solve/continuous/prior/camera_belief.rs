@@ -43,8 +43,8 @@ impl CameraBelief {
         }
     }
 
-    /// One Gauss–Newton step from `at`, given a window's equations with the path eliminated: the new γ and κ, and the
-    /// window's own estimate of each, the other one having its belief as prior.
+    /// One Gauss–Newton step from `at`, given a window's equations with the path eliminated: the new γ and κ,
+    /// and the window's own estimate of each, the other one having its belief as prior.
     pub fn step(
         &self,
         equations: &SharedEquations,

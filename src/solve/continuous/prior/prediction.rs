@@ -1,15 +1,15 @@
 //! Linear prediction of a path's steps from knot to knot.
 //!
-//! A sum of sinusoids obeys x(t) = Σₖ aₖ·x(t − k), with two weights for each, whatever their amplitudes and phases. A
-//! vibration is such a sum with slowly varying amplitudes; so its path is determined where few matches constrain it. A
-//! whole number of cycles a frame hardly shows between frames: smoothness alone would suppress it and alias its
-//! neighbours.
+//! A sum of sinusoids obeys x(t) = Σₖ aₖ·x(t − k), with two weights for each, whatever their amplitudes and
+//! phases. A vibration is such a sum with slowly varying amplitudes; so its path is determined where few
+//! matches constrain it. A whole number of cycles a frame hardly shows between frames: smoothness alone would
+//! suppress it and alias its neighbours.
 //!
-//! The weights are estimated by EM (R. H. Shumway, D. S. Stoffer, *An approach to time series smoothing and forecasting
-//! using the EM algorithm*, J. Time Series Analysis 3(4), 1982): regression on the second moments of the steps, which
-//! include their posterior covariance. There are more weights than the sinusoids need, shrunk by a ridge, so that the
-//! surplus ones describe damped motions (D. W. Tufts, R. Kumaresan, *Estimation of frequencies of multiple sinusoids*,
-//! Proc. IEEE 70(9), 1982).
+//! The weights are estimated by EM (R. H. Shumway, D. S. Stoffer, *An approach to time series smoothing and
+//! forecasting using the EM algorithm*, J. Time Series Analysis 3(4), 1982): regression on the second moments
+//! of the steps, which include their posterior covariance. There are more weights than the sinusoids need,
+//! shrunk by a ridge, so that the surplus ones describe damped motions (D. W. Tufts, R. Kumaresan,
+//! *Estimation of frequencies of multiple sinusoids*, Proc. IEEE 70(9), 1982).
 
 use crate::solve::continuous::linear::Banded;
 use nalgebra::{DMatrix, DVector};

@@ -1,10 +1,10 @@
 //! Smoothness prior of the path, its variances learnt from the window.
 //!
-//! The second differences of each generator's coefficients are Gaussian with a variance of their own; of a vibrating
-//! turn, it is the prediction errors of its steps. The variance is learnt by MacKay's rule (D. J. C. MacKay, *Bayesian
-//! interpolation*, Neural Computation 4(3), 1992): Σ d² over the number of differences that the data determine, which is
-//! their number less Σ (posterior variance / prior variance). The variance of a generator that the data do not need
-//! tends to zero; one that is needed keeps enough to follow.
+//! The second differences of each generator's coefficients are Gaussian with a variance of their own; of a
+//! vibrating turn, it is the prediction errors of its steps. The variance is learnt by MacKay's rule (D. J.
+//! C. MacKay, *Bayesian interpolation*, Neural Computation 4(3), 1992): Σ d² over the number of differences
+//! that the data determine, which is their number less Σ (posterior variance / prior variance). The variance
+//! of a generator that the data do not need tends to zero; one that is needed keeps enough to follow.
 
 use super::prediction::{Moments, Prediction};
 use crate::motion::generators::{GENERATORS, TURNS};
@@ -17,10 +17,12 @@ const OTHERS_START: f64 = 0.01;
 const LIMITS: [f64; 2] = [1e-7, 1e4];
 /// Greatest factor by which a variance changes at once.
 const MAX_CHANGE: f64 = 10.0;
-/// Least share of the differences that counts as determined, well above rounding. With 1e-3 a generator never came back
-/// whose variance was far below its posterior one: MacKay's rule then underestimates the little that it moves.
+/// Least share of the differences that counts as determined, well above rounding. With 1e-3 a generator never
+/// came back whose variance was far below its posterior one: MacKay's rule then underestimates the little
+/// that it moves.
 const MIN_DETERMINED: f64 = 1e-7;
-/// Weak prior: variances in px² of the first differences of the turns (four knots to a block) and of the others (one).
+/// Weak prior: variances in px² of the first differences of the turns (four knots to a block) and of the
+/// others (one).
 const RATE_VARIANCES: [f64; 2] = [100.0, 400.0];
 /// Inverse variance in px⁻² of the coefficients, as only differences are observed.
 const LEVEL_INFORMATION: f64 = 1e-6;
@@ -47,8 +49,8 @@ pub struct Smoothness {
 }
 
 impl Smoothness {
-    /// The prior for these generators; `start` is the initial variance in px² of the turns, rather too large than too
-    /// small, as it shrinks faster than it grows.
+    /// The prior for these generators; `start` is the initial variance in px² of the turns, rather too large
+    /// than too small, as it shrinks faster than it grows.
     pub fn new(active: [bool; GENERATORS], start: f64) -> Self {
         let variance = std::array::from_fn(|j| if j < TURNS { start } else { OTHERS_START });
         Self { active, start, predictions: std::array::from_fn(|_| Prediction::constant_rate()), variance }
@@ -69,7 +71,8 @@ impl Smoothness {
         if generator < TURNS { order.min(coefficients / KNOTS_PER_WEIGHT).max(1) } else { 1 }
     }
 
-    /// Extends the rows of a band, given by their first columns, to hold the prior and to learn from up to `order` steps.
+    /// Extends the rows of a band, given by their first columns, to hold the prior and to learn from up to
+    /// `order` steps.
     pub fn reach(&self, path: &Splines, order: usize, first: &mut [usize]) {
         for j in 0..GENERATORS {
             let places = path.places(j);
@@ -108,8 +111,9 @@ impl Smoothness {
         (0..c.len()).for_each(|place| matrix.add(place, place, LEVEL_INFORMATION));
     }
 
-    /// Updates variances and predictions from a path and the covariance of its coefficients. A turn is predicted from up
-    /// to `order` steps if it bends by more than the `noise`, the standard deviation of a point in pixels, explains.
+    /// Updates variances and predictions from a path and the covariance of its coefficients. A turn is
+    /// predicted from up to `order` steps if it bends by more than the `noise`, the standard deviation of a
+    /// point in pixels, explains.
     pub fn learn(&mut self, path: &Splines, covariance: &Banded, order: usize, noise: f64) {
         for j in (0..GENERATORS).filter(|j| self.active[*j]) {
             let places = path.places(j);
@@ -200,7 +204,8 @@ mod tests {
 
     #[test]
     fn a_generator_that_was_not_needed_comes_back() {
-        // Matches measure second differences of ±1 px with the variance `measured`; the prior has the variance `held`.
+        // Matches measure second differences of ±1 px with the variance `measured`; the prior has the
+        // variance `held`.
         let (held, measured) = (LIMITS[0], 0.01);
         let share = held / (held + measured);
         let mut path = Splines { base: 0, coefficients: vec![0.0; 10 * BLOCK], kappa: 0.3 };
@@ -214,7 +219,8 @@ mod tests {
         let mut smoothness = Smoothness::new(Model::Auto.generators(), 1.0);
         smoothness.variance[TURNS] = held;
         smoothness.learn(&path, &covariance, 1, 0.03);
-        // Their mean square over the share that is determined: a hundred times as much, of which ten are allowed at once.
+        // Their mean square over the share that is determined: a hundred times as much, of which ten are
+        // allowed at once.
         let grown = smoothness.variance[TURNS] / held;
         assert!((grown / MAX_CHANGE - 1.0).abs() < 1e-9, "{grown}");
     }

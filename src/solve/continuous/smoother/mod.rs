@@ -1,7 +1,7 @@
 //! Fixed-lag smoother: frames in, the solution of each some frames later.
 //!
-//! A frame is settled over a window of pairs, a few before it and all that have come after it. The camera is a set of
-//! hypotheses, each with its own fit; the motion is that of the likeliest.
+//! A frame is settled over a window of pairs, a few before it and all that have come after it. The camera is
+//! a set of hypotheses, each with its own fit; the motion is that of the likeliest.
 
 use crate::correspond::Correspondence;
 use crate::motion::{FrameMotion, MotionPath, SampledPath, image_centre};
@@ -98,8 +98,8 @@ impl Continuous {
         Self { keeps_correspondences: keep, ..self }
     }
 
-    /// Adds the next frame at `time` seconds, with its correspondences to the frame pushed before it: `None` at a start, a gap
-    /// or a cut. `period` is the present frame period in seconds.
+    /// Adds the next frame at `time` seconds, with its correspondences to the frame pushed before it: `None`
+    /// at a start, a gap or a cut. `period` is the present frame period in seconds.
     pub fn push(&mut self, found: Option<&[Correspondence]>, time: f64, period: f64) {
         let origin = match self.clock {
             Some(clock) if clock.period == period => clock.origin,
@@ -164,7 +164,8 @@ impl Continuous {
         origin
     }
 
-    /// Where a point (pixels) of the last frame is expected in the next, if it moves as from the frame before.
+    /// Where a point (pixels) of the last frame is expected in the next, if it moves as from the frame
+    /// before.
     pub fn expected(&self, pixel: Vector2<f64>) -> Vector2<f64> {
         let Hypothesis { posterior, setup, .. } = self.posterior.leading();
         let last = self.frames.iter().rev().nth(1).and_then(|entry| entry.to_next.as_ref());
@@ -295,7 +296,8 @@ impl Continuous {
         })
     }
 
-    /// Homographies in centred pixels at even shares of the readout from 0 to 1: from the exposure at that share to share ½.
+    /// Homographies in centred pixels at even shares of the readout from 0 to 1: from the exposure at that
+    /// share to share ½.
     fn homographies(&self, hypothesis: &Hypothesis, stamp: f64) -> Vec<Matrix3<f64>> {
         let posterior = &hypothesis.posterior;
         let homographies = &posterior.trajectory.homographies;
@@ -311,8 +313,8 @@ impl Continuous {
         (0..=SAMPLES).map(homography).collect()
     }
 
-    /// The path of a hypothesis about frame `own` of a window, and the seconds to the frames before and after if the path
-    /// connects them.
+    /// The path of a hypothesis about frame `own` of a window, and the seconds to the frames before and after
+    /// if the path connects them.
     fn frame_path<'a>(
         &self,
         hypothesis: &'a Hypothesis,

@@ -4,11 +4,12 @@ use super::homographies::Homographies;
 use super::knots::KnotDensity;
 use super::splines::Splines;
 
-/// Blocks covered before the first exposure and after the last: points may leave the frame, and the readout may get
-/// longer.
+/// Blocks covered before the first exposure and after the last: points may leave the frame, and the readout
+/// may get longer.
 const MARGIN: f64 = 0.25;
 
-/// The motion path of a window: the coefficients of the splines are estimated, the homographies follow from them.
+/// The motion path of a window: the coefficients of the splines are estimated, the homographies follow from
+/// them.
 #[derive(Clone, Debug, Default)]
 pub struct Trajectory {
     pub density: KnotDensity,
@@ -29,8 +30,8 @@ impl Trajectory {
         self.density.blocks() * instant
     }
 
-    /// Moves to the instants between these, in frame periods, and integrates the homographies there. New blocks continue
-    /// at the last rate.
+    /// Moves to the instants between these, in frame periods, and integrates the homographies there. New
+    /// blocks continue at the last rate.
     pub fn cover(&mut self, [from, to]: [f64; 2], kappa: f64) {
         if from > to {
             return;

@@ -1,7 +1,7 @@
 //! The paths of the generators over a window as uniform cubic B-splines.
 //!
-//! Time is in *blocks* (see [`KnotDensity`](super::KnotDensity)). The turns have four knots to a block, the other
-//! generators one: a rotation has little inertia and changes faster than a translation.
+//! Time is in *blocks* (see [`KnotDensity`](super::KnotDensity)). The turns have four knots to a block, the
+//! other generators one: a rotation has little inertia and changes faster than a translation.
 
 use super::spline::{self, Support};
 use crate::motion::generators::{GENERATORS, TURNS};
@@ -16,7 +16,8 @@ pub const BLOCK: usize = RATIO as usize * TURNS + (GENERATORS - TURNS);
 pub struct Splines {
     /// Number of the first block.
     pub base: i64,
-    /// Coefficients in pixels at the radius, block by block: the turns' knot by knot, then one of each other generator.
+    /// Coefficients in pixels at the radius, block by block: the turns' knot by knot, then one of each other
+    /// generator.
     pub coefficients: Vec<f64>,
     /// κ = (r/f)².
     pub kappa: f64,
