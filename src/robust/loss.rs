@@ -71,8 +71,7 @@ pub struct StudentT<const FREEDOM: i32>;
 impl<const FREEDOM: i32> StudentT<FREEDOM> {
     const NU: f64 = FREEDOM as f64;
 
-    /// The density over that at 0, exp(−½·ρ(s)); at 0 it is 1/(2π·σ²) whatever ν, as of the normal
-    /// distribution.
+    /// The density over that at 0, exp(−½·ρ(s)); at 0 it is 1/(2π·σ²) for any ν.
     #[inline(always)]
     pub fn relative_density(self, s: f64) -> f64 {
         let base = 1.0 + s / Self::NU;
@@ -141,8 +140,7 @@ impl<const FREEDOM: i32> Loss for Mixture<FREEDOM> {
         StudentT::<FREEDOM>.weight_times(factor, s) * inlier / (inlier + self.outlier)
     }
 
-    /// The logarithm of 2π times the density, constants included, as σ², v and p may differ between compared
-    /// models.
+    /// The logarithm of 2π times the density, as σ², v and p may differ between compared models.
     #[inline(always)]
     fn log_likelihood(self, s: f64) -> f64 {
         (self.inlier_density(s) + self.outlier).ln()

@@ -104,8 +104,7 @@ impl<T: RealField + Copy + Into<f64>, const N: usize> Motion<T, N> {
         (sample.displacement - self.at(&sample.terms)).norm_squared()
     }
 
-    /// Variance of a coordinate of the residuals, by their median and at least `least`; `squares` is a
-    /// buffer.
+    /// Variance of a coordinate by the median of |r|², at least `least`; `squares` is a buffer.
     pub fn variance(
         &self,
         samples: impl Iterator<Item = Sample<T, N>>,

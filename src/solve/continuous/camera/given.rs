@@ -5,8 +5,7 @@ use crate::readout::{ReadoutDirection, ReadoutPrior, ReadoutTime};
 
 /// Mean and standard deviation of the prior of γ. The mean changes no picture.
 pub const READOUT_BELIEF: (f64, f64) = (0.0, 0.5);
-/// Mean and standard deviation of the prior of κ = (half the width / f)²: f is 0.9 widths, with a wide
-/// spread.
+/// Mean and standard deviation of the prior of κ = (half the width / f)²: f is about 0.9 widths.
 const KAPPA_BELIEF: (f64, f64) = (0.3, 0.3);
 /// Limits of κ: a field of view under 110°.
 pub const KAPPA_LIMITS: [f64; 2] = [0.0, 2.0];
@@ -27,8 +26,7 @@ pub struct Camera {
     pub readout_time: ReadoutTime,
     /// Prior of the readout, used if `readout_time` is unknown.
     pub readout_prior: Option<ReadoutPrior>,
-    /// Focal length in frame widths; `None` if unknown. Less than 0.354, a field of view of 110°, counts as
-    /// that.
+    /// Focal length in frame widths, at least 0.354 (a field of view of 110°); `None` if unknown.
     pub focal_length: Option<f64>,
 }
 
@@ -38,8 +36,7 @@ impl Camera {
         self.readout_time.is_known()
     }
 
-    /// The directions that are tried. Opposite edges are hard to distinguish in short shakes, so either has a
-    /// start.
+    /// The directions that are tried; opposite edges are hard to distinguish at first.
     pub fn directions(&self) -> Vec<ReadoutDirection> {
         use ReadoutDirection::{BottomToTop, LeftToRight, RightToLeft, TopToBottom};
         match self.direction {

@@ -19,8 +19,7 @@ const NOISE_LIMIT: f64 = 4.0;
 /// so none is skipped. Only the first frame of all takes them at once. Twelve per frame instead of six would
 /// leave up to a twelfth less over 60 frames, and take twice as long for three of them.
 const EM_STEPS: [usize; 3] = [36, 6, 3];
-/// Share of the residuals that is common to the matches of a line, above which the vibrating knot density is
-/// tried.
+/// Least share of the residuals common to the matches of a line for a trial of the vibrating density.
 const MIN_LINE_SHARE: f64 = 0.7;
 /// Magnitudes of γ from which a vibration is fitted if γ is unknown.
 const VIBRATION_STARTS: [f64; 2] = [0.9, 0.5];
@@ -31,8 +30,7 @@ const SIGNIFICANT_DEVIATION: f64 = 0.02;
 const SIGNIFICANCE: f64 = 4.0;
 /// Fewest pairs to which a fit is begun before the first frame is due.
 const MIN_PAIRS: usize = 2;
-/// Steps from several starts with each pair before the first frame is due: while the window is short, and
-/// after that.
+/// Steps from several starts per pair before the first frame is due: in short windows, and in longer ones.
 const PREPARED_STEPS: [usize; 2] = [4, 1];
 
 /// The state of a hypothesis.
@@ -59,8 +57,7 @@ struct Searches {
 /// A hypothesis about the camera.
 #[derive(Clone, Debug)]
 pub struct Hypothesis {
-    /// Edge that is read first; if none is given, the one from which γ is searched, which may change its
-    /// sign.
+    /// Edge that is read first, or from which γ is searched: γ may change its sign.
     pub direction: ReadoutDirection,
     /// Limits of γ over the longest readout: −1, 0 or 1.
     signs: [f64; 2],
@@ -72,7 +69,7 @@ pub struct Hypothesis {
     pub log_probability: f64,
     pub evidence: EvidenceRecord,
     pub phase: Phase,
-    schedule: Schedule,
+    pub schedule: Schedule,
     /// Whether γ has converged since the last search.
     is_at_rest: bool,
     /// Whether γ converged in the last window.
@@ -173,8 +170,7 @@ impl Hypothesis {
     }
 
     /// γ from which a fit is begun: the present one and, if it is unknown, the end of its direction. Values
-    /// between are reached; so are those beyond zero, where the fit of the other direction may end in a local
-    /// optimum.
+    /// between and beyond zero are reached from these.
     fn starts(&self, is_vague: bool) -> Vec<f64> {
         std::iter::once(self.gamma()).chain(is_vague.then_some(self.signed(SEARCH_START))).collect()
     }
@@ -209,8 +205,7 @@ impl Hypothesis {
         self.searches = Searches::default();
     }
 
-    /// Fits the path to a window; `longest` is the longest readout in frame periods if the readout is
-    /// unknown.
+    /// Fits the path to a window; `longest` limits an unknown readout, in frame periods.
     pub fn settle(&mut self, window: PairWindow<'_>, starts: bool, longest: Option<f64>) {
         if let Some(longest) = longest {
             self.setup.camera.limits.gamma = self.signs.map(|sign| sign * longest);
@@ -245,8 +240,7 @@ impl Hypothesis {
     }
 
     /// Fits the window with the smoothness of another hypothesis, and keeps that fit if its evidence exceeds
-    /// `evidence`: the motion of the camera does not depend on its readout. After a failure, the next trial
-    /// waits.
+    /// `evidence`: the motion of the camera does not depend on its readout.
     pub fn try_smoothness(&mut self, smoothness: &Smoothness, evidence: f64, window: PairWindow<'_>) {
         if !self.schedule.smoothness.is_due() {
             return;
@@ -352,8 +346,7 @@ impl Hypothesis {
         self.posterior.log_evidence(window.pairs, &self.setup)
     }
 
-    /// Continues from the fit with the greatest evidence; whether γ converged and no other γ has nearly as
-    /// much.
+    /// Continues the fit with the greatest evidence; whether γ converged and no other γ is nearly as likely.
     fn decide(&mut self, search: Multistart, window: PairWindow<'_>) -> bool {
         let steps = search.steps_left();
         if self.moves(window) {
@@ -380,11 +373,6 @@ impl Hypothesis {
             self.phase = Phase::Established;
         }
         has_ended
-    }
-
-    /// Doubles the interval of trials of the other knot density after a failed one.
-    pub fn back_off_trials(&mut self) {
-        self.schedule.density.back_off();
     }
 
     /// Whether the other knot density may explain the residuals.

@@ -24,15 +24,12 @@ const DROP_LOG_ODDS: f64 = 12.0;
 /// Prior log odds of another camera: after some time or a gap, one in a thousand; after a cut, or of one
 /// other than the expected or in another mode, one in twenty.
 const OTHER_CAMERA_LOG_ODDS: [f64; 2] = [-7.0, -3.0];
-/// Hypotheses beside which another one is tried: the likeliest and a rival, as one along the other axis may
-/// stay undecided for minutes.
+/// Most hypotheses beside which another one is tried: a rival along the other axis may stay for minutes.
 const MAX_BESIDE: usize = 2;
-/// Fewest pairs of a window for a vibration, and while several hypotheses are compared: as many as with the
-/// usual lookahead.
+/// Fewest pairs of a window with a vibration, and of one by which hypotheses are compared.
 const VIBRATING_PAIRS: usize = 10;
 const COMPARED_PAIRS: usize = 8;
-/// Longest readout in frame periods: a converter may have inserted frames, and the cost of a path grows with
-/// the readout.
+/// Longest readout in frame periods. It may exceed one if a converter inserted frames, at a cost.
 const MAX_READOUT: f64 = 8.0;
 
 /// The connection of a frame with the one before it.
@@ -49,7 +46,7 @@ pub enum Break {
 /// The hypotheses about the camera of a stream.
 #[derive(Debug)]
 pub struct CameraPosterior {
-    camera: Camera,
+    pub camera: Camera,
     /// Width and height of a frame in pixels.
     pub size: [usize; 2],
     /// Half the width in analysed pixels.
@@ -114,8 +111,7 @@ impl CameraPosterior {
         Hypothesis::new(direction, signs, setup, posterior, log_prior)
     }
 
-    /// Begins a stretch of frames; `period` is their frame period and `before` that of the stretch before, in
-    /// seconds.
+    /// Begins a stretch of frames; frame periods of this stretch and the one before, in seconds.
     pub fn begin(&mut self, period: f64, before: Option<f64>) {
         let [width, height] = self.size;
         let camera = self.camera;
@@ -150,11 +146,6 @@ impl CameraPosterior {
             self.begin(period, None);
         }
         is_kept
-    }
-
-    /// Drops the frames, not the camera.
-    pub fn restart(&mut self) {
-        self.hypotheses.iter_mut().for_each(Hypothesis::drop_searches);
     }
 
     /// The hypotheses with their probabilities, the likeliest first.
@@ -334,8 +325,7 @@ impl CameraPosterior {
         self.drop_twins();
     }
 
-    /// Drops hypotheses whose trial has ended and that are less likely than the one of the same direction
-    /// beside them.
+    /// Drops hypotheses that end their trial less likely than the one of the same direction.
     fn end_trials(&mut self) {
         for index in (0..self.hypotheses.len()).rev() {
             let tried = &mut self.hypotheses[index];
@@ -345,7 +335,7 @@ impl CameraPosterior {
             let (direction, log_probability) = (tried.direction, tried.log_probability);
             let mut others = self.hypotheses.iter_mut().filter(|other| other.direction == direction);
             if let Some(better) = others.find(|other| other.log_probability > log_probability) {
-                better.back_off_trials();
+                better.schedule.density.back_off();
                 self.hypotheses.remove(index);
             }
         }
@@ -368,8 +358,7 @@ impl CameraPosterior {
         self.hypotheses = kept;
     }
 
-    /// Standard deviation of γ about that of the likeliest hypothesis, of the mixture along either axis; 0 if
-    /// the readout is given.
+    /// Standard deviation of the mixture of γ about the likeliest hypothesis; 0 if the readout is given.
     pub fn readout_deviation(&self) -> f64 {
         if self.camera.is_known() {
             return 0.0;
@@ -385,13 +374,7 @@ impl CameraPosterior {
         self.hypotheses().map(|(probability, one)| probability * variance(one)).sum::<f64>().sqrt()
     }
 
-    /// Whether the readout time is given.
-    pub fn is_readout_given(&self) -> bool {
-        self.camera.is_known()
-    }
-
-    /// Focal length in frame widths and its standard deviation, to first order that of κ; `None` without
-    /// perspective.
+    /// Focal length in frame widths and its standard deviation, from that of κ; `None` without perspective.
     pub fn focal_length(&self) -> Option<(f64, f64)> {
         let leading = self.leading();
         let kappa = leading.posterior.shared.kappa;

@@ -3,9 +3,9 @@
 //! | trial | condition | first | next | at most |
 //! |---|---|---|---|---|
 //! | γ from several starts | γ unknown and the picture moves | at once | 15 after the last search | 15 |
-//! | the other knot density | residuals that it may explain | at once; 15 after a trial | doubled after each failure | 120 |
-//! | the smoothness of the likeliest hypothesis | its evidence is greater | at once | 15 after a failure | 15 |
-//! | another camera | one hypothesis, or two | 90; at once after a gap or a cut | doubled each time | 1440 |
+//! | other knot density | it may explain residuals | at once, then 15 | doubled after each failure | 120 |
+//! | the likeliest smoothness | its evidence is greater | at once | 15 after a failure | 15 |
+//! | another camera | up to two hypotheses | 90, or at a gap or cut | doubled each time | 1440 |
 
 /// Interval of trials of γ, of the smoothness and of the knot density.
 const TRIAL: usize = 15;

@@ -15,8 +15,7 @@ use nalgebra::{Matrix2x3, Vector2};
 const COLUMNS: usize = 32;
 /// Rows of cells, at most, however narrow the frame.
 const MAX_ROWS: usize = 8 * COLUMNS;
-/// Standard deviation of an overlay's displacement over that of the measurement: the scene moves at its
-/// edges.
+/// Standard deviation of an overlay's displacement over that of a match; the scene moves at its edges.
 const OVERLAY_NOISE: f64 = 5.0;
 /// A displacement beyond this many of these standard deviations is motion.
 const MOTION_DEVIATIONS: f64 = 4.0;
@@ -54,8 +53,8 @@ impl StaticOverlay {
         Self { cell, log_odds: vec![PRIOR_LOG_ODDS; COLUMNS * rows], deviation: OVERLAY_NOISE * noise }
     }
 
-    /// Updates the cells by the matches of a pair and writes those outside of overlays to `scene`; all, if
-    /// these are fewer than a third.
+    /// Updates the cells by a pair's matches, and writes those off overlays to `scene`; all, if under a third
+    /// are.
     pub fn remove(&mut self, found: &[Correspondence], scene: &mut Vec<Correspondence>) {
         self.update(found);
         let is_overlay = |m: &Correspondence| {

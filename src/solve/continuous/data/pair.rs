@@ -5,8 +5,7 @@ use super::matches::Match;
 use crate::correspond::Correspondence;
 use nalgebra::Vector2;
 
-/// Prior probability that a match shows the scene if it shares the dominant motion, and that it does not
-/// otherwise.
+/// Prior probability of the scene for an inlier of the dominant motion, and of an object for an outlier.
 const SCENE_PRIOR: f64 = 0.9;
 /// More matches than this are thinned out.
 const MAX_MATCHES: usize = 400;
@@ -14,11 +13,9 @@ const MAX_MATCHES: usize = 400;
 const MIN_MATCHES: usize = 16;
 /// Points further from the centre, in radii, are invalid.
 const MAX_COORDINATE: f64 = 1e3;
-/// Greatest distance from the end of a match to the start of the one that continues it, in mean spacings of
-/// points.
+/// Greatest distance between the ends of matches that a track joins, in mean spacings of points.
 const TRACK_DISTANCE: f64 = 0.8;
-/// Longest interval of a pair in frame periods: a path across a longer gap is undetermined and costs
-/// unknowns.
+/// Longest interval of a pair in frame periods: across longer gaps a path is undetermined.
 const MAX_INTERVAL: f64 = 16.0;
 /// Timestamps beyond this many frame periods do not resolve lines.
 const MAX_STAMP: f64 = 1e12;
@@ -55,8 +52,7 @@ pub struct FramePair {
 }
 
 impl FramePair {
-    /// The pair of these correspondences (pixels), which follows `before`, if any; `None` if they are too few
-    /// or the frames too far apart.
+    /// From correspondences in pixels; `None` if they are too few or the frames too far apart.
     pub fn new(
         found: &[Correspondence],
         centre: Vector2<f64>,

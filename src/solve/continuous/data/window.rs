@@ -18,8 +18,7 @@ pub struct PairWindow<'a> {
 }
 
 impl<'a> PairWindow<'a> {
-    /// The part from `past` pairs before the frame on, extended into the past to `least` pairs in all if
-    /// there are.
+    /// The part from `past` pairs before the frame on, or from earlier to have `least` pairs in all.
     pub fn recent(self, past: usize, least: usize) -> Self {
         let ahead = self.pairs.len().saturating_sub(self.past);
         let skipped = self.past.saturating_sub(past.max(least.saturating_sub(ahead)));

@@ -1,7 +1,6 @@
 //! Fits from several starts side by side, as a fit may end in a local optimum.
 //!
-//! They advance with each new frame, which spreads their cost: the fit to a few pairs is close to that of one
-//! more.
+//! They advance with each new frame, which spreads their cost.
 
 use super::gauss_newton::fit;
 use super::posterior::Posterior;
@@ -10,9 +9,8 @@ use crate::parallel::*;
 use crate::solve::continuous::data::PairWindow;
 use crate::solve::continuous::trajectory::KnotDensity;
 
-/// Steps, at most, to the first path and to each later one. The first number holds until γ has converged:
-/// while γ is wrong the splines imitate the shutter, and straighten as it improves. It is spread over frames,
-/// for live streams.
+/// Steps, at most, to the first path and to each later one. The first number holds until γ has converged, as
+/// the splines imitate the shutter while γ is wrong. It is spread over frames, for live streams.
 pub const STEPS: [usize; 2] = [12, 4];
 /// Pairs times steps with a frame. When the first frame is due: the four steps over eight pairs of the
 /// current path. Later, when that one takes none of the first steps, half as many more.

@@ -10,8 +10,7 @@ use crate::solve::continuous::trajectory::{KnotDensity, Trajectory};
 
 /// Correlation of residuals beyond the noise with the derivatives by γ and κ, at most.
 const ERROR_CORRELATION: f64 = 0.12;
-/// Greatest order of the prediction of a vibration: the steps of one and a half frame periods, enough for
-/// eight sinusoids.
+/// Greatest order of the prediction of a vibration: one and a half frame periods, or eight sinusoids.
 const MAX_ORDER: usize = 16;
 /// Standard deviation of γ above which no prediction is learnt: with a wrong γ the path imitates the shutter.
 const MAX_PREDICTION_DEVIATION: f64 = 0.03;
@@ -188,11 +187,6 @@ impl Posterior {
             normal.independent * (1.0 - setup.noise * setup.noise / normal.variances.noise)
         };
         1.0 + ERROR_CORRELATION.powi(2) * self.evaluated.iter().map(model_errors).sum::<f64>()
-    }
-
-    /// Standard deviation of γ by this window alone.
-    pub fn observed_deviation(&self) -> f64 {
-        self.observed.gamma.map_or(f64::INFINITY, |observed| observed.information.sqrt().recip())
     }
 
     /// Whether the prediction of a vibration is learnt.

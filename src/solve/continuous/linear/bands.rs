@@ -17,8 +17,7 @@ pub type Jacobian = [Row; 2];
 /// Sums of products, row by row.
 pub type Square = [Row; GENERATORS];
 
-/// The sums of a band. The innovation of a match depends on the path over its own pair and over the pair
-/// before.
+/// The sums of a band. Innovations depend on the path over their own pair and over the pair before.
 #[derive(Clone, Debug, Default)]
 pub struct Band {
     pub weight: f64,
@@ -65,8 +64,7 @@ fn add_sides(sums: &mut [Row; SIDES], a: &Jacobian, sides: &[Vector2<f64>; SIDES
 }
 
 impl Band {
-    /// Adds an innovation of this weight with its Jacobians by the path over either pair and by the shared
-    /// unknowns.
+    /// Adds an innovation with its Jacobians by the path over either pair and by the shared unknowns.
     #[inline(always)]
     pub fn add(
         &mut self,

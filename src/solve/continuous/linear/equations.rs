@@ -18,8 +18,7 @@ const SUPPORT: usize = 4 * GENERATORS;
 /// Those of the turns.
 const TURNS_SUPPORT: usize = 4 * TURNS;
 /// Two ends of a band, 0 being the start of the pair before, and the factors of the sums `own`, `across` and
-/// `before` in their block of the matrix. Blocks on the diagonal are halved, as the transpose is added in the
-/// end.
+/// `before` in their block of the matrix. Diagonal blocks are halved, as the transpose is added.
 const BLOCKS: [([usize; 2], [f64; 3]); 6] = [
     ([2, 2], [0.5, 0.0, 0.0]),
     ([2, 1], [-1.0, 1.0, 0.0]),

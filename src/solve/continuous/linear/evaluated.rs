@@ -74,8 +74,7 @@ pub fn evaluate(evaluated: &mut Vec<EvaluatedPair>, pairs: &[&FramePair], evalua
             }
         },
     );
-    // The first pair has no pair before it, so that its noise and parallax cannot be separated: it has the
-    // second's.
+    // The first pair has no tracks to separate noise from parallax: it takes the second's variances.
     if let ([first, second, ..], [is_changed, ..]) = (evaluated.as_mut_slice(), changed.as_mut_slice()) {
         *is_changed |= first.normal.variances != second.normal.variances;
         first.normal.variances = second.normal.variances;

@@ -28,8 +28,7 @@ use nalgebra::{Matrix2, SMatrix, SVector};
 const BANDS: usize = 24;
 /// Degrees of freedom of Student's t, the distribution of innovations.
 const FREEDOM: i32 = 4;
-/// A pair counts as at most this many independent matches of equal weight: residuals of neighbours are
-/// correlated.
+/// A pair counts as at most this many independent matches, as residuals of neighbours are correlated.
 const INDEPENDENT_MATCHES: f64 = 25.0;
 
 /// The normal equations of a pair.

@@ -46,9 +46,10 @@ impl PairResiduals {
         variance
     }
 
-    /// Share of the residuals' square sum, 0 to 1, that is a shift and slope common to the matches of a line. All that is
-    /// exposed at the same time shares a motion that is faster than the path; depth and moving objects do not. Measured:
-    /// 0.94 to 0.97 where the camera vibrates, 0 along the wrong axis, up to 0.65 under parallax.
+    /// Share of the residuals' square sum, 0 to 1, that is a shift and slope common to the matches of a line.
+    /// All that is exposed at the same time shares a motion that is faster than the path; depth and moving
+    /// objects do not. Measured: 0.94 to 0.97 where the camera vibrates, 0 along the wrong axis, up to 0.65
+    /// under parallax.
     pub fn share_by_line(&self, scan_axis: ScanAxis) -> f64 {
         let mut lines = vec![Line::default(); LINES];
         let most = INLIER_SQUARE * self.sigma * self.sigma;
@@ -88,8 +89,8 @@ impl Line {
         self.square += residual.norm_squared();
     }
 
-    /// The part of Σ|r|² that a linear regression on a explains, less that expected of uncorrelated
-    /// residuals: two of them.
+    /// The part of Σ|r|² explained by a linear regression on a, less that expected by chance, of two
+    /// residuals.
     fn shared(&self) -> f64 {
         if self.count < MIN_MATCHES {
             return 0.0;

@@ -7,9 +7,8 @@
 //!
 //! e = rᵢ − B·rⱼ, B = Cᵢⱼ·Cⱼⱼ⁻¹, with covariance V = Cᵢᵢ − B·Cⱼᵢ,
 //!
-//! where Cᵢⱼ = τ²·wᵢ·wⱼᵀ (+ σ²·I for i = j), j the pair before: the density of a Markov chain of residuals. A
-//! camera that translates before a scene of any depth thus constrains path and shutter as well as one that
-//! turns.
+//! where Cᵢⱼ = τ²·wᵢ·wⱼᵀ (+ σ²·I for i = j), j the pair before: the density of a Markov chain of residuals.
+//! Translations thus constrain path and shutter as well as turns, at any depths.
 
 use super::pair_residuals::PairResiduals;
 use super::residual::MatchResidual;

@@ -50,8 +50,7 @@ struct Frame<'a> {
 
 impl CameraPosterior {
     /// Share and expected error of the correction of a frame with these regions; without flow, `sigma` in
-    /// pixels is the standard deviation of a coordinate's residual. The share is 0 if any error is not
-    /// finite.
+    /// pixels is the standard deviation of a coordinate's residual. Share 0 if an error is not finite.
     pub fn expected(&self, stamp: f64, regions: &[Region], sigma: f64) -> Expected {
         let leading = self.leading();
         let frame = Frame::new(stamp, middles(self.size), regions, sigma, leading.gamma().abs());
@@ -59,7 +58,7 @@ impl CameraPosterior {
         let likely = self.hypotheses().filter(|(probability, _)| *probability > MIN_PROBABILITY);
         let all: Vec<(f64, Vec<Vector2<f64>>)> =
             likely.map(|(probability, one)| (probability, frame.corrections(one))).collect();
-        let gamma_error = if self.is_readout_given() { 0.0 } else { leading.gamma_error() };
+        let gamma_error = if self.camera.is_known() { 0.0 } else { leading.gamma_error() };
         let errors = frame.errors(leading, gamma_error);
         let product = |other: &[Vector2<f64>]| own.iter().zip(other).map(|(a, b)| a.dot(b)).sum::<f64>();
         let square = product(&own);

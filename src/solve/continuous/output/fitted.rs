@@ -21,8 +21,7 @@ pub struct FittedPair<'a> {
 }
 
 impl FittedPair<'_> {
-    /// The residuals by the path of a hypothesis; `centre` and `radius` in pixels. Correspondences off the
-    /// path are left out.
+    /// The residuals by a hypothesis, of all correspondences on its path; `centre` and `radius` in pixels.
     pub fn fit(
         &self,
         hypothesis: &Hypothesis,

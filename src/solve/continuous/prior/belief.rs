@@ -29,8 +29,7 @@ impl Belief {
         Self { mean, information: prior, scatter: 1.0, prior }
     }
 
-    /// Updates by an estimate of the given inverse variance, of which a `share` is independent of the
-    /// estimates before.
+    /// Updates by an estimate of this inverse variance, a `share` of it independent of earlier ones.
     pub fn add(&mut self, value: f64, information: f64, share: f64) {
         if !(value.is_finite() && information.is_finite() && information > 0.0) {
             return;

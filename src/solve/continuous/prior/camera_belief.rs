@@ -75,7 +75,7 @@ impl CameraBelief {
         (all.map(moved).into(), all.map(observation).into())
     }
 
-    /// Updates by observations, of which a `share` is independent of those before.
+    /// Updates by observations, a `share` of them independent of earlier ones.
     pub fn add(&mut self, observed: &Shared<Option<Observation>>, share: f64) {
         let unknowns = self.beliefs.as_mut().zip(self.limits).zip(*observed);
         for ((belief, [low, high]), observed) in unknowns.into_array() {

@@ -21,8 +21,7 @@ const MAX_CHANGE: f64 = 10.0;
 /// came back whose variance was far below its posterior one: MacKay's rule then underestimates the little
 /// that it moves.
 const MIN_DETERMINED: f64 = 1e-7;
-/// Weak prior: variances in px² of the first differences of the turns (four knots to a block) and of the
-/// others (one).
+/// Weak prior: variances in px² of first differences, of the turns and of the others.
 const RATE_VARIANCES: [f64; 2] = [100.0, 400.0];
 /// Inverse variance in px⁻² of the coefficients, as only differences are observed.
 const LEVEL_INFORMATION: f64 = 1e-6;
@@ -71,8 +70,7 @@ impl Smoothness {
         if generator < TURNS { order.min(coefficients / KNOTS_PER_WEIGHT).max(1) } else { 1 }
     }
 
-    /// Extends the rows of a band, given by their first columns, to hold the prior and to learn from up to
-    /// `order` steps.
+    /// Extends the rows of a band, given by their first columns, for the prior and predictions up to `order`.
     pub fn reach(&self, path: &Splines, order: usize, first: &mut [usize]) {
         for j in 0..GENERATORS {
             let places = path.places(j);
@@ -112,8 +110,7 @@ impl Smoothness {
     }
 
     /// Updates variances and predictions from a path and the covariance of its coefficients. A turn is
-    /// predicted from up to `order` steps if it bends by more than the `noise`, the standard deviation of a
-    /// point in pixels, explains.
+    /// predicted from up to `order` steps if it bends by more than the `noise` of a point in pixels explains.
     pub fn learn(&mut self, path: &Splines, covariance: &Banded, order: usize, noise: f64) {
         for j in (0..GENERATORS).filter(|j| self.active[*j]) {
             let places = path.places(j);

@@ -164,8 +164,7 @@ impl Continuous {
         origin
     }
 
-    /// Where a point (pixels) of the last frame is expected in the next, if it moves as from the frame
-    /// before.
+    /// Where a point (pixels) of the last frame is expected in the next, by the motion of the last interval.
     pub fn expected(&self, pixel: Vector2<f64>) -> Vector2<f64> {
         let Hypothesis { posterior, setup, .. } = self.posterior.leading();
         let last = self.frames.iter().rev().nth(1).and_then(|entry| entry.to_next.as_ref());
@@ -246,7 +245,7 @@ impl Continuous {
         self.period_before = self.period();
         self.clock = None;
         self.continues = false;
-        self.posterior.restart();
+        self.posterior.hypotheses.iter_mut().for_each(Hypothesis::drop_searches);
     }
 
     /// The solution of frame `own` in a window.
@@ -296,8 +295,7 @@ impl Continuous {
         })
     }
 
-    /// Homographies in centred pixels at even shares of the readout from 0 to 1: from the exposure at that
-    /// share to share ½.
+    /// Homographies in centred pixels from the exposure at even shares of the readout, 0 to 1, to share ½.
     fn homographies(&self, hypothesis: &Hypothesis, stamp: f64) -> Vec<Matrix3<f64>> {
         let posterior = &hypothesis.posterior;
         let homographies = &posterior.trajectory.homographies;
@@ -313,8 +311,7 @@ impl Continuous {
         (0..=SAMPLES).map(homography).collect()
     }
 
-    /// The path of a hypothesis about frame `own` of a window, and the seconds to the frames before and after
-    /// if the path connects them.
+    /// The path about frame `own` of a window, and the seconds to the frames before and after on it.
     fn frame_path<'a>(
         &self,
         hypothesis: &'a Hypothesis,

@@ -1,11 +1,11 @@
 //! The homographies along a path.
 //!
-//! On homogeneous points the generators' velocities are ẋ = A(t)·x, so the motion between two instants is a homography:
-//! H(t) from the first instant of the window to t, H(t′)·H(t)⁻¹ from t to t′. H is integrated from node to node by
-//! Magnus's series to the fourth order, H ← exp(Ω)·H with Ω = (A₁ + A₂)·h/2 + (√3/12)·h²·(A₂·A₁ − A₁·A₂), A₁ and A₂ at
-//! the nodes of Gauss's quadrature, and interpolated by cubics with the slopes A·H. Against Runge–Kutta with 400 steps,
-//! shake of 180 px a block on a frame of 640 px is followed to 0.03 px; a turn about one axis, in closed form, to
-//! 0.001 px.
+//! On homogeneous points the generators' velocities are ẋ = A(t)·x, so the motion between two instants is a
+//! homography: H(t) from the first instant of the window to t, H(t′)·H(t)⁻¹ from t to t′. H is integrated
+//! from node to node by Magnus's series to the fourth order, H ← exp(Ω)·H with Ω = (A₁ + A₂)·h/2 +
+//! (√3/12)·h²·(A₂·A₁ − A₁·A₂), A₁ and A₂ at the nodes of Gauss's quadrature, and interpolated by cubics with
+//! the slopes A·H. Against Runge–Kutta with 400 steps, shake of 180 px a block on a frame of 640 px is
+//! followed to 0.03 px; a turn about one axis, in closed form, to 0.001 px.
 
 use super::splines::Splines;
 use crate::motion::generators::{GENERATORS, flow_matrix};

@@ -4,12 +4,10 @@ use super::homographies::Homographies;
 use super::knots::KnotDensity;
 use super::splines::Splines;
 
-/// Blocks covered before the first exposure and after the last: points may leave the frame, and the readout
-/// may get longer.
+/// Blocks covered beyond the exposures: points may leave the frame, and the readout may get longer.
 const MARGIN: f64 = 0.25;
 
-/// The motion path of a window: the coefficients of the splines are estimated, the homographies follow from
-/// them.
+/// The motion path of a window. The splines' coefficients are estimated; homographies follow from them.
 #[derive(Clone, Debug, Default)]
 pub struct Trajectory {
     pub density: KnotDensity,

@@ -16,8 +16,7 @@ pub const BLOCK: usize = RATIO as usize * TURNS + (GENERATORS - TURNS);
 pub struct Splines {
     /// Number of the first block.
     pub base: i64,
-    /// Coefficients in pixels at the radius, block by block: the turns' knot by knot, then one of each other
-    /// generator.
+    /// Coefficients in pixels, block by block: the turns' knot by knot, then one of each other generator.
     pub coefficients: Vec<f64>,
     /// κ = (r/f)².
     pub kappa: f64,
