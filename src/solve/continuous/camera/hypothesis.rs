@@ -38,7 +38,7 @@ const PREPARED_STEPS: [usize; 2] = [4, 1];
 pub enum Phase {
     /// Added in mid-stream; γ has not been searched yet, so that its evidence is not compared.
     AwaitsSearch,
-    /// Compared with one of the other knot density in the same direction, which is not dropped meanwhile.
+    /// Compared with one of the other knot density in the same direction. While it leads, none is dropped.
     OnTrial,
     Established,
 }
@@ -194,10 +194,20 @@ impl Hypothesis {
             self.searches.ahead = None;
             return;
         }
-        let starts = self.starts(self.is_vague());
+        self.prepare_search(|searches| &mut searches.ahead, self.is_vague(), window);
+    }
+
+    /// Advances one of the searches, or begins it.
+    fn prepare_search(
+        &mut self,
+        search: fn(&mut Searches) -> &mut Option<Multistart>,
+        is_vague: bool,
+        window: PairWindow<'_>,
+    ) {
+        let starts = self.starts(is_vague);
         let Self { posterior, setup, searches, .. } = self;
-        let search = searches.ahead.get_or_insert_with(|| Multistart::new(posterior, setup, &starts));
-        search.prepare(window, prepared_steps(window), setup);
+        let search = search(searches).get_or_insert_with(|| Multistart::new(posterior, setup, &starts));
+        search.prepare(window, PREPARED_STEPS[usize::from(!window.is_short())], setup);
     }
 
     /// Drops the fits beside the current one.
@@ -226,11 +236,7 @@ impl Hypothesis {
         }
         if self.is_too_short(window) {
             if window.pairs.len() >= MIN_PAIRS {
-                let starts = self.starts(true);
-                let Self { posterior, setup, searches, .. } = self;
-                let search =
-                    searches.readout.get_or_insert_with(|| Multistart::new(posterior, setup, &starts));
-                search.prepare(window, prepared_steps(window), setup);
+                self.prepare_search(|searches| &mut searches.readout, true, window);
             }
             self.iterate(window, STEPS[usize::from(!starts)]);
             return;
@@ -421,9 +427,4 @@ impl Hypothesis {
         other.has_converged = other.iterate(window, steps);
         Some(other)
     }
-}
-
-/// Steps from several starts with a pair before the first frame is due.
-fn prepared_steps(window: PairWindow<'_>) -> usize {
-    PREPARED_STEPS[usize::from(!window.is_short())]
 }

@@ -47,8 +47,8 @@ impl PairResiduals {
     }
 
     /// Share of the residuals' square sum, 0 to 1, that is a shift and slope common to the matches of a line.
-    /// All that is exposed at the same time shares a motion that is faster than the path; depth and moving
-    /// objects do not. Measured: 0.94 to 0.97 where the camera vibrates, 0 along the wrong axis, up to 0.65
+    /// A motion faster than the path is common to all that is exposed at the same time; parallax and moving
+    /// objects are not. Measured: 0.94 to 0.97 where the camera vibrates, 0 along the wrong axis, up to 0.65
     /// under parallax.
     pub fn share_by_line(&self, scan_axis: ScanAxis) -> f64 {
         let mut lines = vec![Line::default(); LINES];
