@@ -1,13 +1,14 @@
 //! Robust losses, with one convention.
 //!
-//! s = |r|²/σ² is the squared, whitened residual of a measurement of d coordinates: each of them has variance 1 if the
-//! measurement belongs to the model, so that s is then about d. A fit minimises ½·Σ ρ(s), where ρ(0) = 0. The logarithm of
-//! the likelihood is −½·ρ(s) and terms that do not depend on s, such as −d·ln σ. The normal equations of the minimum are
-//! those of least squares in which a measurement has the weight ρ′(s), as for squares ρ(s) = s. Points have d = 2.
+//! s = |r|²/σ² is the squared, whitened residual of a measurement of d coordinates: each of them has variance
+//! 1 if the measurement belongs to the model, so that s is then about d. A fit minimises ½·Σ ρ(s), where ρ(0)
+//! = 0. The logarithm of the likelihood is −½·ρ(s) and terms that do not depend on s, such as −d·ln σ. The
+//! normal equations of the minimum are those of least squares in which a measurement has the weight ρ′(s), as
+//! for squares ρ(s) = s. Points have d = 2.
 
 use nalgebra::RealField;
 
-/// A loss ρ(s) and what follows from it. `T` is the type of s: `f32` in the flow.
+/// A loss ρ(s), its weight and log likelihood. `T` is the type of s: `f32` in the flow.
 pub trait Loss<T: RealField + Copy = f64>: Copy {
     /// ρ(s): twice the cost.
     fn rho(self, s: T) -> T;
@@ -18,7 +19,7 @@ pub trait Loss<T: RealField + Copy = f64>: Copy {
         self.weight_times(T::one(), s)
     }
 
-    /// `factor`·ρ′(s), as in loops that weigh each measurement by a factor of its own, too.
+    /// `factor`·ρ′(s).
     fn weight_times(self, factor: T, s: T) -> T;
 
     /// −½·ρ(s), plus a constant for [`Mixture`] only.
@@ -44,8 +45,8 @@ impl<T: RealField + Copy> Loss<T> for Squares {
     }
 }
 
-/// ρ(s) = c²·s/(c² + s), Geman & McClure, given c². The weight is a quarter at s = c². ρ is at most c²: no distribution has
-/// this likelihood, and a measurement far off has no influence.
+/// ρ(s) = c²·s/(c² + s), Geman & McClure, given c². The weight is a quarter at s = c². ρ is at most c²: no
+/// distribution has this likelihood, and a measurement far off has no influence.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct GemanMcClure<T = f64>(pub T);
 
@@ -62,15 +63,15 @@ impl<T: RealField + Copy> Loss<T> for GemanMcClure<T> {
     }
 }
 
-/// ρ(s) = (ν + 2)·ln(1 + s/ν): Student's t distribution of two coordinates with ν = `FREEDOM` degrees of freedom, where σ² is
-/// its scale, not its variance. The weight at 0 is (ν + 2)/ν, and 1 at s = 2.
+/// ρ(s) = (ν + 2)·ln(1 + s/ν): Student's t distribution of two coordinates with ν = `FREEDOM` degrees of
+/// freedom, where σ² is its scale, not its variance. The weight at 0 is (ν + 2)/ν, and 1 at s = 2.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct StudentT<const FREEDOM: i32>;
 
 impl<const FREEDOM: i32> StudentT<FREEDOM> {
     const NU: f64 = FREEDOM as f64;
 
-    /// The density over that at 0, exp(−½·ρ(s)); at 0 it is 1/(2π·σ²) whatever ν, as of the normal distribution.
+    /// The density over that at 0, exp(−½·ρ(s)); at 0 it is 1/(2π·σ²) for any ν.
     #[inline(always)]
     pub fn relative_density(self, s: f64) -> f64 {
         let base = 1.0 + s / Self::NU;
@@ -90,11 +91,11 @@ impl<const FREEDOM: i32> Loss for StudentT<FREEDOM> {
     }
 }
 
-/// Measurements of which some are outliers: [`StudentT`] with the prior probability p, else an even density 1/(2π·v), that of
-/// a normal distribution of variance v at its centre.
+/// Mixture of inliers and outliers: [`StudentT`] with the prior probability p, else a uniform density
+/// 1/(2π·v), that of a normal distribution of variance v at its centre.
 ///
-/// With the tails of t alone a model that fits two thirds of the measurements well is as likely as one that fits all of them
-/// badly.
+/// With the tails of t alone a model that fits two thirds of the measurements well is as likely as one that
+/// fits all of them badly.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Mixture<const FREEDOM: i32> {
     /// p.
@@ -106,8 +107,8 @@ pub struct Mixture<const FREEDOM: i32> {
 }
 
 impl<const FREEDOM: i32> Mixture<FREEDOM> {
-    /// Given p, 1/σ² and v, both variances in the same unit. (1/σ² is the root of the determinant of the inverse of the scale
-    /// where that differs with the direction.)
+    /// Given p, 1/σ² and v, both variances in the same unit. (1/σ² is the root of the determinant of the
+    /// inverse of the scale where that differs with the direction.)
     #[inline(always)]
     pub fn new(prior: f64, inverse_scale: f64, outlier_variance: f64) -> Self {
         Self { prior, inverse_scale, outlier: (1.0 - prior) / outlier_variance }
@@ -118,7 +119,7 @@ impl<const FREEDOM: i32> Mixture<FREEDOM> {
         self.prior * (StudentT::<FREEDOM>.relative_density(s) * self.inverse_scale)
     }
 
-    /// The probability that a measurement is an inlier, given its residual.
+    /// Posterior probability of an inlier.
     #[inline(always)]
     pub fn inlier_probability(self, s: f64) -> f64 {
         let inlier = self.inlier_density(s);
@@ -132,22 +133,22 @@ impl<const FREEDOM: i32> Loss for Mixture<FREEDOM> {
         2.0 * (self.log_likelihood(0.0) - self.log_likelihood(s))
     }
 
-    /// The weight of the inliers' distribution times the probability to be one.
+    /// The weight of [`StudentT`] times the posterior probability of an inlier.
     #[inline(always)]
     fn weight_times(self, factor: f64, s: f64) -> f64 {
         let inlier = self.inlier_density(s);
         StudentT::<FREEDOM>.weight_times(factor, s) * inlier / (inlier + self.outlier)
     }
 
-    /// The logarithm of 2π times the density: all of it but ln 2π, as σ², v and p may differ between the models compared.
+    /// The logarithm of 2π times the density, as σ², v and p may differ between compared models.
     #[inline(always)]
     fn log_likelihood(self, s: f64) -> f64 {
         (self.inlier_density(s) + self.outlier).ln()
     }
 }
 
-/// The effective number of weights w, (Σw)²/Σw²: a weighted mean has the variance of a mean of so many equal weights (L. Kish,
-/// *Survey Sampling*, 1965).
+/// The effective number of weights w, (Σw)²/Σw², with which an unweighted mean has the same variance (L.
+/// Kish, *Survey Sampling*, 1965).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct EffectiveNumber {
     sum: f64,
@@ -163,13 +164,13 @@ impl FromIterator<f64> for EffectiveNumber {
 }
 
 impl EffectiveNumber {
-    /// The effective number; 0 where all weights are 0.
+    /// The effective number; 0 if all weights are 0.
     pub fn number(self) -> f64 {
         if self.sum > 0.0 { self.sum * self.sum / self.squares } else { 0.0 }
     }
 
-    /// The factor by which to multiply all weights so that they count as `most` independent measurements at most: `most` over the
-    /// effective number, at most 1; 0 where all weights are 0.
+    /// The factor on all weights by which they count as at most `most` independent measurements: `most` over
+    /// the effective number, at most 1; 0 if all weights are 0.
     pub fn independent_share(self, most: f64) -> f64 {
         if self.sum > 0.0 { (most * self.squares / (self.sum * self.sum)).min(1.0) } else { 0.0 }
     }
@@ -260,11 +261,11 @@ mod tests {
     }
 
     #[test]
-    fn many_unequal_weights_are_worth_a_few() {
+    fn the_effective_number_of_unequal_weights_is_smaller() {
         let of = |weights: &[f64]| weights.iter().copied().collect::<EffectiveNumber>();
         assert_eq!((of(&[]).number(), of(&[0.0; 3]).number()), (0.0, 0.0));
         assert_eq!((of(&[0.3; 4]).number(), of(&[3.0, 1.0]).number()), (4.0, 1.6));
-        // Four that are worth one and a half.
+        // Four with an effective number of one and a half.
         assert_eq!(of(&[2.0; 4]).independent_share(1.5), 0.375);
         assert_eq!((of(&[2.0; 4]).independent_share(5.0), of(&[]).independent_share(5.0)), (1.0, 0.0));
     }

@@ -1,26 +1,26 @@
-//! The median, and what it says of the spread of two-dimensional errors.
+//! The median, and the variance of two-dimensional errors estimated by it.
 
-/// Variance of a coordinate over the median of an error that is, in units of that variance, χ² with 2 degrees
-/// of freedom, as |r|² of two normal coordinates is: its median is 2·ln 2.
+/// Variance σ² of a coordinate over the median of |r|² of two normal coordinates: |r|²/σ² is χ² distributed
+/// with 2 degrees of freedom, with the median 2·ln 2.
 pub const MEDIAN_TO_VARIANCE: f64 = 0.5 / std::f64::consts::LN_2;
 
-/// The median (of an even number the upper middle one), 0 of nothing; reorders the values.
+/// The median, of an even number the upper one of the middle two; 0 if empty. Reorders the values.
 pub fn median(values: &mut [f64]) -> f64 {
     let middle = values.len() / 2;
     if values.is_empty() { 0.0 } else { *values.select_nth_unstable_by(middle, f64::total_cmp).1 }
 }
 
-/// The variance of a coordinate, given |r|² of errors of which over half are normal: by their median, and at least `least`.
-/// Reorders them.
+/// Variance of a coordinate by the median of |r|², at least `least`. Over half of the errors must be normal.
+/// Reorders the values.
 pub fn variance_of(squares: &mut [f64], least: f64) -> f64 {
     (median(squares) * MEDIAN_TO_VARIANCE).max(least)
 }
 
-/// The value below which half of the weight of `(value, weight)` lies; 0 for none. Reorders them.
+/// The weighted median of pairs (value, weight); 0 if empty. Reorders the pairs.
 pub fn weighted_median(values: &mut [(f64, f64)]) -> f64 {
     let half = 0.5 * values.iter().map(|(_, weight)| weight).sum::<f64>();
     let (mut rest, mut below) = (values, 0.0);
-    // Halves what is left: the value that is sought lies there, and all that was left out before it has the weight `below`.
+    // Bisection: the median is in `rest`, and the values excluded below it have the weight `below`.
     loop {
         let Some(middle) = rest.len().checked_sub(1).map(|last| last / 2) else { return 0.0 };
         let (lower, (value, own), _) = rest.select_nth_unstable_by(middle, |a, b| a.0.total_cmp(&b.0));

@@ -1,6 +1,6 @@
 //! Robust statistics, for `flow` and `solve` alike.
 //!
-//! | file | what it has |
+//! | file | content |
 //! |---|---|
 //! | [`loss`] | cost, weight and log likelihood of a residual; effective number of weights |
 //! | [`median`] | the median, and the variance that follows from it |

@@ -1,8 +1,9 @@
 //! The motion that most displacements share, by iteratively re-weighted least squares.
 //!
-//! Displacement = A·φ(p), where φ(p) are the N terms of a basis at the point p and A is 2 × N. Both coordinates have terms and
-//! weights in common, so the system of normal equations is N × N and has two right sides. (A twist is none of these motions: its
-//! angular velocity belongs to both coordinates. `solve::sequential` fits it, with the same loss.)
+//! Displacement = A·φ(p), where φ(p) are the N terms of a basis at the point p and A is 2 × N. Both
+//! coordinates have terms and weights in common, so the system of normal equations is N × N and has two right
+//! sides. (A twist is not among these motions, as its angular velocity is in both coordinates; `solve::sequential`
+//! fits it with the same loss.)
 
 use super::loss::Loss;
 use super::median::variance_of;
@@ -26,7 +27,7 @@ pub fn quadratic<T: RealField + Copy>(point: Vector2<T>) -> SVector<T, 6> {
 pub struct Sample<T, const N: usize> {
     /// φ at the point.
     pub terms: SVector<T, N>,
-    /// Measured, in the unit in which the motion is wanted.
+    /// In the unit of the motion.
     pub displacement: Vector2<T>,
     /// Its weight at a residual of 0.
     pub weight: T,
@@ -57,7 +58,7 @@ pub struct Round<T, const N: usize> {
     pub ridge: [f64; N],
 }
 
-/// The motion after these rounds of re-weighting, the first of which takes its weights from `start`; `None` where the normal
+/// The motion after these rounds of re-weighting, the first by the residuals of `start`; `None` if the normal
 /// equations of a round are singular or not finite.
 ///
 /// Points and residuals have the precision of `T`, the normal equations that of `f64`.
@@ -103,7 +104,7 @@ impl<T: RealField + Copy + Into<f64>, const N: usize> Motion<T, N> {
         (sample.displacement - self.at(&sample.terms)).norm_squared()
     }
 
-    /// Variance of a coordinate of the residuals, by their median and at least `least`; `squares` is a buffer.
+    /// Variance of a coordinate by the median of |r|², at least `least`; `squares` is a buffer.
     pub fn variance(
         &self,
         samples: impl Iterator<Item = Sample<T, N>>,
@@ -123,7 +124,7 @@ mod tests {
 
     const ROUNDS: usize = 8;
 
-    /// Points of a 20 × 15 grid, each displaced as `of` says.
+    /// Points of a 20 × 15 grid, displaced by `of`.
     fn samples<const N: usize>(
         basis: fn(Vector2<f64>) -> SVector<f64, N>,
         of: impl Fn(Vector2<f64>) -> Vector2<f64>,
@@ -171,7 +172,7 @@ mod tests {
     }
 
     #[test]
-    fn what_a_quarter_does_is_let_go() {
+    fn a_quarter_of_outliers_has_no_influence() {
         let shared = |at: Vector2<f64>| Vector2::new(0.5 + 0.1 * at.x, 0.2 - 0.1 * at.y);
         let mut mixed = samples(affine, shared);
         mixed.iter_mut().step_by(4).for_each(|sample| sample.displacement = Vector2::new(-4.0, 3.0));

@@ -1,45 +1,42 @@
-//! What is known of a camera, and what is believed of the rest.
+//! The givens about a camera, and priors of the rest.
 
 use crate::motion::generators::Model;
 use crate::readout::{ReadoutDirection, ReadoutPrior, ReadoutTime};
 
-/// What is believed of γ before anything was seen: nothing that would change a picture.
+/// Mean and standard deviation of the prior of γ. The mean changes no picture.
 pub const READOUT_BELIEF: (f64, f64) = (0.0, 0.5);
-/// What is believed of κ = (half the width / f)²: f is 0.9 widths, give or take a half.
-pub const KAPPA_BELIEF: (f64, f64) = (0.3, 0.3);
-/// What κ may be: a field of view under 110°.
+/// Mean and standard deviation of the prior of κ = (half the width / f)²: f is about 0.9 widths.
+const KAPPA_BELIEF: (f64, f64) = (0.3, 0.3);
+/// Limits of κ: a field of view under 110°.
 pub const KAPPA_LIMITS: [f64; 2] = [0.0, 2.0];
-/// Logarithm of how much likelier it is that the lines of the sensor lie along the longer side of the picture than along
-/// the shorter one: nearly every sensor is built so, and one video in sixteen or so is cropped to the other shape. Half as
-/// much again changes little.
-const ALONG_THE_LONGER_SIDE: f64 = 2.7;
-/// Deviation of what is known.
-pub const KNOWN: f64 = 1e-6;
+/// Prior log odds of lines along the longer side of the picture: nearly every sensor has them, and about one
+/// video in sixteen is cropped to the other shape. Half as much again changes little.
+const LONGER_SIDE_LOG_ODDS: f64 = 2.7;
+/// Standard deviation of given values.
+pub const GIVEN_DEVIATION: f64 = 1e-6;
 
-/// What is known of a camera.
+/// The givens about a camera.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Camera {
-    /// Image motions that are looked for.
+    /// Image motions that are fitted.
     pub model: Model,
-    /// Which edge is read first; `None` if that is to be found out.
+    /// The edge that is read first; `None` if unknown.
     pub direction: Option<ReadoutDirection>,
-    /// What is known of the readout time.
+    /// Readout time, delay or unknown.
     pub readout_time: ReadoutTime,
-    /// What is expected of the readout where it is not known.
+    /// Prior of the readout, used if `readout_time` is unknown.
     pub readout_prior: Option<ReadoutPrior>,
-    /// Focal length in frame widths; `None` if that is to be found out. Less than 0.354, a field of view of 110°, counts
-    /// as that.
+    /// Focal length in frame widths, at least 0.354 (a field of view of 110°); `None` if unknown.
     pub focal_length: Option<f64>,
 }
 
 impl Camera {
-    /// Whether the readout time need not be found out.
+    /// Whether the readout time is given.
     pub fn is_known(&self) -> bool {
         self.readout_time.is_known()
     }
 
-    /// The directions that are tried. A shake that is read from one edge looks much like another one that is read from the
-    /// opposite edge, until enough of it is seen.
+    /// The directions that are tried; opposite edges are hard to distinguish at first.
     pub fn directions(&self) -> Vec<ReadoutDirection> {
         use ReadoutDirection::{BottomToTop, LeftToRight, RightToLeft, TopToBottom};
         match self.direction {
@@ -48,7 +45,7 @@ impl Camera {
         }
     }
 
-    /// What is expected of the readout, where it is not known and the direction that is known, if any, is the expected one.
+    /// The prior of the readout, if the readout is unknown and the prior agrees with a given direction.
     pub fn expected(&self) -> Option<ReadoutPrior> {
         let allows = |expected: ReadoutDirection| self.direction.is_none_or(|known| known == expected);
         self.readout_prior.filter(|prior| !self.is_known() && prior.direction().is_none_or(allows))
@@ -60,17 +57,17 @@ impl Camera {
         expected.map_or_else(|| self.directions(), |direction| vec![direction])
     }
 
-    /// Logarithm of how likely a direction is before anything was seen, up to a constant, in frames of this size.
+    /// Log prior probability of a direction, up to a constant, in frames of this size.
     pub fn log_prior(direction: ReadoutDirection, width: usize, height: usize) -> f64 {
         let is_usual = if direction.is_by_rows() { width >= height } else { height >= width };
-        if is_usual { 0.0 } else { -ALONG_THE_LONGER_SIDE }
+        if is_usual { 0.0 } else { -LONGER_SIDE_LOG_ODDS }
     }
 
-    /// Mean and deviation of what is believed of κ.
+    /// Mean and standard deviation of the prior of κ.
     pub fn kappa_belief(&self) -> (f64, f64) {
         match self.focal_length.filter(|focal| focal.is_finite() && *focal > 0.0) {
-            _ if !self.model.has_perspective() => (0.0, KNOWN),
-            Some(focal) => ((0.5 / focal).powi(2).min(KAPPA_LIMITS[1]), KNOWN),
+            _ if !self.model.has_perspective() => (0.0, GIVEN_DEVIATION),
+            Some(focal) => ((0.5 / focal).powi(2).min(KAPPA_LIMITS[1]), GIVEN_DEVIATION),
             None => KAPPA_BELIEF,
         }
     }
@@ -90,7 +87,7 @@ mod tests {
     }
 
     #[test]
-    fn a_focal_length_is_believed_up_to_the_widest_view() {
+    fn a_focal_length_is_clamped_at_the_widest_view() {
         let kappa = |focal: f64| {
             let focal_length = Some(focal);
             let readout_time = ReadoutTime::Unknown;

@@ -1,4 +1,4 @@
-//! The posterior of the camera: hypotheses, their evidence, and when they are tried.
+//! The posterior of the camera: hypotheses, their evidence, and the schedule of their trials.
 
 mod evidence;
 mod given;

@@ -1,12 +1,12 @@
-//! The posterior of the camera: hypotheses about which edge of the sensor is read first and how fast the camera vibrates, each
-//! with a fit of its own.
+//! The posterior of the camera: hypotheses about the edge of the sensor that is read first and the knot
+//! density, each with a fit of its own.
 //!
-//! Together they are a mixture of Gaussians of the signed readout ratio γ along either axis, whose weights follow from the
-//! evidence of the same pairs of frames. What is reported and applied is that of the mixture: the deviation of the readout
-//! includes the rivals, and a correction is applied as far as they agree on it.
+//! They are a mixture of Gaussians of the signed readout ratio γ along either axis, weighted by the evidence
+//! of the same pairs of frames. The mixture is what is reported and applied: its deviation includes the
+//! rivals, and a correction is applied as far as they agree on it.
 
 use super::evidence::WindowEvidence;
-use super::given::{Camera, KAPPA_LIMITS, KNOWN, READOUT_BELIEF};
+use super::given::{Camera, GIVEN_DEVIATION, KAPPA_LIMITS, READOUT_BELIEF};
 use super::hypothesis::{Hypothesis, Phase};
 use super::schedule::{Timer, other_camera};
 use crate::cpu::CpuLevel;
@@ -19,56 +19,54 @@ use crate::solve::continuous::prior::{Belief, CameraBelief, Smoothness};
 use crate::solve::continuous::trajectory::{KnotDensity, Trajectory};
 use nalgebra::Vector2;
 
-/// A hypothesis that is less likely than another one by a factor of e to this power is given up.
-const DECISIVE: f64 = 12.0;
-/// Logarithm of the probability that the camera is another one, after some time or after a gap, one in a thousand; and after a
-/// cut, or where one of which the readout is expected is another one or in another mode, one in twenty.
+/// Log odds below the likeliest hypothesis at which one is dropped.
+const DROP_LOG_ODDS: f64 = 12.0;
+/// Prior log odds of another camera: after some time or a gap, one in a thousand; after a cut, or of one
+/// other than the expected or in another mode, one in twenty.
 const OTHER_CAMERA_LOG_ODDS: [f64; 2] = [-7.0, -3.0];
-/// Hypotheses beside which another one is tried: the likeliest, and a rival, as one along the other axis may stay undecided for
-/// minutes.
-const MOST_BESIDE: usize = 2;
-/// Pairs, at least, that a vibration is looked for in, and those that distinguish one scan axis from another: as many as there
-/// are with the usual frames ahead.
+/// Most hypotheses beside which another one is tried: a rival along the other axis may stay for minutes.
+const MAX_BESIDE: usize = 2;
+/// Fewest pairs of a window with a vibration, and of one by which hypotheses are compared.
 const VIBRATING_PAIRS: usize = 10;
-const QUESTIONED_PAIRS: usize = 8;
-/// The longest readout that is accepted, in frame periods: a converter may have put frames between those of the camera, and a
-/// path costs as much as the readout is long.
-const LONGEST_READOUT: f64 = 8.0;
+const COMPARED_PAIRS: usize = 8;
+/// Longest readout in frame periods. It may exceed one if a converter inserted frames, at a cost.
+const MAX_READOUT: f64 = 8.0;
 
-/// What lies between a frame and the one before it.
+/// The connection of a frame with the one before it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Break {
-    /// Correspondences.
+    /// By correspondences.
     None,
-    /// Nothing, or time.
+    /// A start, or an interval without frames.
     Gap,
-    /// Another picture.
+    /// Too few correspondences.
     Cut,
 }
 
 /// The hypotheses about the camera of a stream.
 #[derive(Debug)]
 pub struct CameraPosterior {
-    camera: Camera,
-    size: [usize; 2],
+    pub camera: Camera,
+    /// Width and height of a frame in pixels.
+    pub size: [usize; 2],
     /// Half the width in analysed pixels.
     radius: f64,
     /// Least standard deviation of a coordinate in analysed pixels.
     noise: f64,
     /// The likeliest first; never empty.
     pub hypotheses: Vec<Hypothesis>,
-    /// Directions that are to be tried again, one after the other, as the camera may be another one.
+    /// Directions to be tried again, the last first.
     to_try: Vec<ReadoutDirection>,
-    /// Logarithm of the probability of each of them beside that of the leading one.
+    /// Prior log odds of each of them beside the leading one.
     other_log_odds: f64,
-    /// When all of them are tried again.
+    /// When all directions are tried again.
     other_camera: Timer,
     has_begun: bool,
 }
 
 impl CameraPosterior {
-    /// For frames of this size in pixels, half as wide as `radius` analysed ones, whose points have the deviation `noise` in
-    /// analysed pixels at least.
+    /// For frames of this size in pixels; `radius` is half the width and `noise` the least standard deviation
+    /// of a coordinate, in analysed pixels.
     pub fn new(camera: Camera, size: [usize; 2], radius: f64, noise: f64) -> Self {
         let mut posterior = Self {
             camera,
@@ -84,7 +82,7 @@ impl CameraPosterior {
         let directions = camera.first_directions();
         posterior.hypotheses = directions.into_iter().map(|direction| posterior.fresh(direction)).collect();
         if camera.expected().is_some() {
-            posterior.doubt(OTHER_CAMERA_LOG_ODDS[1]);
+            posterior.retry_directions(OTHER_CAMERA_LOG_ODDS[1]);
         }
         posterior
     }
@@ -105,25 +103,27 @@ impl CameraPosterior {
         };
         let beliefs = Shared { gamma: READOUT_BELIEF, kappa: camera.kappa_belief() };
         let beliefs = beliefs.map(|(mean, deviation)| Belief::new(mean, deviation));
-        let belief = CameraBelief::new(beliefs, Shared { gamma: signs, kappa: KAPPA_LIMITS });
+        let belief = CameraBelief { beliefs, limits: Shared { gamma: signs, kappa: KAPPA_LIMITS } };
         let setup = Setup { cpu: CpuLevel::detect(), scan_axis, noise: self.noise, camera: belief };
         let trajectory = Trajectory::new(density, self.radius);
-        let posterior = Posterior::new(trajectory, smoothness, belief.means());
+        let posterior = Posterior::new(trajectory, smoothness, beliefs.map(|belief| belief.mean));
         let log_prior = Camera::log_prior(direction, width, height);
         Hypothesis::new(direction, signs, setup, posterior, log_prior)
     }
 
-    /// Begins a stretch of frames this far apart, in seconds; `before` is the distance of those of the stretch before it.
+    /// Begins a stretch of frames; frame periods of this stretch and the one before, in seconds.
     pub fn begin(&mut self, period: f64, before: Option<f64>) {
         let [width, height] = self.size;
         let camera = self.camera;
         for hypothesis in &mut self.hypotheses {
             let sign = if hypothesis.direction.is_reversed() { -1.0 } else { 1.0 };
-            let gamma = |time: f64| sign * (time / period).min(LONGEST_READOUT);
+            let gamma = |time: f64| sign * (time / period).min(MAX_READOUT);
             if camera.is_known() {
                 let direction = hypothesis.direction;
                 let readout = Readout::resolved(width, height, direction, camera.readout_time, period);
-                hypothesis.give_readout(Belief::new(gamma(readout.time), KNOWN));
+                let gamma = gamma(readout.time);
+                hypothesis.expect_readout(Belief::new(gamma, GIVEN_DEVIATION));
+                hypothesis.setup.camera.limits.gamma = [gamma; 2];
             } else if let Some(before) = before {
                 hypothesis.scale_readout(before / period);
             } else if let Some(prior) = camera.expected() {
@@ -132,13 +132,12 @@ impl CameraPosterior {
         }
     }
 
-    /// Continues with frames this far apart, in seconds, instead of `before`: with the camera once its readout is known, or else
-    /// anew, as what is believed of a readout beforehand is so in frame periods. The path begins anew. Whether the camera was
-    /// kept.
+    /// Changes the frame period, in seconds, and resets the path. A significant readout is kept; else all
+    /// starts anew, as the prior of γ is in frame periods. Whether the camera was kept.
     pub fn change_period(&mut self, before: f64, period: f64) -> bool {
         let factor = before / period;
         let leading = self.leading();
-        let is_found = leading.knows_readout() && (factor * leading.gamma()).abs() < LONGEST_READOUT;
+        let is_found = leading.is_readout_significant() && (factor * leading.gamma()).abs() < MAX_READOUT;
         let is_kept = self.camera.is_known() || is_found;
         if is_kept {
             self.hypotheses.iter_mut().for_each(|hypothesis| hypothesis.scale_time(factor));
@@ -149,14 +148,12 @@ impl CameraPosterior {
         is_kept
     }
 
-    /// Forgets the frames, not the camera.
-    pub fn restart(&mut self) {
-        self.hypotheses.iter_mut().for_each(Hypothesis::drop_searches);
-    }
-
     /// The hypotheses with their probabilities, the likeliest first.
     pub fn hypotheses(&self) -> impl Iterator<Item = (f64, &Hypothesis)> {
-        self.probabilities().into_iter().zip(&self.hypotheses)
+        let first = self.leading().log_probability;
+        let weight = move |one: &Hypothesis| (one.log_probability - first).exp();
+        let sum: f64 = self.hypotheses.iter().map(weight).sum();
+        self.hypotheses.iter().map(move |one| (weight(one) / sum, one))
     }
 
     /// The likeliest hypothesis.
@@ -164,22 +161,17 @@ impl CameraPosterior {
         &self.hypotheses[0]
     }
 
-    /// Width and height of a frame in pixels.
-    pub fn size(&self) -> [usize; 2] {
-        self.size
-    }
-
-    /// Whether more than one is left.
-    pub fn is_in_question(&self) -> bool {
+    /// Whether there are several hypotheses.
+    fn is_undecided(&self) -> bool {
         self.hypotheses.len() > 1
     }
 
-    /// Goes on with fits to the pairs that have come so far, before the first one of them is due.
+    /// Advances fits to the pairs so far, before the first of their frames is due.
     pub fn prepare(&mut self, window: PairWindow<'_>) {
         self.hypotheses.par_iter_mut().for_each(|hypothesis| hypothesis.prepare(window));
     }
 
-    /// Fits each hypothesis to the window of a frame and weighs them; `before` is what lies before the frame.
+    /// Fits each hypothesis to the window of a frame, and updates their probabilities.
     pub fn settle(&mut self, window: PairWindow<'_>, before: Break) {
         let starts = before != Break::None;
         let longest = (!self.camera.is_known()).then(|| window.usual_interval());
@@ -193,24 +185,23 @@ impl CameraPosterior {
         self.try_other_cameras(window, before);
     }
 
-    /// The part of a window that the hypotheses are fitted to: the same for all, so that their evidence can be compared.
+    /// The part of a window that all hypotheses are fitted to, so that their evidence is comparable.
     ///
-    /// Where few frames are known ahead, more before it are taken in for what shows in many pairs only: which way the
-    /// sensor is read, while that is in question, and how a vibration goes on. Else they are of no use, for a shake is soon
-    /// another one.
+    /// With few pairs ahead, more of the past are included if many are needed: to compare hypotheses, and to
+    /// predict a vibration. Otherwise they are of no use, as shake is soon uncorrelated.
     pub fn window<'a>(&self, window: PairWindow<'a>) -> PairWindow<'a> {
-        let is_vibrating = self.hypotheses.iter().any(Hypothesis::looks_for_vibration);
+        let is_vibrating = self.hypotheses.iter().any(Hypothesis::considers_vibration);
         let density = if is_vibrating { KnotDensity::Vibrating } else { KnotDensity::Usual };
-        let least = match (density, self.is_in_question()) {
+        let least = match (density, self.is_undecided()) {
             (KnotDensity::Vibrating, _) => VIBRATING_PAIRS,
-            (KnotDensity::Usual, true) => QUESTIONED_PAIRS,
+            (KnotDensity::Usual, true) => COMPARED_PAIRS,
             (KnotDensity::Usual, false) => 0,
         };
         window.recent(density.past(), least)
     }
 
-    /// Offers the smoothness of the path with the most evidence to the other hypotheses of its knot density: one that has learnt
-    /// a worse one than it could is not less likely for that.
+    /// Offers the smoothness with the greatest evidence to the other hypotheses of its knot density, so that
+    /// none is less likely only for a worse one.
     fn share_smoothness(&mut self, window: PairWindow<'_>) {
         if !self.can_compare(window) {
             return;
@@ -218,12 +209,10 @@ impl CameraPosterior {
         let evidence = |hypothesis: &mut Hypothesis| hypothesis.log_evidence(window);
         let evidence: Vec<Option<f64>> = self.hypotheses.par_iter_mut().map(evidence).collect();
         for density in [KnotDensity::Usual, KnotDensity::Vibrating] {
-            let found = self.hypotheses.iter().zip(&evidence).filter_map(|(hypothesis, evidence)| {
-                (hypothesis.density() == density)
-                    .then_some((evidence.as_ref()?, &hypothesis.posterior.smoothness))
-            });
-            let Some((most, smoothness)) = found.max_by(|a, b| a.0.total_cmp(b.0)) else { continue };
-            let smoothness = smoothness.clone();
+            let all = self.hypotheses.iter().zip(&evidence).filter(|(one, _)| one.density() == density);
+            let found = all.filter_map(|(one, evidence)| Some((evidence.as_ref()?, one)));
+            let Some((most, best)) = found.max_by(|a, b| a.0.total_cmp(b.0)) else { continue };
+            let smoothness = best.posterior.smoothness.clone();
             self.hypotheses.par_iter_mut().zip(&evidence).for_each(|(hypothesis, evidence)| {
                 let evidence = evidence.unwrap_or(f64::NEG_INFINITY);
                 if hypothesis.density() == density && evidence < most - DECISIVE_LOG_BAYES_FACTOR {
@@ -233,26 +222,24 @@ impl CameraPosterior {
         }
     }
 
-    /// Whether there are hypotheses whose evidence of a window distinguishes them.
+    /// Whether there are several hypotheses with comparable evidence of a window.
     fn can_compare(&self, window: PairWindow<'_>) -> bool {
         let is_new = |one: &Hypothesis| one.phase == Phase::AwaitsSearch || one.is_too_short(window);
-        self.is_in_question() && !window.pairs.is_empty() && !self.hypotheses.iter().any(is_new)
+        self.is_undecided() && !window.pairs.is_empty() && !self.hypotheses.iter().any(is_new)
     }
 
-    /// Adds hypotheses of the other knot density where the path leaves what that may explain.
+    /// Adds hypotheses of the other knot density that may explain the residuals.
     fn challenge(&mut self, window: PairWindow<'_>, starts: bool) {
-        let directions: Vec<ReadoutDirection> =
-            self.hypotheses.iter().map(|hypothesis| hypothesis.direction).collect();
+        let directions: Vec<ReadoutDirection> = self.hypotheses.iter().map(|one| one.direction).collect();
         let is_alone =
             |one: &Hypothesis| directions.iter().filter(|other| **other == one.direction).count() == 1;
-        let challengers = self.hypotheses.par_iter_mut().filter(|hypothesis| is_alone(hypothesis));
-        let found: Vec<Hypothesis> =
-            challengers.filter_map(|hypothesis| hypothesis.challenger(window, starts)).collect();
+        let alone = self.hypotheses.par_iter_mut().filter(|one| is_alone(one));
+        let found: Vec<Hypothesis> = alone.filter_map(|one| one.challenger(window, starts)).collect();
         self.hypotheses.extend(found);
     }
 
-    /// Whether the camera is still the one that is known: now and then, and after a gap or a cut, each direction is tried
-    /// anew beside the likeliest hypothesis, one at a time, for each costs as much as that one.
+    /// Tries each direction again, from time to time and after a gap or a cut, as the camera may be another
+    /// one: one at a time beside the likeliest hypotheses, as each doubles the cost.
     fn try_other_cameras(&mut self, window: PairWindow<'_>, before: Break) {
         self.other_camera.tick();
         let starts_anew = before != Break::None && std::mem::replace(&mut self.has_begun, true);
@@ -265,13 +252,13 @@ impl CameraPosterior {
             } else {
                 self.other_camera.back_off();
             }
-            self.doubt(OTHER_CAMERA_LOG_ODDS[usize::from(before == Break::Cut)]);
+            self.retry_directions(OTHER_CAMERA_LOG_ODDS[usize::from(before == Break::Cut)]);
         }
-        if self.is_in_question() || !self.to_try.is_empty() {
+        if self.is_undecided() || !self.to_try.is_empty() {
             self.other_camera.restart();
         }
         let awaits_search = |one: &Hypothesis| one.phase == Phase::AwaitsSearch;
-        if self.hypotheses.len() <= MOST_BESIDE
+        if self.hypotheses.len() <= MAX_BESIDE
             && !self.hypotheses.iter().any(awaits_search)
             && self.leading().moves(window)
             && let Some(direction) = self.to_try.pop()
@@ -281,8 +268,8 @@ impl CameraPosterior {
         }
     }
 
-    /// Has each direction tried anew, with this logarithm of its probability beside that of the leading one.
-    fn doubt(&mut self, log_odds: f64) {
+    /// Has each direction tried again, with these prior log odds beside the leading one.
+    fn retry_directions(&mut self, log_odds: f64) {
         self.other_log_odds = log_odds;
         let by_rows = self.leading().direction.is_by_rows();
         self.to_try = self.camera.directions();
@@ -290,7 +277,7 @@ impl CameraPosterior {
         self.to_try.sort_by_key(|direction| direction.is_by_rows() == by_rows);
     }
 
-    /// Compares the hypotheses by the evidence of the same windows.
+    /// Updates the probabilities by the evidence of the window.
     fn weigh(&mut self, window: PairWindow<'_>) {
         if !self.can_compare(window) {
             return;
@@ -318,16 +305,16 @@ impl CameraPosterior {
         }
     }
 
-    /// Puts the likeliest first and gives up those that are far less likely, once the first knows its γ: until then it may
-    /// have fared well for another reason, and the other one badly because it was not found yet. One on trial gives up
-    /// nothing: a few windows have their pairs, and so their errors, in common.
+    /// Sorts by probability and drops hypotheses that are far less likely than the first, once its γ is
+    /// significant: until then the comparison may depend on searches that have not converged. Beside a first
+    /// one on trial none is dropped, as a few windows share pairs and their errors.
     fn prune(&mut self) {
         self.end_trials();
         self.hypotheses.sort_by(|a, b| b.log_probability.total_cmp(&a.log_probability));
         let first = self.leading();
-        let least = first.log_probability - DECISIVE;
-        if first.knows_readout() && first.phase != Phase::OnTrial {
-            // The first one stays, whatever numbers a broken window brought about.
+        let least = first.log_probability - DROP_LOG_ODDS;
+        if first.is_readout_significant() && first.phase != Phase::OnTrial {
+            // The first one is kept even if its probability is not finite.
             let mut is_first = true;
             self.hypotheses.retain(|hypothesis| {
                 std::mem::take(&mut is_first)
@@ -335,11 +322,10 @@ impl CameraPosterior {
                     || hypothesis.log_probability > least
             });
         }
-        drop_twins(&mut self.hypotheses);
+        self.drop_twins();
     }
 
-    /// Gives up hypotheses on trial that have turned out less likely than those of the same direction beside which they are
-    /// tried: each would cost as much as that one for as long as nothing tells them apart.
+    /// Drops hypotheses that end their trial less likely than the one of the same direction.
     fn end_trials(&mut self) {
         for index in (0..self.hypotheses.len()).rev() {
             let tried = &mut self.hypotheses[index];
@@ -349,76 +335,56 @@ impl CameraPosterior {
             let (direction, log_probability) = (tried.direction, tried.log_probability);
             let mut others = self.hypotheses.iter_mut().filter(|other| other.direction == direction);
             if let Some(better) = others.find(|other| other.log_probability > log_probability) {
-                better.put_off_trials();
+                better.schedule.density.back_off();
                 self.hypotheses.remove(index);
             }
         }
     }
 
-    /// The probability of each hypothesis.
-    fn probabilities(&self) -> Vec<f64> {
-        let first = self.leading().log_probability;
-        let weight = |other: &Hypothesis| (other.log_probability - first).exp();
-        let weights: Vec<f64> = self.hypotheses.iter().map(weight).collect();
-        let sum: f64 = weights.iter().sum();
-        weights.into_iter().map(|weight| weight / sum).collect()
+    /// Of hypotheses that have converged to the same γ, keeps the likeliest.
+    fn drop_twins(&mut self) {
+        let mut kept: Vec<Hypothesis> = Vec::with_capacity(self.hypotheses.len());
+        for hypothesis in self.hypotheses.drain(..) {
+            let is_twin = |other: &Hypothesis| {
+                other.has_converged
+                    && hypothesis.has_converged
+                    && !other.is_vague()
+                    && other.agrees_with(&hypothesis)
+            };
+            if !kept.iter().any(is_twin) {
+                kept.push(hypothesis);
+            }
+        }
+        self.hypotheses = kept;
     }
 
-    /// Standard deviation of γ about that of the likeliest hypothesis: of the mixture, by either axis; 0 where the readout is
-    /// given.
+    /// Standard deviation of the mixture of γ about the likeliest hypothesis; 0 if the readout is given.
     pub fn readout_deviation(&self) -> f64 {
         if self.camera.is_known() {
             return 0.0;
         }
-        let gradient = |hypothesis: &Hypothesis| {
-            let gamma = hypothesis.gamma();
-            if hypothesis.direction.is_by_rows() {
-                Vector2::new(0.0, gamma)
-            } else {
-                Vector2::new(gamma, 0.0)
-            }
+        let vector = |one: &Hypothesis| {
+            let gamma = one.gamma();
+            if one.direction.is_by_rows() { Vector2::new(0.0, gamma) } else { Vector2::new(gamma, 0.0) }
         };
-        let own = gradient(self.leading());
-        let variance = |hypothesis: &Hypothesis| {
-            (gradient(hypothesis) - own).norm_squared() + hypothesis.setup.camera.gamma_deviation().powi(2)
+        let own = vector(self.leading());
+        let variance = |one: &Hypothesis| {
+            (vector(one) - own).norm_squared() + one.setup.camera.gamma_deviation().powi(2)
         };
         self.hypotheses().map(|(probability, one)| probability * variance(one)).sum::<f64>().sqrt()
     }
 
-    /// Whether the readout time is given.
-    pub fn is_readout_given(&self) -> bool {
-        self.camera.is_known()
-    }
-
-    /// Focal length in frame widths and its standard deviation, to first order that of κ; `None` where the model has no
-    /// perspective, or none shows.
+    /// Focal length in frame widths and its standard deviation, from that of κ; `None` without perspective.
     pub fn focal_length(&self) -> Option<(f64, f64)> {
         let leading = self.leading();
-        let (kappa, deviation) = (leading.posterior.shared.kappa, leading.setup.camera.kappa_deviation());
+        let kappa = leading.posterior.shared.kappa;
         if !self.camera.model.has_perspective() || kappa <= 0.0 {
             return None;
         }
-        let focal = 0.5 / kappa.sqrt();
+        let (focal, deviation) = (0.5 / kappa.sqrt(), leading.setup.camera.beliefs.kappa.deviation());
         let is_given = self.camera.focal_length.is_some();
         Some((focal, if is_given { 0.0 } else { 0.5 * focal * deviation / kappa }))
     }
-}
-
-/// Of hypotheses that have come to the same answer from different starts, keeps the likeliest.
-fn drop_twins(hypotheses: &mut Vec<Hypothesis>) {
-    let mut kept: Vec<Hypothesis> = Vec::with_capacity(hypotheses.len());
-    for hypothesis in hypotheses.drain(..) {
-        let is_twin = |other: &Hypothesis| {
-            other.has_converged
-                && hypothesis.has_converged
-                && !other.is_vague()
-                && other.agrees_with(&hypothesis)
-        };
-        if !kept.iter().any(is_twin) {
-            kept.push(hypothesis);
-        }
-    }
-    *hypotheses = kept;
 }
 
 #[cfg(test)]
@@ -427,8 +393,7 @@ mod tests {
     use crate::motion::generators::Model;
     use crate::readout::ReadoutTime;
 
-    /// A bank of one direction in which a hypothesis has been on trial for so many windows, this much likelier than the one
-    /// beside it; both in this order.
+    /// Two hypotheses of one direction, the second on trial for so many windows and with these log odds.
     fn posterior_with_trial(windows: usize, odds: f64) -> CameraPosterior {
         let direction = Some(ReadoutDirection::TopToBottom);
         let readout_time = ReadoutTime::Unknown;
@@ -445,7 +410,7 @@ mod tests {
     }
 
     #[test]
-    fn a_trial_ends_once_it_has_seen_other_pairs() {
+    fn a_trial_ends_after_windows_without_common_pairs() {
         let mut posterior = posterior_with_trial(5, -1.0);
         posterior.end_trials();
         assert_eq!(posterior.hypotheses.len(), 2);
@@ -456,7 +421,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_likelier_after_its_trial_stays() {
+    fn a_likelier_hypothesis_stays_after_its_trial() {
         let mut posterior = posterior_with_trial(6, 1.0);
         posterior.prune();
         assert_eq!(posterior.hypotheses.len(), 2);
@@ -467,10 +432,10 @@ mod tests {
     }
 
     #[test]
-    fn one_on_trial_gives_up_nothing() {
-        let mut posterior = posterior_with_trial(1, 2.0 * DECISIVE);
+    fn beside_one_on_trial_none_is_dropped() {
+        let mut posterior = posterior_with_trial(1, 2.0 * DROP_LOG_ODDS);
         posterior.hypotheses.iter_mut().for_each(|one| one.posterior.shared.gamma = 0.5);
-        posterior.hypotheses[1].setup.camera.give_gamma(Belief::new(0.5, 0.001));
+        posterior.hypotheses[1].expect_readout(Belief::new(0.5, 0.001));
         posterior.prune();
         assert_eq!(posterior.hypotheses.len(), 2);
         posterior.hypotheses[0].phase = Phase::Established;

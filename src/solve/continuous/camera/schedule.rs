@@ -1,22 +1,21 @@
-//! When something is tried again. All intervals are frames.
+//! When something is tried again. All intervals are in frames.
 //!
-//! | what is tried | when | first | next | at most |
+//! | trial | condition | first | next | at most |
 //! |---|---|---|---|---|
-//! | γ from several starts | while it is vague and the picture moves | at once | 15 after the last search | 15 |
-//! | the other knot density | while the path leaves what that may explain | at once; 15 after it was tried | doubled after each failure | 120 |
-//! | the smoothness of the likeliest hypothesis | while it explains more | at once | 15 after a failure | 15 |
-//! | another camera | while there is one hypothesis, or two | 90; at once after a gap or a cut | doubled each time | 1440 |
+//! | γ from several starts | γ unknown and the picture moves | at once | 15 after the last search | 15 |
+//! | other knot density | it may explain residuals | at once, then 15 | doubled after each failure | 120 |
+//! | the likeliest smoothness | its evidence is greater | at once | 15 after a failure | 15 |
+//! | another camera | up to two hypotheses | 90, or at a gap or cut | doubled each time | 1440 |
 
-/// From one search for γ, offer of another smoothness, or trial of another knot density, to the next.
+/// Interval of trials of γ, of the smoothness and of the knot density.
 const TRIAL: usize = 15;
-/// And at most, where several trials in a row have failed.
-const LONGEST_TRIAL: usize = 8 * TRIAL;
-/// With one hypothesis, after which the camera may be another one: at first, and at most. Each time that it is not, twice as
-/// many, for what has not happened in n frames happens in the next one with a probability of about 1/n (Laplace's rule of
-/// succession).
+/// Longest interval after several failed trials of the knot density.
+const MAX_TRIAL: usize = 8 * TRIAL;
+/// First and longest interval of trials of other cameras. It doubles each time, as an event that has not
+/// happened in n frames has a probability of about 1/n in the next one (Laplace's rule of succession).
 const OTHER_CAMERA: [usize; 2] = [90, 16 * 90];
 
-/// Counts the frames until something is due.
+/// Counts the frames until a trial is due.
 #[derive(Clone, Copy, Debug)]
 pub struct Timer {
     waited: usize,
@@ -30,7 +29,7 @@ impl Timer {
         Self { waited: interval, interval, longest }
     }
 
-    /// The next frame has come.
+    /// Counts a frame.
     pub fn tick(&mut self) {
         self.waited += 1;
     }
@@ -39,22 +38,21 @@ impl Timer {
         self.waited >= self.interval
     }
 
-    /// Counts from now on.
     pub fn restart(&mut self) {
         self.waited = 0;
     }
 
-    /// Counts from now on, twice as far.
+    /// Restarts with twice the interval.
     pub fn back_off(&mut self) {
         self.waited = 0;
         self.interval = (2 * self.interval).min(self.longest);
     }
 }
 
-/// When a hypothesis tries something again.
+/// The trials of a hypothesis.
 #[derive(Clone, Copy, Debug)]
 pub struct Schedule {
-    /// The search for γ from several starts; `None` before the first one.
+    /// Search for γ from several starts; `None` before the first one.
     pub search: Option<Timer>,
     /// The other knot density.
     pub density: Timer,
@@ -64,25 +62,25 @@ pub struct Schedule {
 
 impl Schedule {
     pub const fn new() -> Self {
-        let due = Timer::due(TRIAL, LONGEST_TRIAL);
+        let due = Timer::due(TRIAL, MAX_TRIAL);
         Self { search: None, density: due, smoothness: due }
     }
 
-    /// Has γ searched at the next frame at which it is vague and the picture moves.
+    /// Makes the search for γ due.
     pub fn expect_search(&mut self) {
         self.search = Some(Timer::due(TRIAL, TRIAL));
     }
 
-    /// A search for γ has ended.
+    /// Restarts the interval after a search for γ.
     pub fn restart_search(&mut self) {
         self.search = Some(Timer { waited: 0, interval: TRIAL, longest: TRIAL });
     }
 }
 
-/// When it is tried whether the camera is another one.
+/// The trial of other cameras.
 pub const fn other_camera() -> Timer {
-    let [first, longest] = OTHER_CAMERA;
-    Timer { waited: 0, interval: first, longest }
+    let [interval, longest] = OTHER_CAMERA;
+    Timer { waited: 0, interval, longest }
 }
 
 #[cfg(test)]
@@ -100,7 +98,7 @@ mod tests {
     }
 
     #[test]
-    fn what_fails_is_tried_half_as_often() {
+    fn the_interval_doubles_after_each_failure() {
         let mut timer = Schedule::new().density;
         assert_eq!(frames(timer), 0);
         timer.restart();

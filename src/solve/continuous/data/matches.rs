@@ -2,21 +2,21 @@
 
 use nalgebra::{Matrix2, Vector2};
 
-/// Points of a correspondence, in units of the radius from the image centre.
+/// The two points of a correspondence, in radii from the image centre.
 #[derive(Clone, Copy, Debug)]
 pub struct Match {
     pub from: Vector2<f64>,
     pub to: Vector2<f64>,
-    /// Covariance of `to` in squared pixels.
+    /// Covariance of `to` in px².
     pub covariance: Matrix2<f64>,
 }
 
-/// Along which axis the sensor is read.
+/// The axis along which the sensor is read.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ScanAxis {
     /// Whether rows, not columns, are read one after another.
     pub by_rows: bool,
-    /// Units of the radius from the first line to past the last.
+    /// Length of the frame along the axis, in radii.
     pub length: f64,
 }
 
@@ -36,8 +36,7 @@ pub struct Shutter {
 }
 
 impl Shutter {
-    /// Instant in frame periods at which the line at `place` along the scan axis of the frame with this timestamp is exposed:
-    /// t = t_k + γ·p.
+    /// Exposure time t = t_k + γ·p in frame periods of the line at place p, `stamp` being t_k.
     pub fn exposure(&self, stamp: f64, place: f64) -> f64 {
         stamp + self.gamma * place
     }

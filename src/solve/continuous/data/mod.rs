@@ -1,4 +1,4 @@
-//! What is measured: the correspondences of the pairs of frames in a window.
+//! Measurements: the correspondences of the pairs of frames in a window.
 
 mod dominant;
 mod matches;

@@ -1,10 +1,10 @@
-//! What is fixed to the frame, whatever the camera does: a timestamp, a logo, the bonnet below a dashcam.
+//! Static overlays: a timestamp, a logo, the bonnet below a dashcam.
 //!
-//! It stands still to a fraction of a pixel where all around it moves, and a fit takes it for a part of the scene at
-//! which the camera was at rest, always in the same rows: that looks like a shutter. Where the picture is fixed is
-//! learnt cell by cell, pair by pair. A match is as likely as Student's t (ν = 3) says of its distance from rest if it is
-//! fixed, and of its distance from the motion around if it is not; each in units of its own spread and without regard to
-//! that spread, so that a motion that is at rest there, or may be, says nothing.
+//! An overlay is at rest in the same rows whatever the camera does, which looks like a shutter. So it is
+//! detected cell by cell, and its matches are left out. Per pair, a cell's log odds change by the difference
+//! of two Student-t log likelihoods (ν = 3) of a match: of its distance from rest, and of its distance from
+//! the affine motion of all that moves. Either distance is in units of its own standard deviation, and the
+//! normalising constants are left out, so that the difference is about 0 where that motion is at rest itself.
 
 use crate::correspond::Correspondence;
 use crate::robust::loss::{GemanMcClure, Loss, StudentT};
@@ -14,91 +14,91 @@ use nalgebra::{Matrix2x3, Vector2};
 /// Cells across the frame.
 const COLUMNS: usize = 32;
 /// Rows of cells, at most, however narrow the frame.
-const MOST_ROWS: usize = 8 * COLUMNS;
-/// What is fixed is found to move by so many times the noise of measurement, for it covers what moves behind it.
-const UNSTEADY: f64 = 5.0;
-/// What moves by more than so many times that, moves.
-const MOVES: f64 = 4.0;
-/// It takes so much of the matches, and of the columns of cells, for what moves to be the scene before a moving camera:
-/// what walks by a camera at rest fills less of the width.
-const QUORUM: f64 = 1.0 / 3.0;
-const BREADTH: f64 = 0.75;
-/// The logarithm of the odds that a cell is fixed before anything was seen of it, and how far they go.
-const PRIOR: f64 = -3.0;
-const FARTHEST: f64 = 8.0;
+const MAX_ROWS: usize = 8 * COLUMNS;
+/// Standard deviation of an overlay's displacement over that of a match; the scene moves at its edges.
+const OVERLAY_NOISE: f64 = 5.0;
+/// A displacement beyond this many of these standard deviations is motion.
+const MOTION_DEVIATIONS: f64 = 4.0;
+/// Shares of the matches, and of the columns of cells, that must move for the camera to move: people who walk
+/// past a camera at rest fill less of the width.
+const MIN_MOVING: f64 = 1.0 / 3.0;
+const MIN_MOVING_COLUMNS: f64 = 0.75;
+/// Log odds of a cell at first, and their greatest magnitude.
+const PRIOR_LOG_ODDS: f64 = -3.0;
+const MAX_LOG_ODDS: f64 = 8.0;
 /// Degrees of freedom of Student's t.
 const FREEDOM: i32 = 3;
-/// Rounds in which the motion of what moves is fitted, all weights being equal in the first.
+/// Rounds of the fit of the motion; in the first, all weights are equal.
 const ROUNDS: usize = 4;
-/// The loss of these rounds: a match two deviations off counts a quarter.
+/// The loss of these rounds: weight ¼ at two standard deviations.
 const FIT_LOSS: GemanMcClure = GemanMcClure(4.0);
 
-/// Where the picture is fixed to the frame.
+/// The cells of the frame that show a static overlay.
 #[derive(Debug)]
 pub struct StaticOverlay {
-    /// Pixels from cell to cell.
+    /// Side of a cell in pixels.
     cell: f64,
-    /// Logarithms of the odds that a cell is fixed, row by row.
-    odds: Vec<f64>,
-    /// Spread in pixels of the displacements of what is fixed.
-    spread: f64,
+    /// Log odds of each cell, row by row.
+    log_odds: Vec<f64>,
+    /// Standard deviation in pixels of an overlay's displacement.
+    deviation: f64,
 }
 
 impl StaticOverlay {
-    /// For frames of `width` × `height` pixels, whose points have this standard deviation in pixels.
+    /// For frames of `width` × `height` pixels; `noise` is the standard deviation of a match in pixels.
     pub fn new(width: usize, height: usize, noise: f64) -> Self {
         let cell =
-            (width as f64 / COLUMNS as f64).max(height as f64 / MOST_ROWS as f64).max(1.0 / COLUMNS as f64);
+            (width as f64 / COLUMNS as f64).max(height as f64 / MAX_ROWS as f64).max(1.0 / COLUMNS as f64);
         let rows = (height as f64 / cell).ceil() as usize;
-        Self { cell, odds: vec![PRIOR; COLUMNS * rows], spread: UNSTEADY * noise }
+        Self { cell, log_odds: vec![PRIOR_LOG_ODDS; COLUMNS * rows], deviation: OVERLAY_NOISE * noise }
     }
 
-    /// Learns from the matches of a pair and leaves those of the scene in `scene`: all, where too few would be left.
-    pub fn part(&mut self, found: &[Correspondence], scene: &mut Vec<Correspondence>) {
-        self.learn(found);
+    /// Updates the cells by a pair's matches, and writes those off overlays to `scene`; if under a third,
+    /// all.
+    pub fn remove(&mut self, found: &[Correspondence], scene: &mut Vec<Correspondence>) {
+        self.update(found);
+        let is_overlay = |m: &Correspondence| {
+            self.index(m).and_then(|index| self.log_odds.get(index)).is_some_and(|odds| *odds > 0.0)
+        };
         scene.clear();
-        scene.extend(found.iter().filter(|m| !self.is_fixed(m)));
-        if (scene.len() as f64) < QUORUM * found.len() as f64 {
+        scene.extend(found.iter().filter(|m| !is_overlay(m)));
+        if (scene.len() as f64) < MIN_MOVING * found.len() as f64 {
             scene.clear();
             scene.extend_from_slice(found);
         }
     }
 
-    fn is_fixed(&self, m: &Correspondence) -> bool {
-        self.index(m).and_then(|index| self.odds.get(index)).is_some_and(|odds| *odds > 0.0)
-    }
-
-    /// The cell that a match sets out from.
+    /// The cell of a match in the first frame.
     fn index(&self, m: &Correspondence) -> Option<usize> {
         let [column, row] = [m.from.x, m.from.y].map(|pixel| (pixel + 0.5) / self.cell);
-        let is_inside = column >= 0.0 && column < COLUMNS as f64 && row >= 0.0 && row < MOST_ROWS as f64;
+        let is_inside = column >= 0.0 && column < COLUMNS as f64 && row >= 0.0 && row < MAX_ROWS as f64;
         is_inside.then(|| row as usize * COLUMNS + column as usize)
     }
 
-    /// Share of the columns that some matches set out from.
+    /// Share of the columns with a match.
     fn columns_of(&self, matches: &[&Correspondence]) -> f64 {
         let mut seen = [false; COLUMNS];
-        for index in matches.iter().filter_map(|m| self.index(m)) {
-            seen[index % COLUMNS] = true;
-        }
+        matches.iter().filter_map(|m| self.index(m)).for_each(|index| seen[index % COLUMNS] = true);
         seen.iter().filter(|seen| **seen).count() as f64 / COLUMNS as f64
     }
 
-    fn learn(&mut self, found: &[Correspondence]) {
-        let least = (MOVES * self.spread).powi(2);
-        let moved: Vec<&Correspondence> =
+    fn update(&mut self, found: &[Correspondence]) {
+        let least = (MOTION_DEVIATIONS * self.deviation).powi(2);
+        let moving: Vec<&Correspondence> =
             found.iter().filter(|m| displacement(m).norm_squared() > least).collect();
-        if (moved.len() as f64) < QUORUM * found.len() as f64 || self.columns_of(&moved) < BREADTH {
+        if (moving.len() as f64) < MIN_MOVING * found.len() as f64
+            || self.columns_of(&moving) < MIN_MOVING_COLUMNS
+        {
             return;
         }
-        let still = self.spread * self.spread;
-        let Some(around) = Around::of(&moved, still) else { return };
+        let overlay_variance = self.deviation * self.deviation;
+        let Some((motion, variance)) = fit_motion(&moving, overlay_variance) else { return };
         let loss = StudentT::<FREEDOM>;
         for m in found {
-            let fixed = loss.log_likelihood(displacement(m).norm_squared() / still);
-            let moves = loss.log_likelihood(around.motion.square(&sample(m)) / around.variance);
-            if let Some(odds) = self.index(m).and_then(|index| self.odds.get_mut(index)) {
-                *odds = (*odds + fixed - moves).clamp(-FARTHEST, FARTHEST);
+            let rests = loss.log_likelihood(displacement(m).norm_squared() / overlay_variance);
+            let moves = loss.log_likelihood(motion.square(&sample(m)) / variance);
+            if let Some(odds) = self.index(m).and_then(|index| self.log_odds.get_mut(index)) {
+                *odds = (*odds + rests - moves).clamp(-MAX_LOG_ODDS, MAX_LOG_ODDS);
             }
         }
     }
@@ -108,26 +108,16 @@ fn displacement(m: &Correspondence) -> Vector2<f64> {
     m.to - m.from
 }
 
-/// An affine motion that most of some matches share, and how far they are off.
-#[derive(Debug)]
-struct Around {
-    motion: Motion<f64, 3>,
-    /// Of a coordinate.
-    variance: f64,
-}
-
-impl Around {
-    /// The fit to some matches; the variance is at least `least`.
-    fn of(matches: &[&Correspondence], least: f64) -> Option<Self> {
-        let samples = matches.iter().map(|m| sample(m));
-        let rounds = (0..ROUNDS).map(|round| {
-            let scale = if round == 0 { Scale::Variance(f64::INFINITY) } else { Scale::Median { least } };
-            Round { scale, ridge: [0.0; 3] }
-        });
-        let motion = fit(samples.clone(), Motion(Matrix2x3::zeros()), FIT_LOSS, rounds)?;
-        let variance = motion.variance(samples, least, &mut Vec::new());
-        variance.is_finite().then_some(Self { motion, variance })
-    }
+/// The affine motion of matches, and the variance of a coordinate about it, at least `least`.
+fn fit_motion(matches: &[&Correspondence], least: f64) -> Option<(Motion<f64, 3>, f64)> {
+    let samples = matches.iter().map(|m| sample(m));
+    let rounds = (0..ROUNDS).map(|round| {
+        let scale = if round == 0 { Scale::Variance(f64::INFINITY) } else { Scale::Median { least } };
+        Round { scale, ridge: [0.0; 3] }
+    });
+    let motion = fit(samples.clone(), Motion(Matrix2x3::zeros()), FIT_LOSS, rounds)?;
+    let variance = motion.variance(samples, least, &mut Vec::new());
+    variance.is_finite().then_some((motion, variance))
 }
 
 fn sample(m: &Correspondence) -> Sample<f64, 3> {
@@ -144,11 +134,11 @@ mod tests {
     const HEIGHT: f64 = 600.0;
     const NOISE: f64 = 0.03;
 
-    fn fixed() -> StaticOverlay {
+    fn overlay() -> StaticOverlay {
         StaticOverlay::new(WIDTH as usize, HEIGHT as usize, NOISE)
     }
 
-    /// A pair of frames in which each point of a grid moves as `motion` says, and a little at random.
+    /// A pair of frames in which each point of a grid is displaced by `motion` and noise.
     fn pair(seed: u64, motion: impl Fn(Vector2<f64>) -> Vector2<f64>) -> Vec<Correspondence> {
         let mut random = Random(seed);
         let mut at = |index: usize| {
@@ -165,14 +155,14 @@ mod tests {
         (0..32 * 24).map(&mut at).collect()
     }
 
-    /// How many matches of those that are at rest, and of the others, are taken for the scene's.
+    /// Matches at rest, and others, that are taken for the scene.
     fn kept(
-        fixed: &mut StaticOverlay,
+        overlay: &mut StaticOverlay,
         found: &[Correspondence],
         at_rest: impl Fn(Vector2<f64>) -> bool,
     ) -> [usize; 2] {
         let mut scene = Vec::new();
-        fixed.part(found, &mut scene);
+        overlay.remove(found, &mut scene);
         let still = scene.iter().filter(|m| at_rest(m.from)).count();
         [still, scene.len() - still]
     }
@@ -186,54 +176,54 @@ mod tests {
     }
 
     #[test]
-    fn a_caption_is_told_from_the_scene_at_once_and_remembered() {
-        let mut fixed = fixed();
-        assert_eq!(kept(&mut fixed, &captioned(1, Vector2::new(4.0, -2.0)), is_caption), [0, 22 * 32]);
-        // A camera at rest says nothing.
+    fn a_caption_is_removed_at_once_and_remembered() {
+        let mut overlay = overlay();
+        assert_eq!(kept(&mut overlay, &captioned(1, Vector2::new(4.0, -2.0)), is_caption), [0, 22 * 32]);
+        // A camera at rest changes no odds.
         let still = pair(2, |_| Vector2::zeros());
-        assert_eq!(kept(&mut fixed, &still, is_caption), [0, 22 * 32]);
+        assert_eq!(kept(&mut overlay, &still, is_caption), [0, 22 * 32]);
     }
 
     #[test]
-    fn a_bonnet_over_more_than_half_of_the_picture_is_told() {
-        let mut fixed = fixed();
+    fn a_bonnet_over_more_than_half_of_the_picture_is_removed() {
+        let mut overlay = overlay();
         let is_bonnet = |point: Vector2<f64>| point.y > 275.0;
         let seen = pair(3, |point| Vector2::new(-4.0, 3.0) * if is_bonnet(point) { 0.0 } else { 1.0 });
-        assert_eq!(kept(&mut fixed, &seen, is_bonnet), [0, 11 * 32]);
+        assert_eq!(kept(&mut overlay, &seen, is_bonnet), [0, 11 * 32]);
     }
 
     #[test]
-    fn what_moves_again_is_the_scene() {
-        let mut fixed = fixed();
+    fn a_cell_that_moves_again_is_scene() {
+        let mut overlay = overlay();
         let all = 24 * 32;
         for seed in 0..10 {
-            kept(&mut fixed, &captioned(seed, Vector2::new(4.0, -2.0)), is_caption);
+            kept(&mut overlay, &captioned(seed, Vector2::new(4.0, -2.0)), is_caption);
         }
         for seed in 10..12 {
-            kept(&mut fixed, &pair(seed, |_| Vector2::new(3.0, 3.0)), is_caption);
+            kept(&mut overlay, &pair(seed, |_| Vector2::new(3.0, 3.0)), is_caption);
         }
-        let kept = kept(&mut fixed, &pair(12, |_| Vector2::new(-3.0, 3.0)), is_caption);
+        let kept = kept(&mut overlay, &pair(12, |_| Vector2::new(-3.0, 3.0)), is_caption);
         assert_eq!(kept.iter().sum::<usize>(), all);
     }
 
     #[test]
     fn the_middle_of_a_turn_is_no_caption() {
-        let mut fixed = fixed();
+        let mut overlay = overlay();
         let centre = Vector2::new(412.0, 312.0);
         let turn = |point: Vector2<f64>| Vector2::new(centre.y - point.y, point.x - centre.x) * 0.03;
         for seed in 0..20 {
-            assert_eq!(kept(&mut fixed, &pair(seed, turn), |_| false), [0, 24 * 32]);
+            assert_eq!(kept(&mut overlay, &pair(seed, turn), |_| false), [0, 24 * 32]);
         }
     }
 
     #[test]
-    fn a_still_camera_sees_no_caption_where_something_moves() {
-        let mut fixed = fixed();
+    fn motion_before_a_still_camera_makes_no_caption() {
+        let mut overlay = overlay();
         // A bus over nearly half of the picture, or water whose every point goes its own way, over most.
         let is_bus = |point: Vector2<f64>| point.x < 550.0 && (50.0..500.0).contains(&point.y);
         let bus = |point: Vector2<f64>| Vector2::new(if is_bus(point) { 5.0 } else { 0.0 }, 0.0);
         for seed in 0..20 {
-            assert_eq!(kept(&mut fixed, &pair(seed, bus), |_| false), [0, 24 * 32]);
+            assert_eq!(kept(&mut overlay, &pair(seed, bus), |_| false), [0, 24 * 32]);
         }
         for seed in 0..20 {
             let mut random = Random(100 + seed);
@@ -246,7 +236,7 @@ mod tests {
                     m
                 })
                 .collect();
-            assert_eq!(kept(&mut fixed, &water, |_| false), [0, 24 * 32]);
+            assert_eq!(kept(&mut overlay, &water, |_| false), [0, 24 * 32]);
         }
     }
 
@@ -257,9 +247,9 @@ mod tests {
             m.from.x = x;
         }
         let mut scene = Vec::new();
-        fixed().part(&found, &mut scene);
+        overlay().remove(&found, &mut scene);
         assert!(scene.len() >= 4);
-        fixed().part(&[], &mut scene);
+        overlay().remove(&[], &mut scene);
         assert!(scene.is_empty());
     }
 }

@@ -1,60 +1,58 @@
-//! One pair of frames: its correspondences, and the tracks that they continue.
+//! One pair of frames: its matches, and the tracks that they continue.
 
-use super::dominant::Dominant;
+use super::dominant::DominantMotion;
 use super::matches::Match;
 use crate::correspond::Correspondence;
 use nalgebra::Vector2;
 
-/// How probable it is that a match shows the scene if it shares the dominant motion, and that it does not if it does not.
-const SCENE: f64 = 0.9;
+/// Prior probability of the scene for an inlier of the dominant motion, and of an object for an outlier.
+const SCENE_PRIOR: f64 = 0.9;
 /// More matches than this are thinned out.
-const MOST_MATCHES: usize = 400;
-/// Fewer say nothing.
-const FEWEST_MATCHES: usize = 16;
-/// No point that is further from the centre, in units of the radius, was measured.
-const FARTHEST: f64 = 1e3;
-/// A match continues one that arrives within so many times the usual distance of points.
-const REACH: f64 = 0.8;
-/// Frame periods from one frame of a pair to the other, at most: what the path does in a longer gap is
-/// anyone's guess, and costs unknowns.
-const LONGEST: f64 = 16.0;
-/// Frame periods after which a timestamp no longer tells one line from the next.
-const LATEST: f64 = 1e12;
+const MAX_MATCHES: usize = 400;
+/// A pair with fewer is not used.
+const MIN_MATCHES: usize = 16;
+/// Points further from the centre, in radii, are invalid.
+const MAX_COORDINATE: f64 = 1e3;
+/// Greatest distance between the ends of matches that a track joins, in mean spacings of points.
+const TRACK_DISTANCE: f64 = 0.8;
+/// Longest interval of a pair in frame periods: across longer gaps a path is undetermined.
+const MAX_INTERVAL: f64 = 16.0;
+/// Timestamps beyond this many frame periods do not resolve lines.
+const MAX_STAMP: f64 = 1e12;
 
 /// Whether frames with these timestamps are near enough to make a pair.
 fn are_near([first, second]: [f64; 2]) -> bool {
-    (second - first).abs() <= LONGEST && first.abs() < LATEST
+    (second - first).abs() <= MAX_INTERVAL && first.abs() < MAX_STAMP
 }
 
-/// A match of the pair before that ends about where one sets out.
+/// A match of the pair before that ends about where a match of this pair begins.
 #[derive(Clone, Copy, Debug)]
 pub struct Track {
     pub before: Match,
     /// Timestamps of that pair in frame periods.
     pub stamps: [f64; 2],
-    /// Whether it shared the dominant motion.
-    pub is_scene: bool,
+    /// Whether `before` shared the dominant motion.
+    pub is_dominant: bool,
 }
 
-/// Correspondences of a pair and the timestamps of its frames in frame periods.
+/// Matches of a pair and the timestamps of its frames in frame periods.
 #[derive(Clone, Debug)]
 pub struct FramePair {
     pub matches: Vec<Match>,
-    /// The track that each of them continues, where there is one.
+    /// The track that each match continues, if any.
     pub tracks: Vec<Option<Track>>,
-    /// How probably each of them shows the scene, not something that moves on its own, before any path is known.
-    pub scene: Vec<f64>,
+    /// Prior probability of each match to show the scene, not a moving object.
+    pub prior: Vec<f64>,
     pub stamps: [f64; 2],
-    /// Correspondences that were measured, those that the path does not stand for too.
+    /// Number of correspondences that were measured, overlays included.
     pub measured: usize,
-    dominant: Dominant,
-    /// Before they were thinned out, by the height at which they arrive.
+    dominant: DominantMotion,
+    /// Valid matches before thinning, sorted by `to.y`.
     found: Vec<Match>,
 }
 
 impl FramePair {
-    /// Takes the correspondences (pixels) of a pair that follows another one, if any; `None` where there are too few to
-    /// say anything or the frames are too far apart.
+    /// From correspondences in pixels; `None` if they are too few or the frames too far apart.
     pub fn new(
         found: &[Correspondence],
         centre: Vector2<f64>,
@@ -64,73 +62,67 @@ impl FramePair {
     ) -> Option<Self> {
         let measured = found.len();
         let point = |pixel: Vector2<f64>| (pixel - centre) / radius;
-        let matches = found.iter().map(|found| Match {
-            from: point(found.from),
-            to: point(found.to),
-            covariance: found.covariance,
-        });
-        let is_sound = |m: &Match| {
-            let is_near = m.from.iter().chain(&m.to).all(|coordinate| coordinate.abs() < FARTHEST);
-            is_near && m.covariance.iter().all(|element| element.is_finite())
+        let valid = |found: &Correspondence| {
+            let m = Match { from: point(found.from), to: point(found.to), covariance: found.covariance };
+            let is_near = m.from.iter().chain(&m.to).all(|coordinate| coordinate.abs() < MAX_COORDINATE);
+            (is_near && m.covariance.iter().all(|element| element.is_finite())).then_some(m)
         };
-        let mut found: Vec<Match> = matches.filter(is_sound).collect();
-        if found.len() < FEWEST_MATCHES || !are_near(stamps) {
+        let mut found: Vec<Match> = found.iter().filter_map(valid).collect();
+        if found.len() < MIN_MATCHES || !are_near(stamps) {
             return None;
         }
-        let matches: Vec<Match> = found.iter().copied().step_by(found.len().div_ceil(MOST_MATCHES)).collect();
+        let matches: Vec<Match> = found.iter().copied().step_by(found.len().div_ceil(MAX_MATCHES)).collect();
         let tracks = before.map_or_else(|| vec![None; matches.len()], |before| before.continued(&matches));
-        let votes: Vec<bool> = tracks.iter().map(|track| track.as_ref().is_none_or(|t| t.is_scene)).collect();
-        let dominant = Dominant::of(&matches, &votes);
-        let prior = |m: &Match| if dominant.holds(m) { SCENE } else { 1.0 - SCENE };
-        let scene = matches.iter().map(prior).collect();
+        let eligible: Vec<bool> =
+            tracks.iter().map(|track| track.as_ref().is_none_or(|track| track.is_dominant)).collect();
+        let dominant = DominantMotion::of(&matches, &eligible);
+        let prior = |m: &Match| if dominant.is_inlier(m) { SCENE_PRIOR } else { 1.0 - SCENE_PRIOR };
+        let prior = matches.iter().map(prior).collect();
         found.sort_by(|a, b| a.to.y.total_cmp(&b.to.y));
-        Some(Self { tracks, matches, scene, stamps, measured, dominant, found })
+        Some(Self { tracks, matches, prior, stamps, measured, dominant, found })
     }
 
-    /// The tracks that matches of the next pair continue: to each the nearest that arrives where it sets out.
+    /// For each match of the next pair, the nearest match that ends where it begins.
     fn continued(&self, next: &[Match]) -> Vec<Option<Track>> {
-        let reach = REACH * self.spacing();
+        let limit = TRACK_DISTANCE * self.spacing();
         let nearest = |from: Vector2<f64>| {
-            let first = self.found.partition_point(|m| m.to.y < from.y - reach);
-            let near = self.found.iter().skip(first).take_while(|m| m.to.y <= from.y + reach);
+            let first = self.found.partition_point(|m| m.to.y < from.y - limit);
+            let near = self.found.iter().skip(first).take_while(|m| m.to.y <= from.y + limit);
             let distances = near.map(|m| (m, (m.to - from).norm_squared()));
             let (m, distance) = distances.min_by(|a, b| a.1.total_cmp(&b.1))?;
-            let track = Track { before: *m, stamps: self.stamps, is_scene: self.dominant.holds(m) };
-            (distance < reach * reach).then_some(track)
+            let track = Track { before: *m, stamps: self.stamps, is_dominant: self.dominant.is_inlier(m) };
+            (distance < limit * limit).then_some(track)
         };
         next.iter().map(|m| nearest(m.from)).collect()
     }
 
-    /// How far the points that were found are apart where they arrive.
+    /// Mean spacing of the end points in radii.
     fn spacing(&self) -> f64 {
-        let (low, high) =
-            self.found.iter().fold(
-                (Vector2::repeat(f64::INFINITY), Vector2::repeat(f64::NEG_INFINITY)),
-                |(low, high), m| (low.inf(&m.to), high.sup(&m.to)),
-            );
+        let none = [f64::INFINITY, f64::NEG_INFINITY].map(Vector2::repeat);
+        let [low, high] = self.found.iter().fold(none, |[low, high], m| [low.inf(&m.to), high.sup(&m.to)]);
         let area = (high - low).x * (high - low).y;
         if area.is_finite() { (area / self.found.len() as f64).sqrt() } else { 0.0 }
     }
 
-    /// The same in frame periods that are shorter by `factor`; `None` where its frames are then too far apart.
+    /// The pair in frame periods shorter by `factor`; `None` if its frames are then too far apart.
     pub fn scale_time(mut self, factor: f64) -> Option<Self> {
         let tracks = self.tracks.iter_mut().flatten().map(|track| &mut track.stamps);
         tracks.chain([&mut self.stamps]).flatten().for_each(|stamp| *stamp *= factor);
         are_near(self.stamps).then_some(self)
     }
 
-    /// Correspondences before they were thinned out.
+    /// Number of valid matches before thinning.
     pub fn count(&self) -> usize {
         self.found.len()
     }
 
-    /// First and last instant, in frame periods, at which a line of either frame is exposed.
-    pub fn span(&self, readout: f64) -> [f64; 2] {
+    /// First and last exposure of either frame, in frame periods.
+    pub fn span(&self, gamma: f64) -> [f64; 2] {
         let [a, b] = self.stamps;
-        [a.min(b) + readout.min(0.0), a.max(b) + readout.max(0.0)]
+        [a.min(b) + gamma.min(0.0), a.max(b) + gamma.max(0.0)]
     }
 
-    /// Mean square distance by which matches moved, in squared units of the radius.
+    /// Mean squared displacement of the matches, in squared radii.
     pub fn moved(&self) -> f64 {
         let squares: f64 = self.matches.iter().map(|m| (m.to - m.from).norm_squared()).sum();
         squares / self.matches.len().max(1) as f64
@@ -155,9 +147,9 @@ mod tests {
     }
 
     #[test]
-    fn a_match_continues_the_nearest_that_arrives_where_it_sets_out() {
+    fn a_match_continues_the_nearest_that_ends_where_it_begins() {
         let before = row([0.0, 0.0], [0.0, 1.0], None);
-        // Two and three pixels beside where the points arrive, the last column and row beyond them.
+        // Two and three pixels beside the end points, the last column and row beyond them.
         let now = row([12.0, 113.0], [1.0, 2.0], Some(&before));
         for (m, track) in now.matches.iter().zip(&now.tracks) {
             let arrived = (m.from - Vector2::new(0.2, 0.3)).map(|coordinate| coordinate.round());

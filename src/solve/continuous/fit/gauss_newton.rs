@@ -4,27 +4,26 @@ use super::posterior::Posterior;
 use super::setup::Setup;
 use crate::solve::continuous::data::PairWindow;
 
-/// A step that changes the displacements at the frame by less than this share of the least noise (root mean square) is the
-/// last …
-const SETTLED: f64 = 0.3;
-/// … if it changes γ by less than this.
-const SETTLED_READOUT: f64 = 0.01;
-/// What a window constrains γ to is used where the last step moved points by less than their deviation, and γ by no more
-/// than this share of its own deviation.
-const UNCERTAIN: f64 = 0.5;
+/// A step is the last if it changes the displacements in the frame's pairs by less than this share of the
+/// noise floor (root mean square), and γ by less than `GAMMA_TOLERANCE`.
+const TOLERANCE: f64 = 0.3;
+const GAMMA_TOLERANCE: f64 = 0.01;
+/// A fit has also converged if its last step changed displacements by less than σ, and γ by less than this
+/// share of its standard deviation.
+const GAMMA_TOLERANCE_DEVIATIONS: f64 = 0.5;
 
 /// How a fit ended.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Summary {
     /// Steps that were tried.
     pub steps: usize,
-    /// Those that could be solved.
+    /// Steps whose equations could be solved.
     pub accepted: usize,
-    /// Whether γ came to rest.
+    /// Whether γ has converged.
     pub converged: bool,
 }
 
-/// Fits the path, γ and κ to a window, from a start, in at most so many steps.
+/// Fits path, γ and κ to a window in at most `steps` steps.
 pub fn fit(window: PairWindow<'_>, start: Posterior, setup: &Setup, steps: usize) -> (Posterior, Summary) {
     let mut posterior = start;
     let mut summary = Summary::default();
@@ -38,23 +37,25 @@ pub fn fit(window: PairWindow<'_>, start: Posterior, setup: &Setup, steps: usize
         summary.accepted += 1;
         let change = window.beside().map(|index| posterior.moved(index)).fold(0.0, f64::max);
         let moved = (posterior.shared.gamma - before).abs();
-        if change < SETTLED * setup.noise && moved < SETTLED_READOUT {
+        if change < TOLERANCE * setup.noise && moved < GAMMA_TOLERANCE {
             summary.converged = true;
             if posterior.is_predicting(setup) {
                 continue;
             }
             break;
         }
-        // Robust weights may go back and forth for ever, by less than is uncertain anyway.
+        // Robust weights may oscillate, by less than the uncertainty.
         let sigma = window.beside().filter_map(|index| posterior.sigma(index)).fold(0.0, f64::max);
-        let slack = UNCERTAIN * posterior.observed_deviation();
-        summary.converged = change < sigma && moved < SETTLED_READOUT.max(slack);
+        let observed = posterior.observed.gamma;
+        let deviation = observed.map_or(f64::INFINITY, |observed| observed.information.sqrt().recip());
+        let slack = GAMMA_TOLERANCE_DEVIATIONS * deviation;
+        summary.converged = change < sigma && moved < GAMMA_TOLERANCE.max(slack);
     }
     posterior.cover(window.pairs);
     (posterior, summary)
 }
 
-/// One step; whether it could be solved.
+/// One step; false if its equations cannot be solved.
 fn step(window: PairWindow<'_>, posterior: &mut Posterior, setup: &Setup) -> bool {
     posterior.evaluate(window.pairs, setup);
     let equations = posterior.assemble(setup);
@@ -68,11 +69,11 @@ fn step(window: PairWindow<'_>, posterior: &mut Posterior, setup: &Setup) -> boo
     let before = posterior.shared;
     (posterior.shared, posterior.observed) = setup.camera.step(&equations, before);
     let changes = posterior.shared.zip(before).map(|(now, before)| now - before);
-    if !posterior.system.follow(changes) {
+    if !posterior.system.substitute(changes) {
         return false;
     }
     posterior.apply_step(setup);
-    // One pair alone does not tell a change of speed from depth that changes from row to row.
+    // A single pair does not distinguish acceleration from depth that varies along the rows.
     if window.pairs.len() > 1 {
         posterior.learn_smoothness(setup);
     }

@@ -1,8 +1,8 @@
 //! The fit of a path, γ and κ to the pairs of a window.
 //!
-//! Gauss–Newton on banded normal equations. Between the steps the variances of the prior and of the residuals are estimated anew.
-//! Several windows contain the same pair, so that what a window alone constrains γ and κ to goes into the beliefs only by the
-//! share that is new.
+//! Gauss–Newton on banded normal equations. Between steps, the variances of the prior and of the residuals
+//! are estimated again. Successive windows share pairs, so the estimates of γ and κ of one window enter the
+//! beliefs by the share that is new.
 
 mod gauss_newton;
 mod multistart;

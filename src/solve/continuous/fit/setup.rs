@@ -1,10 +1,10 @@
-//! What a fit takes as given.
+//! The givens of a fit.
 
 use crate::cpu::CpuLevel;
 use crate::solve::continuous::data::ScanAxis;
 use crate::solve::continuous::prior::CameraBelief;
 
-/// How the sensor is read, how well points are measured, and what is believed of γ and κ.
+/// The givens of a fit: scan axis, noise floor, and beliefs about γ and κ.
 #[derive(Clone, Copy, Debug)]
 pub struct Setup {
     pub cpu: CpuLevel,

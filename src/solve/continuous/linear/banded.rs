@@ -1,11 +1,11 @@
 //! Symmetric positive definite matrices with a band, and their Cholesky factors.
 //!
-//! A pair of frames depends on the coefficients of a few blocks only. The band is as wide in each row as that
-//! needs (*variable-band* or *skyline* storage: A. George, J. W. Liu, *Computer Solution of Large Sparse Positive
-//! Definite Systems*, 1981, chapter 4): a row of the turns, which have a say for one block, reaches back less far
-//! than one of the other generators, which have it for four. A factor fills no more than the band of its
-//! matrix. With bᵢ entries in row i before the diagonal it takes Σ bᵢ²/2 multiply-adds, the inverse inside the band
-//! at most four times as many.
+//! A pair of frames depends on the coefficients of few blocks, so the band of each row is as wide as its own
+//! couplings need (*variable-band* or *skyline* storage: A. George, J. W. Liu, *Computer Solution of Large
+//! Sparse Positive Definite Systems*, 1981, chapter 4): rows of the turns, with a support of one block, are
+//! shorter than those of the other generators, with four. The factor has the band of its matrix. With bᵢ
+//! entries in row i before the diagonal it takes Σ bᵢ²/2 multiply-adds, the inverse inside the band at most
+//! four times as many.
 
 use crate::cpu::{CpuLevel, for_each_cpu};
 
@@ -14,13 +14,13 @@ use crate::cpu::{CpuLevel, for_each_cpu};
 pub struct Banded {
     /// Column of the first entry of each row.
     first: Vec<usize>,
-    /// Where each row's last entry, the one on the diagonal, lies among the values.
+    /// Index in `values` of each diagonal entry, the last of its row.
     diagonal: Vec<usize>,
     values: Vec<f64>,
 }
 
 impl Banded {
-    /// Makes this a matrix of zeros whose rows begin at these columns, none of them beyond the diagonal.
+    /// Makes this a zero matrix whose rows begin at these columns, or at the diagonal if these lie beyond.
     pub fn reset(&mut self, first: impl IntoIterator<Item = usize>) {
         self.first.clear();
         self.diagonal.clear();
@@ -35,19 +35,14 @@ impl Banded {
         self.values.resize(count, 0.0);
     }
 
-    /// Rows.
+    /// Number of rows.
     pub fn size(&self) -> usize {
         self.first.len()
     }
 
-    /// Where row i begins among the values.
-    fn start(&self, i: usize) -> usize {
-        self.diagonal[i] - (i - self.first[i])
-    }
-
     /// Entries (i, first) to (i, i).
     fn row(&self, i: usize) -> &[f64] {
-        &self.values[self.start(i)..=self.diagonal[i]]
+        &self.values[self.diagonal[i] - (i - self.first[i])..=self.diagonal[i]]
     }
 
     /// Adds to the entry (i, j) or (j, i), which must lie in the band.
@@ -61,7 +56,7 @@ impl Banded {
         if j < self.first[i] { 0.0 } else { self.values[self.diagonal[i] - (i - j)] }
     }
 
-    /// Replaces the matrix by its Cholesky factor L; false where it is not positive definite.
+    /// Replaces the matrix by its Cholesky factor L; false if it is not positive definite.
     pub fn factorise(&mut self, cpu: CpuLevel) -> bool {
         factorise(cpu, self)
     }
@@ -108,7 +103,7 @@ impl Banded {
         }
     }
 
-    /// The last row that reaches back to each column.
+    /// The last row with each column in its band.
     fn last(&self) -> Vec<usize> {
         let mut last = vec![0; self.size()];
         self.first.iter().enumerate().for_each(|(i, first)| last[*first] = i);
@@ -122,10 +117,10 @@ impl Banded {
 
     /// The entries of (L·Lᵀ)⁻¹ inside the band, this being L: Takahashi's recursion.
     ///
-    /// Column j of the inverse Z is Z_ij = (δ_ij / L_jj − Σ_{k > j} Z_ik L_kj) / L_jj for i ≥ j: a product of the
-    /// part of Z that is known already with column j of L. Where L_ij lies outside the band, row i is left
-    /// out. The known part is symmetric and only its lower half is kept, so that each row of it serves twice, as a
-    /// row and as a column, and is read in order.
+    /// Column j of the inverse Z is Z_ij = (δ_ij / L_jj − Σ_{k > j} Z_ik L_kj) / L_jj for i ≥ j: a product of
+    /// the part of Z that is known already with column j of L. Rows i with L_ij outside the band are skipped.
+    /// Only the lower half of the symmetric known part is stored, and each row is used both as row and as
+    /// column, so that it is read in order.
     pub fn inverse_band(&self, cpu: CpuLevel, out: &mut Banded) {
         inverse_band(cpu, self, out);
     }
@@ -168,7 +163,7 @@ for_each_cpu! {
     }
 }
 
-/// Σ aᵢ·bᵢ, in eight sums so that it runs on vectors.
+/// Σ aᵢ·bᵢ, in eight partial sums for vector registers.
 #[inline(always)]
 fn dot(a: &[f64], b: &[f64]) -> f64 {
     let mut sums = [0.0; 8];
@@ -182,7 +177,7 @@ fn dot(a: &[f64], b: &[f64]) -> f64 {
     sums.iter().sum::<f64>() + rest
 }
 
-/// Σ aᵢ·bᵢ; adds factor·aᵢ to cᵢ on the way.
+/// Σ aᵢ·bᵢ; adds factor·aᵢ to cᵢ.
 #[inline(always)]
 fn dot_and_add(a: &[f64], b: &[f64], c: &mut [f64], factor: f64) -> f64 {
     let mut sums = [0.0; 4];
@@ -207,8 +202,8 @@ mod tests {
     use crate::solve::random::Random;
     use nalgebra::{DMatrix, DVector};
 
-    /// A random positive definite matrix, as both see it: B·Bᵀ + 1/10 with B lower triangular. Rows reach
-    /// back as far as `band`, or, where it is `ragged`, every third one only a third as far.
+    /// A random positive definite matrix B·Bᵀ + I/10, B lower triangular, in both storages. Rows have `band`
+    /// entries before the diagonal, or, if `ragged`, every third one a third as many.
     fn random(size: usize, band: usize, ragged: bool, seed: u64) -> (Banded, DMatrix<f64>) {
         let mut random = Random(seed);
         let mut uniform = || random.uniform() - 0.5;
@@ -217,7 +212,7 @@ mod tests {
             DMatrix::from_fn(size, size, |i, j| if j <= i && j >= first(i) { uniform() } else { 0.0 });
         let mut dense = &lower * lower.transpose() + DMatrix::identity(size, size) / 10.0;
         if ragged {
-            // The product fills more than the band; what it loses is made up for on the diagonal.
+            // The product is wider than the band; the diagonal keeps it definite.
             dense = DMatrix::from_fn(size, size, |i, j| {
                 let inside = i.min(j) >= first(i.max(j));
                 if i == j { band as f64 } else { dense[(i, j)] * f64::from(u8::from(inside)) }
@@ -312,8 +307,8 @@ mod tests {
     }
 
     #[test]
-    fn what_is_not_positive_definite_is_refused() {
-        // Eigenvalues 3 and −1; a zero matrix; what is not a number.
+    fn indefinite_matrices_are_refused() {
+        // Eigenvalues 3 and −1; a zero matrix; NaN.
         for [diagonal, beside] in [[1.0, 2.0], [0.0, 0.0], [f64::NAN, 0.0], [f64::INFINITY, 0.0]] {
             let mut banded = Banded::default();
             banded.reset([0, 0]);

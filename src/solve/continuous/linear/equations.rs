@@ -1,9 +1,9 @@
 //! The normal equations of a pair over the coefficients of the path.
 //!
-//! Each leg of a band is the difference of the path at two *ends*, and the path at an end is a sum of four coefficients
-//! of each generator. So a band's sums, 8 × 8 numbers for two ends, go to 32 × 32 cells, each times two splines'
-//! weights. The coefficients of a pair are sorted into those of turns and the others, knot by knot, so that the
-//! four knots of either lie side by side.
+//! A displacement is the difference of the path at two *ends*, each a sum of four coefficients of each
+//! generator. So a band's sums, 8 × 8 numbers for two ends, are spread over 32 × 32 entries by the weights of
+//! the splines. The coefficients of a pair are sorted: the turns' knot by knot, then the others', so that the
+//! four knots of either in the support of an instant are contiguous.
 
 use super::banded::Banded;
 use super::bands::{Band, Row, SIDES};
@@ -13,14 +13,13 @@ use crate::solve::continuous::trajectory::{BLOCK, Splines, ratio, spline};
 
 /// Generators other than the turns.
 const OTHERS: usize = GENERATORS - TURNS;
-/// Coefficients that have a say at an instant: four knots of the turns, then four of the others.
-const SAY: usize = 4 * GENERATORS;
+/// Coefficients with an instant in their support: four knots of the turns, then four of the others.
+const SUPPORT: usize = 4 * GENERATORS;
 /// Those of the turns.
-const TURNING: usize = 4 * TURNS;
-/// Two ends of a band, 0 the first end of the leg before, and by what the sums of the own leg, those across,
-/// and those of the leg before count for them. Half of what an end has with itself, as the transposed is
-/// added in the end.
-const ENDS: [([usize; 2], [f64; 3]); 6] = [
+const TURNS_SUPPORT: usize = 4 * TURNS;
+/// Two ends of a band, 0 being the start of the pair before, and the factors of the sums `own`, `across` and
+/// `before` in their block of the matrix. Diagonal blocks are halved, as the transpose is added.
+const BLOCKS: [([usize; 2], [f64; 3]); 6] = [
     ([2, 2], [0.5, 0.0, 0.0]),
     ([2, 1], [-1.0, 1.0, 0.0]),
     ([2, 0], [0.0, -1.0, 0.0]),
@@ -28,16 +27,16 @@ const ENDS: [([usize; 2], [f64; 3]); 6] = [
     ([1, 0], [0.0, 1.0, -1.0]),
     ([0, 0], [0.0, 0.0, 0.5]),
 ];
-/// How either leg counts for the right side of an end.
-const LEGS: [[f64; 2]; 3] = [[0.0, -1.0], [-1.0, 1.0], [1.0, 0.0]];
+/// Factors of the sums of the own pair and of the pair before in the right side of each end.
+const SIDE_FACTORS: [[f64; 2]; 3] = [[0.0, -1.0], [-1.0, 1.0], [1.0, 0.0]];
 
-/// Numbers for two ends' coefficients, row by row.
-type Tile = [[f64; SAY]; SAY];
+/// A block of the matrix, for the coefficients of two ends, row by row.
+type Tile = [[f64; SUPPORT]; SUPPORT];
 
 /// An end of a band.
 #[derive(Clone, Copy, Debug)]
 struct End {
-    /// Where its coefficients begin among the pair's: those of the turns, those of the others.
+    /// Index of its first coefficient of the turns, and of the others, among those of the pair.
     places: [usize; 2],
     /// Weights of the turns' knots and of the others'.
     turns: [f64; 4],
@@ -47,9 +46,9 @@ struct End {
 impl End {
     /// A number for each generator, times the weights of its coefficients.
     #[inline(always)]
-    fn spread(&self, values: &Row) -> [f64; SAY] {
-        let mut all = [0.0; SAY];
-        let (turns, others) = all.split_at_mut(TURNING);
+    fn spread(&self, values: &Row) -> [f64; SUPPORT] {
+        let mut all = [0.0; SUPPORT];
+        let (turns, others) = all.split_at_mut(TURNS_SUPPORT);
         for (cells, weight) in turns.as_chunks_mut::<TURNS>().0.iter_mut().zip(self.turns) {
             cells.iter_mut().zip(&values[..TURNS]).for_each(|(cell, value)| *cell = weight * value);
         }
@@ -66,10 +65,10 @@ impl End {
         turns.chain(self.others.into_iter().flat_map(|weight| (TURNS..GENERATORS).map(move |j| (j, weight))))
     }
 
-    /// Adds to what is kept for each of a pair's coefficients.
+    /// Adds to a row over the coefficients of the pair.
     #[inline(always)]
-    fn add(&self, to: &mut [f64], values: &[f64; SAY]) {
-        let (turns, others) = values.split_at(TURNING);
+    fn add(&self, to: &mut [f64], values: &[f64; SUPPORT]) {
+        let (turns, others) = values.split_at(TURNS_SUPPORT);
         for (place, values) in self.places.into_iter().zip([turns, others]) {
             to[place..].iter_mut().zip(values).for_each(|(sum, value)| *sum += value);
         }
@@ -79,23 +78,23 @@ impl End {
 /// The normal equations of a pair.
 #[derive(Clone, Debug, Default)]
 pub struct Equations {
-    /// Place of each coefficient that the pair depends on among those of the path: those of turns, then the others.
+    /// Index in the path of each coefficient that the pair depends on: the turns', then the others'.
     pub places: Vec<usize>,
     /// Right side, and columns of the shared unknowns.
     pub sides: [Vec<f64>; SIDES],
-    /// Rows of a matrix that is the one of the equations when its transposed is added.
+    /// Rows of a matrix that gives that of the equations when its transpose is added.
     half: Vec<f64>,
     /// The first knot of the turns, the first of the others.
     first: [i64; 2],
-    /// Coefficients of turns.
+    /// Number of coefficients of the turns.
     turns: usize,
     ends: Vec<[Option<End>; 3]>,
 }
 
-/// Adds what a band's sums, by their factors, say of two ends.
+/// Adds a band's sums, times their factors, to the block of two ends.
 #[inline(always)]
 fn add_sums(tile: &mut Tile, band: &Band, [own, across, before]: [f64; 3], rows: &End, columns: &End) {
-    let mut wide = [[0.0; SAY]; GENERATORS];
+    let mut wide = [[0.0; SUPPORT]; GENERATORS];
     for (j, wide) in wide.iter_mut().enumerate() {
         let mut sums = band.own[j];
         for (sum, (one, other)) in sums.iter_mut().zip(band.across[j].iter().zip(&band.before[j])) {
@@ -104,36 +103,30 @@ fn add_sums(tile: &mut Tile, band: &Band, [own, across, before]: [f64; 3], rows:
         *wide = columns.spread(&sums);
     }
     for (cells, (j, weight)) in tile.iter_mut().zip(rows.coefficients()) {
-        add_scaled(cells, &wide[j], weight);
+        cells.iter_mut().zip(&wide[j]).for_each(|(cell, value)| *cell += weight * value);
     }
 }
 
-/// Adds `factor` times the values.
-#[inline(always)]
-fn add_scaled(cells: &mut [f64; SAY], values: &[f64; SAY], factor: f64) {
-    cells.iter_mut().zip(values).for_each(|(cell, value)| *cell += factor * value);
-}
-
-/// Blocks at which a band's ends are exposed, within what the path covers.
-fn times<'a>(band: &'a Band, path: &Splines) -> impl Iterator<Item = (usize, f64)> + 'a {
-    let blocks = (path.coefficients.len() / BLOCK) as i64;
-    let (low, high) = (path.base as f64, (path.base + blocks - 3) as f64);
+/// Blocks of the path at which a band's ends are exposed, clamped to those that it covers.
+fn end_blocks<'a>(band: &'a Band, path: &Splines) -> impl Iterator<Item = (usize, f64)> + 'a {
+    let count = (path.coefficients.len() / BLOCK) as i64;
+    let (low, high) = (path.base as f64, (path.base + count - 3) as f64);
     let weights = [band.linked, band.weight, band.weight];
-    let weights = weights.map(|weight| if blocks < 4 { 0.0 } else { weight });
-    let ends = weights.into_iter().zip(band.times).enumerate().filter(|(_, (weight, _))| *weight > 0.0);
+    let weights = weights.map(|weight| if count < 4 { 0.0 } else { weight });
+    let ends = weights.into_iter().zip(band.blocks).enumerate().filter(|(_, (weight, _))| *weight > 0.0);
     ends.map(move |(end, (weight, sum))| (end, (sum / weight).min(high.next_down()).max(low)))
 }
 
 impl Equations {
-    /// Makes these the equations of a path that nothing is known of.
+    /// Sets all to zero, for the coefficients that these bands depend on.
     fn reset(&mut self, bands: &[Band], path: &Splines) {
-        let times = bands.iter().flat_map(|band| times(band, path)).map(|(_, time)| time);
+        let blocks = bands.iter().flat_map(|band| end_blocks(band, path)).map(|(_, block)| block);
         let [low, high] =
-            times.fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], t| [low.min(t), high.max(t)]);
+            blocks.fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], t| [low.min(t), high.max(t)]);
         self.places.clear();
         for (kind, generators) in [0..TURNS, TURNS..GENERATORS].into_iter().enumerate() {
             let [first, last] =
-                [low, high].map(|time| spline::values(time * ratio(generators.start) as f64).first);
+                [low, high].map(|block| spline::values(block * ratio(generators.start) as f64).first);
             self.first[kind] = first;
             self.turns = if kind == 0 { 0 } else { self.places.len() };
             let knots = first..last.saturating_add(4);
@@ -141,11 +134,11 @@ impl Equations {
             self.places.extend(places.filter_map(|place| usize::try_from(place).ok()));
         }
         let size = self.places.len();
-        for (values, len) in
-            self.sides.iter_mut().map(|side| (side, size)).chain([(&mut self.half, size * size)])
-        {
-            values.clear();
-            values.resize(len, 0.0);
+        self.half.clear();
+        self.half.resize(size * size, 0.0);
+        for side in &mut self.sides {
+            side.clear();
+            side.resize(size, 0.0);
         }
     }
 
@@ -157,20 +150,20 @@ impl Equations {
         ends.clear();
         ends.extend(bands.iter().map(|band| {
             let mut ends = [None; 3];
-            times(band, path).for_each(|(end, time)| ends[end] = Some(self.end(time)));
+            end_blocks(band, path).for_each(|(end, block)| ends[end] = Some(self.end(block)));
             ends
         }));
         for (band, ends) in bands.iter().zip(&ends) {
             self.add_sides(band, ends);
         }
-        for (pair, factors) in ENDS {
+        for (pair, factors) in BLOCKS {
             self.add_tiles(bands, &ends, pair, factors);
         }
         self.ends = ends;
     }
 
-    fn end(&self, time: f64) -> End {
-        let [turns, others] = [0, TURNS].map(|generator| spline::values(time * ratio(generator) as f64));
+    fn end(&self, block: f64) -> End {
+        let [turns, others] = [0, TURNS].map(|generator| spline::values(block * ratio(generator) as f64));
         let knot =
             |first: i64, support: &spline::Support| usize::try_from(support.first - first).unwrap_or(0);
         End {
@@ -183,16 +176,18 @@ impl Equations {
     /// Adds the right sides of a band.
     #[inline(always)]
     fn add_sides(&mut self, band: &Band, ends: &[Option<End>; 3]) {
-        for (end, legs) in ends.iter().zip(LEGS).filter_map(|(end, legs)| Some((end.as_ref()?, legs))) {
+        for (end, factors) in
+            ends.iter().zip(SIDE_FACTORS).filter_map(|(end, factors)| Some((end.as_ref()?, factors)))
+        {
             for (index, side) in self.sides.iter_mut().enumerate() {
-                let [own, before]: [&Row; 2] = [0, 1].map(|leg| &band.sides[leg][index]);
-                let sums: Row = std::array::from_fn(|j| legs[0] * own[j] + legs[1] * before[j]);
+                let [own, before]: [&Row; 2] = [0, 1].map(|pair| &band.sides[pair][index]);
+                let sums: Row = std::array::from_fn(|j| factors[0] * own[j] + factors[1] * before[j]);
                 end.add(side, &end.spread(&sums));
             }
         }
     }
 
-    /// Adds what bands say of two of their ends. Bands that have the same coefficients there are added up before.
+    /// Adds the blocks of two ends of all bands. Successive bands with the same support are summed before.
     #[inline(always)]
     fn add_tiles(
         &mut self,
@@ -201,15 +196,14 @@ impl Equations {
         [row, column]: [usize; 2],
         factors: [f64; 3],
     ) {
-        let mut tile = [[0.0; SAY]; SAY];
+        let mut tile = [[0.0; SUPPORT]; SUPPORT];
         let mut last: Option<[&End; 2]> = None;
         for (band, ends) in bands.iter().zip(ends) {
             let (Some(rows), Some(columns)) = (&ends[row], &ends[column]) else { continue };
-            if let Some(last) =
-                last.filter(|last| last.map(|end| end.places) != [rows.places, columns.places])
-            {
+            let is_other = |last: &[&End; 2]| last.map(|end| end.places) != [rows.places, columns.places];
+            if let Some(last) = last.filter(is_other) {
                 self.add_tile(&tile, last);
-                tile = [[0.0; SAY]; SAY];
+                tile = [[0.0; SUPPORT]; SUPPORT];
             }
             add_sums(&mut tile, band, factors, rows, columns);
             last = Some([rows, columns]);
@@ -220,14 +214,14 @@ impl Equations {
     #[inline(always)]
     fn add_tile(&mut self, tile: &Tile, [rows, columns]: [&End; 2]) {
         let size = self.places.len();
-        let (turns, others) = tile.split_at(TURNING);
+        let (turns, others) = tile.split_at(TURNS_SUPPORT);
         for (place, tile) in rows.places.into_iter().zip([turns, others]) {
             let cells = self.half[place * size..].chunks_exact_mut(size);
             cells.zip(tile).for_each(|(cells, values)| columns.add(cells, values));
         }
     }
 
-    /// Goes on with a path that begins so many blocks later; whether it has all the coefficients.
+    /// Adapts the indices to a path that begins so many blocks later; whether it has all the coefficients.
     pub fn shift(&mut self, blocks: i64, path: &Splines) -> bool {
         let by = blocks.saturating_mul(BLOCK as i64);
         let moved = |place: &usize| usize::try_from(*place as i64 - by).unwrap_or(usize::MAX);
@@ -241,13 +235,13 @@ impl Equations {
         self.half[i * size + j] + self.half[j * size + i]
     }
 
-    /// Moves the columns at which the rows of a matrix begin back to where these equations need them.
+    /// Extends the rows of a band, given by their first columns, to hold these equations.
     pub fn reach(&self, first: &mut [usize]) {
         let least = self.places.iter().copied().min().unwrap_or(0);
         self.places.iter().for_each(|place| first[*place] = first[*place].min(least));
     }
 
-    /// Adds them to those of the path.
+    /// Adds these equations to those of the path.
     pub fn add_to(&self, matrix: &mut Banded, right: &mut [f64], border: &mut Shared<Vec<f64>>) {
         let mut border = border.as_mut().into_array();
         for (i, row) in self.places.iter().enumerate() {
@@ -259,12 +253,12 @@ impl Equations {
         }
     }
 
-    /// The square of a step of all coefficients of the path, weighed by the matrix.
+    /// δᵀ·N·δ for a step δ of all coefficients of the path.
     pub fn square(&self, step: &[f64]) -> f64 {
         let step: Vec<f64> = self.places.iter().map(|place| step[*place]).collect();
         let rows = self.half.chunks_exact(step.len().max(1)).zip(&step);
-        let half: f64 =
-            rows.map(|(row, own)| own * row.iter().zip(&step).map(|(a, b)| a * b).sum::<f64>()).sum();
-        2.0 * half
+        let product =
+            |(row, own): (&[f64], &f64)| own * row.iter().zip(&step).map(|(a, b)| a * b).sum::<f64>();
+        2.0 * rows.map(product).sum::<f64>()
     }
 }

@@ -1,97 +1,89 @@
 //! The pairs of a window, evaluated against the path.
 //!
-//! Residuals and normal equations of a pair are kept as long as nothing that they depend on changes: where the evidence of
-//! a window was asked for, the next window, a frame later, finds all but its first and last pairs done.
+//! The residuals and normal equations of a pair are kept while their inputs are the same. After the evidence
+//! of a window was computed, the window of the next frame finds all but its first and last pairs evaluated.
 
 use super::normal::Normal;
 use super::pair_residuals::PairResiduals;
 use super::residual::Evaluator;
 use crate::parallel::*;
 use crate::solve::continuous::data::FramePair;
-use crate::solve::continuous::trajectory::Splines;
 use nalgebra::Vector2;
 
-/// On what the normal equations of a pair depend, beside the path.
+/// The inputs of the normal equations of a pair, other than the path's coefficients.
 #[derive(Clone, Copy, Debug, PartialEq)]
-struct Seen {
+struct Inputs {
     stamps: [f64; 2],
-    /// Where the first match arrives, as timestamps may come twice.
+    /// End of the first match, as timestamps may repeat.
     first: Option<Vector2<f64>>,
     gamma: f64,
     kappa: f64,
-    /// Whether the path reaches to the pair before.
+    /// Whether the path covers the pair before.
     tracks: bool,
 }
 
-/// A pair that was evaluated against the path.
+/// A pair evaluated against the path.
 #[derive(Clone, Debug, Default)]
 pub struct EvaluatedPair {
     pub residuals: PairResiduals,
     pub normal: Normal,
-    /// `None` where the path has changed since.
-    seen: Option<Seen>,
-    /// First block of the path at that time.
+    /// `None` once the path has changed.
+    inputs: Option<Inputs>,
+    /// First block of the path when this was evaluated.
     base: i64,
 }
 
-/// Marks all as done before the path changed.
+/// Invalidates all, as the path has changed.
 pub fn invalidate(evaluated: &mut [EvaluatedPair]) {
-    evaluated.iter_mut().for_each(|evaluated| evaluated.seen = None);
+    evaluated.iter_mut().for_each(|evaluated| evaluated.inputs = None);
 }
 
-/// Evaluates pairs that follow one another against a path; those that were are not again.
+/// Evaluates successive pairs against a path; those whose inputs are the same are kept.
 pub fn evaluate(evaluated: &mut Vec<EvaluatedPair>, pairs: &[&FramePair], evaluator: &Evaluator<'_>) {
     let splines = &evaluator.trajectory.splines;
-    let wanted = |(index, pair): (usize, &&FramePair)| Seen {
+    let wanted = |(index, pair): (usize, &&FramePair)| Inputs {
         stamps: pair.stamps,
         first: pair.matches.first().map(|m| m.to),
         gamma: evaluator.shutter.gamma,
         kappa: splines.kappa,
         tracks: index > 0,
     };
-    let wanted: Vec<Seen> = pairs.iter().enumerate().map(wanted).collect();
-    evaluated.iter_mut().for_each(|evaluated| evaluated.move_to(splines));
-    // Each pair that is wanted in its place, the others behind.
+    let wanted: Vec<Inputs> = pairs.iter().enumerate().map(wanted).collect();
+    for one in evaluated.iter_mut() {
+        if one.base != splines.base && !one.normal.equations.shift(splines.base - one.base, splines) {
+            one.inputs = None;
+        }
+        one.base = splines.base;
+    }
+    // Each wanted pair to its place, the others behind.
     evaluated.resize_with(pairs.len().max(evaluated.len()), EvaluatedPair::default);
     for (index, wanted) in wanted.iter().enumerate() {
-        if let Some(found) =
-            evaluated.iter().skip(index).position(|evaluated| evaluated.seen == Some(*wanted))
-        {
+        if let Some(found) = evaluated[index..].iter().position(|one| one.inputs == Some(*wanted)) {
             evaluated.swap(index, index + found);
         }
     }
     evaluated.truncate(pairs.len());
     let mut changed: Vec<bool> =
-        evaluated.iter().zip(&wanted).map(|(evaluated, wanted)| evaluated.seen != Some(*wanted)).collect();
+        evaluated.iter().zip(&wanted).map(|(one, wanted)| one.inputs != Some(*wanted)).collect();
     evaluated.par_iter_mut().zip(pairs).zip(&wanted).zip(&changed).for_each(
-        |(((evaluated, pair), wanted), is_changed)| {
+        |(((one, pair), wanted), is_changed)| {
             if *is_changed {
-                evaluator.residuals(pair, wanted.tracks, &mut evaluated.residuals);
-                evaluated.normal.estimate_scatter(&evaluated.residuals, evaluator.noise);
-                (evaluated.seen, evaluated.base) = (Some(*wanted), splines.base);
+                evaluator.residuals(pair, wanted.tracks, &mut one.residuals);
+                one.normal.estimate_variances(&one.residuals, evaluator.noise);
+                (one.inputs, one.base) = (Some(*wanted), splines.base);
             }
         },
     );
-    // Noise is told from parallax over two pairs only: the first one, which follows none, is as noisy as the second.
+    // The first pair has no tracks to separate noise from parallax: it takes the second's variances.
     if let ([first, second, ..], [is_changed, ..]) = (evaluated.as_mut_slice(), changed.as_mut_slice()) {
-        *is_changed |= first.normal.scatter != second.normal.scatter;
-        first.normal.scatter = second.normal.scatter;
+        *is_changed |= first.normal.variances != second.normal.variances;
+        first.normal.variances = second.normal.variances;
     }
-    evaluated.par_iter_mut().zip(&changed).for_each(|(evaluated, is_changed)| {
+    evaluated.par_iter_mut().zip(&changed).for_each(|(one, is_changed)| {
         if *is_changed {
-            evaluator.normal(&evaluated.residuals, &mut evaluated.normal);
+            evaluator.normal(&one.residuals, &mut one.normal);
         }
     });
-}
-
-impl EvaluatedPair {
-    /// Goes on with a path that begins at another block.
-    fn move_to(&mut self, path: &Splines) {
-        if self.base != path.base && !self.normal.equations.shift(path.base - self.base, path) {
-            self.seen = None;
-        }
-        self.base = path.base;
-    }
 }
 
 #[cfg(test)]
@@ -101,7 +93,7 @@ mod tests {
     use crate::cpu::CpuLevel;
     use crate::motion::generators::GENERATORS;
     use crate::solve::continuous::data::{ScanAxis, Shutter};
-    use crate::solve::continuous::trajectory::{BLOCK, KnotDensity, Trajectory, ratio};
+    use crate::solve::continuous::trajectory::{BLOCK, KnotDensity, Splines, Trajectory, ratio};
     use nalgebra::Matrix2;
 
     const RADIUS: f64 = 320.0;
@@ -139,7 +131,7 @@ mod tests {
         evaluate(evaluated, pairs, &evaluator);
     }
 
-    /// Place and value of all entries of a pair's matrix, and what is left of the pair.
+    /// Place and value of all entries of a pair's matrix, and its σ.
     fn sums(evaluated: &EvaluatedPair) -> (Vec<usize>, Vec<f64>, f64) {
         let equations = &evaluated.normal.equations;
         let size = equations.places.len();
@@ -161,7 +153,7 @@ mod tests {
     }
 
     #[test]
-    fn the_next_window_finds_what_the_one_before_left() {
+    fn the_next_window_keeps_the_pairs_in_common() {
         let pairs: Vec<FramePair> = [0.0, 1.0, 2.0, 3.0, 4.0].map(pair).into();
         let windows: [Vec<&FramePair>; 2] = [pairs[..4].iter().collect(), pairs[1..].iter().collect()];
         let (mut evaluated, mut fresh) = (Vec::new(), Vec::new());
@@ -172,7 +164,7 @@ mod tests {
     }
 
     #[test]
-    fn nothing_is_done_again_before_the_path_changes() {
+    fn pairs_are_kept_until_the_path_changes() {
         let pairs: Vec<FramePair> = [0.0, 1.0, 2.0].map(pair).into();
         let pairs: Vec<&FramePair> = pairs.iter().collect();
         let (mut evaluated, mut fresh) = (Vec::new(), Vec::new());

@@ -1,21 +1,23 @@
-//! What a pair says of the path, γ and κ: its part of the normal equations.
+//! The normal equations of a pair.
 //!
-//! A correspondence says x′ = F(x; t → t′), F the path's flow. A small change of the path changes
-//! F by Σⱼ φⱼ(m)·(δξⱼ(t′) − δξⱼ(t)), m = (x + x′)/2, with φⱼ and ξⱼ field and path of generator j; each ξⱼ(t)
-//! is a sum of four coefficients. A change of the readout time γ, t = t_k + γ·s, changes F by
-//! Σⱼ φⱼ(m)·(ξⱼ′(t′)·s′ − ξⱼ′(t)·s), one of κ by m·(m · (ξ(t′) − ξ(t))), ξ the paths of yaw and pitch. A
-//! point at λ times the inverse depth is moved λ times as far by all but the turns. What is new in a
-//! residual, rᵢ − B·rⱼ, depends on the path by two *legs*: from frame to frame, and, by −B, between the two
-//! before.
+//! A match is an equation x′ = F(x; t → t′), F the motion along the path. With generator j's field φⱼ and
+//! path ξⱼ, and m = (x + x′)/2, the derivatives of F are
 //!
-//! The splines are evaluated once for a *band* of correspondences exposed at about the same time.
-//! That rounds the slopes, never the residuals.
+//! - by the path: Σⱼ φⱼ(m)·(δξⱼ(t′) − δξⱼ(t)), each ξⱼ(t) a sum of four coefficients;
+//! - by γ, as t = t_k + γ·p: Σⱼ φⱼ(m)·(ξⱼ′(t′)·p′ − ξⱼ′(t)·p);
+//! - by κ: m·(m · (ξ(t′) − ξ(t))), ξ the paths of yaw and pitch.
+//!
+//! All but the turns count λ times for a point of λ times the inverse depth. An innovation rᵢ − B·rⱼ depends
+//! on the path over its own pair and, by −B, over the pair before.
+//!
+//! The splines are evaluated once for a *band* of matches exposed at about the same time. That rounds the
+//! Jacobians, not the residuals.
 
-use super::bands::{Band, Slopes, mixed};
+use super::bands::{Band, Jacobian, product};
 use super::equations::Equations;
 use super::pair_residuals::PairResiduals;
-use super::parallax::{Innovation, Scatter};
-use super::residual::{Evaluator, Leg};
+use super::parallax::{Innovation, ResidualVariances};
+use super::residual::{Evaluator, MatchResidual};
 use super::shared::SHARED;
 use crate::cpu::for_each_cpu;
 use crate::motion::generators::{TURNS, fields};
@@ -24,63 +26,60 @@ use nalgebra::{Matrix2, SMatrix, SVector};
 
 /// Bands to a pair.
 const BANDS: usize = 24;
-/// Degrees of freedom of Student's t, as which residuals are distributed.
+/// Degrees of freedom of Student's t, the distribution of innovations.
 const FREEDOM: i32 = 4;
-/// However many correspondences a pair has, they are worth no more than so many independent ones of equal weight: what the
-/// path does not explain is alike in neighbours.
+/// A pair counts as at most this many independent matches, as residuals of neighbours are correlated.
 const INDEPENDENT_MATCHES: f64 = 25.0;
 
-/// What a pair says.
+/// The normal equations of a pair.
 #[derive(Clone, Debug, Default)]
 pub struct Normal {
-    /// Of the path, and of how γ and κ go with it.
+    /// Of the path, with the columns of γ and κ.
     pub equations: Equations,
     /// Of γ and κ.
     pub shared: SMatrix<f64, SHARED, SHARED>,
     pub shared_right: SVector<f64, SHARED>,
-    /// Variances of the residuals.
-    pub scatter: Scatter,
-    /// Coordinates that are independent.
+    pub variances: ResidualVariances,
+    /// Number of independent coordinates.
     pub independent: f64,
-    /// Sum of the correspondences' weights.
+    /// Sum of the weights of the matches.
     weight: f64,
     bands: Vec<Band>,
     squares: Vec<(f64, f64)>,
 }
 
 impl Normal {
-    /// Root mean square change in pixels of the displacements, as a step of all coefficients makes it.
+    /// Root mean square change in pixels of the displacements by a step of all coefficients.
     pub fn moved(&self, step: &[f64]) -> f64 {
         if self.weight > 0.0 { (self.equations.square(step).max(0.0) / self.weight).sqrt() } else { 0.0 }
     }
 
-    /// Estimates the variances of a pair's residuals, the noise at least this deviation in pixels.
-    pub fn estimate_scatter(&mut self, residuals: &PairResiduals, noise: f64) {
-        self.scatter = Scatter::of(residuals, noise * noise, &mut self.squares);
+    /// Estimates the variances of the residuals; `noise` is the least standard deviation in pixels.
+    pub fn estimate_variances(&mut self, residuals: &PairResiduals, noise: f64) {
+        self.variances = ResidualVariances::of(residuals, noise * noise, &mut self.squares);
     }
 
-    /// Logarithm of the likelihood of what is new in the pair, up to a constant, for as many matches as are
-    /// independent.
+    /// Log likelihood of the innovations, up to a constant, for the number of independent matches.
     pub fn log_likelihood(&self, residuals: &PairResiduals) -> f64 {
-        let likely = residuals.legs.iter().zip(&residuals.before).map(|(leg, before)| {
-            let new = self.scatter.innovation(leg, before.as_ref());
-            loss_of(&new, leg, residuals.others).log_likelihood(new.square())
+        let terms = residuals.matches.iter().zip(&residuals.before).map(|(own, before)| {
+            let new = self.variances.innovation(own, before.as_ref());
+            loss_of(&new, own, residuals.others).log_likelihood(new.square())
         });
-        independent_share(residuals) * likely.filter(|likely| likely.is_finite()).sum::<f64>()
+        independent_share(residuals) * terms.filter(|term| term.is_finite()).sum::<f64>()
     }
 }
 
-/// The loss of a match's innovation: matches of the scene are distributed as Student's t about the path, all others about evenly
-/// over as far as points move in the pair, whose variance is `others` in px².
+/// The loss of an innovation: Student's t for the scene; all other matches spread evenly over as far as
+/// points move in the pair, with the variance `others` in px².
 #[inline(always)]
-fn loss_of(new: &Innovation, leg: &Leg, others: f64) -> Mixture<FREEDOM> {
-    let inverse_scale = new.weight.determinant().sqrt() * leg.whitening.determinant();
-    Mixture::new(leg.prior, inverse_scale, others)
+fn loss_of(new: &Innovation, own: &MatchResidual, others: f64) -> Mixture<FREEDOM> {
+    let inverse_scale = new.weight.determinant().sqrt() * own.whitening.determinant();
+    Mixture::new(own.prior, inverse_scale, others)
 }
 
 /// The factor on each weight by which a pair counts as at most [`INDEPENDENT_MATCHES`].
 fn independent_share(residuals: &PairResiduals) -> f64 {
-    let weights = residuals.legs.iter().map(|leg| leg.prior * leg.whitening.norm_squared());
+    let weights = residuals.matches.iter().map(|own| own.prior * own.whitening.norm_squared());
     weights.collect::<EffectiveNumber>().independent_share(INDEPENDENT_MATCHES)
 }
 
@@ -91,29 +90,29 @@ for_each_cpu! {
 }
 
 impl Evaluator<'_> {
-    /// Adds up what a pair says, given the one before and the variances of its residuals.
+    /// Computes the normal equations of a pair, given its variances.
     pub fn normal(&self, residuals: &PairResiduals, out: &mut Normal) {
         add_up(self.cpu, self, residuals, out);
     }
 
     #[inline(always)]
     fn add_up(&self, residuals: &PairResiduals, out: &mut Normal) {
-        let scatter = out.scatter;
+        let variances = out.variances;
         let independent = independent_share(residuals);
-        out.independent = 2.0 * INDEPENDENT_MATCHES.min(residuals.legs.len() as f64);
+        out.independent = 2.0 * INDEPENDENT_MATCHES.min(residuals.matches.len() as f64);
         out.bands.clear();
         out.bands.resize_with(BANDS, Band::default);
         out.shared = SMatrix::zeros();
         out.shared_right = SVector::zeros();
-        for (leg, before) in residuals.legs.iter().zip(&residuals.before) {
-            let mut new = scatter.innovation(leg, before.as_ref());
-            new.weight *= loss_of(&new, leg, residuals.others).weight_times(independent, new.square());
+        for (own, before) in residuals.matches.iter().zip(&residuals.before) {
+            let mut new = variances.innovation(own, before.as_ref());
+            new.weight *= loss_of(&new, own, residuals.others).weight_times(independent, new.square());
             if !new.weight.iter().all(|weight| weight.is_finite()) {
                 continue;
             }
-            let band = (self.shutter.scan_axis.place(leg.m.from).clamp(0.0, 1.0) * (BANDS - 1) as f64).round()
-                as usize;
-            let shared = self.add(&new, leg, before.as_ref(), &mut out.bands[band]);
+            let place = self.shutter.scan_axis.place(own.measured.from).clamp(0.0, 1.0);
+            let band = (place * (BANDS - 1) as f64).round() as usize;
+            let shared = self.add(&new, own, before.as_ref(), &mut out.bands[band]);
             out.shared += shared.transpose() * new.weight * shared;
             out.shared_right += shared.transpose() * new.weight * new.error;
         }
@@ -121,40 +120,40 @@ impl Evaluator<'_> {
         out.equations.fill(&out.bands, &self.trajectory.splines);
     }
 
-    /// Adds what is new in a match to its band; what the shared unknowns change of it.
+    /// Adds an innovation to its band; its Jacobian by the shared unknowns.
     #[inline(always)]
     fn add(
         &self,
         new: &Innovation,
-        leg: &Leg,
-        before: Option<&Leg>,
+        own: &MatchResidual,
+        before: Option<&MatchResidual>,
         band: &mut Band,
     ) -> SMatrix<f64, 2, SHARED> {
-        let (own, mut shared) = self.slopes(leg, new.depth);
+        let (by_path, mut shared) = self.jacobian(own, new.depth);
         let weight = new.weight.trace() / 2.0;
         band.weight += weight;
-        band.times[1] += weight * leg.times[0];
-        band.times[2] += weight * leg.times[1];
-        let before = before.filter(|_| new.share != Matrix2::zeros()).map(|leg| {
-            let (before, of_shared) = self.slopes(leg, new.depth);
-            shared -= new.share * of_shared;
+        band.blocks[1] += weight * own.blocks[0];
+        band.blocks[2] += weight * own.blocks[1];
+        let before = before.filter(|_| new.gain != Matrix2::zeros()).map(|before| {
+            let (by_path, by_shared) = self.jacobian(before, new.depth);
+            shared -= new.gain * by_shared;
             band.linked += weight;
-            band.times[0] += weight * leg.times[0];
-            mixed(&-new.share, &before)
+            band.blocks[0] += weight * before.blocks[0];
+            product(&-new.gain, &by_path)
         });
-        band.add(&new.weight, &own, before.as_ref(), new.error, &shared);
+        band.add(&new.weight, &by_path, before.as_ref(), new.error, &shared);
         shared
     }
 
-    /// What the paths of the generators and the shared unknowns change of a displacement, of a point of relative
-    /// inverse depth `depth`.
+    /// The whitened Jacobians of a displacement by the paths of the generators and by the shared unknowns,
+    /// for a point of relative inverse depth `depth`.
     #[inline(always)]
-    fn slopes(&self, leg: &Leg, depth: f64) -> (Slopes, SMatrix<f64, 2, SHARED>) {
-        let phi = fields((leg.m.from + leg.m.to) / 2.0, self.trajectory.splines.kappa);
-        let by_readout = leg.by_readout[0] + leg.by_readout[1] * depth;
+    fn jacobian(&self, one: &MatchResidual, depth: f64) -> (Jacobian, SMatrix<f64, 2, SHARED>) {
+        let phi = fields((one.measured.from + one.measured.to) / 2.0, self.trajectory.splines.kappa);
+        let by_gamma = one.by_gamma[0] + one.by_gamma[1] * depth;
         let depth = |j: usize| if j < TURNS { 1.0 } else { depth };
-        let slopes = [0, 1].map(|end| std::array::from_fn(|j| phi[(end, j)] * depth(j)));
-        (mixed(&leg.whitening, &slopes), SMatrix::from_columns(&[by_readout, leg.by_kappa]))
+        let by_path = [0, 1].map(|end| std::array::from_fn(|j| phi[(end, j)] * depth(j)));
+        (product(&one.whitening, &by_path), SMatrix::from_columns(&[by_gamma, one.by_kappa]))
     }
 }
 

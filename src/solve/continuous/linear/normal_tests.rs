@@ -36,7 +36,7 @@ impl Setting {
         Self { path, by_rows, readout, density }
     }
 
-    /// Hands out the estimate at which a pair is evaluated.
+    /// Calls back with the estimate at which a pair is evaluated.
     fn evaluate<T>(&self, with: impl FnOnce(&Evaluator<'_>) -> T) -> T {
         let trajectory = &Trajectory::of(self.path.clone(), self.density, RADIUS, [-1.0, 5.0]);
         let length = if self.by_rows { 1.5 } else { 2.0 };
@@ -45,12 +45,12 @@ impl Setting {
         with(&Evaluator { cpu: CpuLevel::detect(), trajectory, shutter, noise: NOISE })
     }
 
-    /// What is left of a pair, tracks and all, and what it says.
+    /// The residuals of a pair with its tracks, and its normal equations.
     fn sums(&self, pair: &FramePair) -> (PairResiduals, Normal) {
         let (mut residuals, mut normal) = (PairResiduals::default(), Normal::default());
         self.evaluate(|evaluator| {
             evaluator.residuals(pair, true, &mut residuals);
-            normal.estimate_scatter(&residuals, evaluator.noise);
+            normal.estimate_variances(&residuals, evaluator.noise);
             evaluator.normal(&residuals, &mut normal);
         });
         (residuals, normal)
@@ -60,14 +60,14 @@ impl Setting {
     fn residuals(&self, pair: &FramePair) -> Vec<Vector2<f64>> {
         self.evaluate(|evaluator| {
             let residual = |m: &Match| {
-                let [from, to] = evaluator.times(pair.stamps, m);
-                (m.to - evaluator.trajectory.carry(m.from, from, to)) * RADIUS
+                let [from, to] = evaluator.blocks(pair.stamps, m);
+                (m.to - evaluator.trajectory.homographies.carry(m.from, from, to)) * RADIUS
             };
             pair.matches.iter().map(residual).collect()
         })
     }
 
-    /// A pair that the path explains but for what is known in closed form: up to so many pixels.
+    /// A pair whose residuals are known in closed form, up to `most` pixels.
     fn pair(&self, most: f64) -> FramePair {
         let nodes = (0..300).map(|node| (node % 20, node / 20));
         let from = nodes.map(|(i, j)| Vector2::new(-0.95 + 0.1 * i as f64, -0.7 + 0.1 * j as f64));
@@ -88,8 +88,8 @@ impl Setting {
                 let mut to = m.from;
                 for _ in 0..20 {
                     let [before, after] = evaluator
-                        .times(pair.stamps, &Match { from: m.from, to, covariance: Matrix2::zeros() });
-                    to = evaluator.trajectory.carry(m.from, before, after) + off;
+                        .blocks(pair.stamps, &Match { from: m.from, to, covariance: Matrix2::zeros() });
+                    to = evaluator.trajectory.homographies.carry(m.from, before, after) + off;
                 }
                 pair.matches[k].to = to;
             }
@@ -124,8 +124,8 @@ impl Setting {
         wobble
     }
 
-    /// What a direction changes of the residuals, negative: the slope of what the path predicts.
-    fn slopes(&self, pair: &FramePair, direction: Direction) -> Vec<Vector2<f64>> {
+    /// Derivative of the predicted displacements along a direction.
+    fn jacobian(&self, pair: &FramePair, direction: Direction) -> Vec<Vector2<f64>> {
         let [less, more] = [-STEP, STEP].map(|by| self.moved(direction, by).residuals(pair));
         less.iter().zip(&more).map(|(less, more)| (less - more) / (2.0 * STEP)).collect()
     }
@@ -179,8 +179,8 @@ fn the_normal_equations_are_those_of_the_residuals() {
         let pair = setting.pair(1.0);
         let (evaluated, normal) = setting.sums(&pair);
         let residuals = setting.residuals(&pair);
-        // Student's t with four degrees of freedom: weight (4 + 2)/(4 + r²/σ²)/σ², a pair being worth 25, times the
-        // probability that a match shows the scene.
+        // Student's t with four degrees of freedom: weight (4 + 2)/(4 + r²/σ²)/σ², a pair counting as 25,
+        // times the probability that a match shows the scene.
         let variance = evaluated.sigma * evaluated.sigma;
         let weight = |r: &Vector2<f64>| {
             let square = r.norm_squared() / variance;
@@ -191,11 +191,11 @@ fn the_normal_equations_are_those_of_the_residuals() {
             residuals.iter().zip(a.iter().zip(b)).map(|(r, (a, b))| weight(r) * a.dot(b)).sum()
         };
         for a in DIRECTIONS {
-            let along = setting.slopes(&pair, a);
+            let along = setting.jacobian(&pair, a);
             let size = sum(&along, &along).sqrt();
             let norm = sum(&residuals, &residuals).sqrt();
             for b in DIRECTIONS {
-                let other = setting.slopes(&pair, b);
+                let other = setting.jacobian(&pair, b);
                 let scale = size * sum(&other, &other).sqrt();
                 let (matrix, _) = forms(&setting, &normal, a, b);
                 let off = (matrix - sum(&along, &other)) / scale;
@@ -227,7 +227,7 @@ fn all_instructions_add_up_the_same() {
 }
 
 #[test]
-fn the_normal_equations_of_tracks_are_those_of_what_is_new() {
+fn the_normal_equations_of_tracks_are_those_of_innovations() {
     let setting = Setting::new(true, 0.8, KnotDensity::Usual);
     let mut pair = setting.pair(0.01);
     // The points came to where they set out from where the path has them one frame before.
@@ -236,41 +236,41 @@ fn the_normal_equations_of_tracks_are_those_of_what_is_new() {
             let to = pair.matches[index].from;
             let (mut before, stamps) = (Match { from: to, to, covariance: Matrix2::zeros() }, [-0.8, 0.2]);
             for _ in 0..20 {
-                let [start, end] = evaluator.times(stamps, &before);
-                before.from = evaluator.trajectory.carry(to, end, start);
+                let [start, end] = evaluator.blocks(stamps, &before);
+                before.from = evaluator.trajectory.homographies.carry(to, end, start);
             }
-            pair.tracks[index] = Some(Track { before, stamps, is_scene: true });
+            pair.tracks[index] = Some(Track { before, stamps, is_dominant: true });
         }
     });
     let (mut residuals, mut normal) = setting.sums(&pair);
-    let scatter = Scatter { noise: 0.25, depths: 0.25 };
+    let variances = ResidualVariances { noise: 0.25, depth: 0.25 };
     setting.evaluate(|evaluator| {
-        // So little is left that they would have no say.
-        evaluator.legs_before(&pair, &mut residuals);
-        normal.scatter = scatter;
+        // Residuals are too small for the parallax to be estimated.
+        evaluator.residuals_before(&pair, &mut residuals);
+        normal.variances = variances;
         evaluator.normal(&residuals, &mut normal);
     });
     let innovations: Vec<Innovation> = residuals
-        .legs
+        .matches
         .iter()
         .zip(&residuals.before)
-        .map(|(leg, before)| scatter.innovation(leg, before.as_ref()))
+        .map(|(own, before)| variances.innovation(own, before.as_ref()))
         .collect();
-    assert!(innovations.iter().any(|new| new.share.norm() > 0.2), "the residual before has a say");
+    assert!(innovations.iter().any(|new| new.gain.norm() > 0.2), "the residual before counts");
     let mut old = pair.clone();
     old.matches = pair.tracks.iter().flatten().map(|track| track.before).collect();
     old.stamps = [-0.8, 0.2];
     let slopes = |direction: Direction| -> Vec<Vector2<f64>> {
-        let both = setting.slopes(&pair, direction).into_iter().zip(setting.slopes(&old, direction));
-        both.zip(&innovations).map(|((now, before), new)| now - new.share * before).collect()
+        let both = setting.jacobian(&pair, direction).into_iter().zip(setting.jacobian(&old, direction));
+        both.zip(&innovations).map(|((now, before), new)| now - new.gain * before).collect()
     };
     let weighted = |a: &[Vector2<f64>], b: &[Vector2<f64>]| -> f64 {
-        // All residuals are next to nothing: 6/4 of Student's t, a pair being worth 25.
-        let probable = |new: &Innovation, leg: &Leg| {
-            loss_of(new, leg, residuals.others).inlier_probability(new.square())
+        // Residuals are about zero: 6/4 of Student's t, a pair counting as 25.
+        let probable = |new: &Innovation, own: &MatchResidual| {
+            loss_of(new, own, residuals.others).inlier_probability(new.square())
         };
         let weighted =
-            innovations.iter().zip(&residuals.legs).map(|(new, leg)| new.weight * probable(new, leg));
+            innovations.iter().zip(&residuals.matches).map(|(new, own)| new.weight * probable(new, own));
         let terms = a.iter().zip(b).zip(weighted).map(|((a, b), weight)| a.dot(&(weight * b)));
         25.0 / 300.0 * 1.5 * terms.sum::<f64>()
     };
@@ -292,7 +292,7 @@ fn the_normal_equations_of_tracks_are_those_of_what_is_new() {
 }
 
 #[test]
-fn sigma_is_that_of_a_coordinate_and_the_wild_are_told_apart() {
+fn sigma_is_that_of_a_coordinate_and_outliers_are_counted() {
     let setting = Setting::new(true, 0.7, KnotDensity::Usual);
     let mut pair = setting.pair(1.0);
     // Squares of residuals are sin² + cos² with a median of 1: variance 1/(2 ln 2).

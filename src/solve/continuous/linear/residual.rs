@@ -1,4 +1,4 @@
-//! The residual of a match, with its derivatives, whitened by its covariance.
+//! The residual of a match with its derivatives, whitened by the covariance of the match.
 
 use crate::cpu::CpuLevel;
 use crate::motion::generators::{GENERATORS, TURNS, fields};
@@ -9,7 +9,7 @@ use nalgebra::{Matrix2, SVector, Vector2};
 /// Generators other than the turns.
 const OTHERS: usize = GENERATORS - TURNS;
 
-/// The estimate at which a pair is evaluated.
+/// The estimate at which pairs are evaluated.
 pub struct Evaluator<'a> {
     pub cpu: CpuLevel,
     pub trajectory: &'a Trajectory,
@@ -18,37 +18,34 @@ pub struct Evaluator<'a> {
     pub noise: f64,
 }
 
-/// A match as the path sees it.
+/// The residual of a match, in pixels. All but the first three are whitened.
 #[derive(Clone, Copy, Debug)]
-pub struct Leg {
-    pub m: Match,
-    /// How probably it shows the scene, before its residual is known.
+pub struct MatchResidual {
+    pub measured: Match,
+    /// Prior probability that the match shows the scene.
     pub prior: f64,
-    /// Blocks at which both ends are exposed.
-    pub times: [f64; 2],
-    /// Its residual x′ − F(x) in pixels.
+    /// Exposure times of both points in blocks.
+    pub blocks: [f64; 2],
+    /// r = x′ − F(x).
     pub residual: Vector2<f64>,
-    /// What the generators other than the turns move it by, in pixels: at twice the inverse depth, so much again.
+    /// w, the displacement by the generators other than the turns, at the depth of the path.
     pub parallax: Vector2<f64>,
-    /// What a frame period of γ adds to what the turns move it by, and to what the others do.
-    pub by_readout: [Vector2<f64>; 2],
-    /// What κ adds to what the turns move it by.
+    /// Derivatives by γ of the displacements by the turns and by the other generators.
+    pub by_gamma: [Vector2<f64>; 2],
+    /// Derivative by κ of the displacement by the turns.
     pub by_kappa: Vector2<f64>,
-    /// What all of these have been multiplied by.
+    /// W.
     pub whitening: Matrix2<f64>,
 }
 
-impl Leg {
-    /// Makes it as uncertain as a residual of this variance is by itself: W = (I + C/σ²)^(−½), C the covariance of its
-    /// match.
+impl MatchResidual {
+    /// Multiplies by W = (I + C/σ²)^(−½), C the covariance of the match and σ² the `variance` of a coordinate
+    /// without it, which is then that of the residual.
     pub fn whiten(&mut self, variance: f64) {
-        let whitening = inverse_root(Matrix2::identity() + self.m.covariance / variance);
-        self.whitening = whitening;
-        for vector in [&mut self.residual, &mut self.parallax, &mut self.by_kappa]
-            .into_iter()
-            .chain(&mut self.by_readout)
-        {
-            *vector = whitening * *vector;
+        self.whitening = inverse_root(Matrix2::identity() + self.measured.covariance / variance);
+        let [by_turns, by_others] = &mut self.by_gamma;
+        for vector in [&mut self.residual, &mut self.parallax, &mut self.by_kappa, by_turns, by_others] {
+            *vector = self.whitening * *vector;
         }
     }
 }
@@ -62,16 +59,17 @@ fn inverse_root(matrix: Matrix2<f64>) -> Matrix2<f64> {
 }
 
 impl Evaluator<'_> {
-    /// Blocks at which both ends of a match are exposed.
-    pub fn times(&self, stamps: [f64; 2], m: &Match) -> [f64; 2] {
+    /// Exposure times in blocks of both points of a match.
+    pub fn blocks(&self, stamps: [f64; 2], m: &Match) -> [f64; 2] {
         let places = [m.from, m.to].map(|point| self.shutter.scan_axis.place(point));
         [0, 1].map(|end| self.trajectory.block(self.shutter.exposure(stamps[end], places[end])))
     }
 
-    /// A match against the path; `None` where there is no path.
-    pub fn leg(&self, stamps: [f64; 2], m: &Match, prior: f64) -> Option<Leg> {
-        let times = self.times(stamps, m);
-        let (from, to) = (self.trajectory.at(times[0])?, self.trajectory.at(times[1])?);
+    /// The residual of a match, not yet whitened; `None` without a path.
+    pub fn match_residual(&self, stamps: [f64; 2], m: &Match, prior: f64) -> Option<MatchResidual> {
+        let blocks = self.blocks(stamps, m);
+        let homographies = &self.trajectory.homographies;
+        let (from, to) = (homographies.at(blocks[0])?, homographies.at(blocks[1])?);
         let places = [m.from, m.to].map(|point| self.trajectory.block(self.shutter.scan_axis.place(point)));
         let (rates, values) = ([from.rates(), to.rates()], [from.values(), to.values()]);
         let rates =
@@ -80,13 +78,13 @@ impl Evaluator<'_> {
         let middle = (m.from + m.to) / 2.0;
         let fields = fields(middle, self.trajectory.splines.kappa);
         let (turns, others) = (fields.fixed_columns::<TURNS>(0), fields.fixed_columns::<OTHERS>(TURNS));
-        Some(Leg {
-            m: *m,
+        Some(MatchResidual {
+            measured: *m,
             prior,
-            times,
-            residual: (m.to - from.carry(m.from, to)) * self.trajectory.radius(),
+            blocks,
+            residual: (m.to - from.carry(m.from, to)) * self.trajectory.radius,
             parallax: others * moved.fixed_rows::<OTHERS>(TURNS),
-            by_readout: [turns * rates.fixed_rows::<TURNS>(0), others * rates.fixed_rows::<OTHERS>(TURNS)],
+            by_gamma: [turns * rates.fixed_rows::<TURNS>(0), others * rates.fixed_rows::<OTHERS>(TURNS)],
             by_kappa: middle * middle.dot(&moved.xy()),
             whitening: Matrix2::identity(),
         })
@@ -97,36 +95,36 @@ impl Evaluator<'_> {
 mod tests {
     use super::*;
 
-    fn leg() -> Leg {
-        Leg {
-            m: Match { from: Vector2::zeros(), to: Vector2::zeros(), covariance: Matrix2::zeros() },
+    fn one() -> MatchResidual {
+        MatchResidual {
+            measured: Match { from: Vector2::zeros(), to: Vector2::zeros(), covariance: Matrix2::zeros() },
             prior: 1.0,
-            times: [0.0; 2],
+            blocks: [0.0; 2],
             residual: Vector2::new(1.0, 0.0),
             parallax: Vector2::zeros(),
-            by_readout: [Vector2::zeros(); 2],
+            by_gamma: [Vector2::zeros(); 2],
             by_kappa: Vector2::zeros(),
             whitening: Matrix2::identity(),
         }
     }
 
     #[test]
-    fn a_whitened_residual_is_as_uncertain_as_the_others() {
+    fn whitened_residuals_have_the_given_variance() {
         let covariance = Matrix2::new(0.5, 0.2, 0.2, 0.3);
-        let mut leg = leg();
-        (leg.m.covariance, leg.parallax) = (covariance, Vector2::new(0.0, 2.0));
-        leg.whiten(0.04);
+        let mut one = one();
+        (one.measured.covariance, one.parallax) = (covariance, Vector2::new(0.0, 2.0));
+        one.whiten(0.04);
         // W·(σ²·I + C)·Wᵀ = σ²·I.
         let all = Matrix2::identity() * 0.04 + covariance;
-        let white = leg.whitening * all * leg.whitening.transpose();
+        let white = one.whitening * all * one.whitening.transpose();
         assert!((white - Matrix2::identity() * 0.04).norm() < 1e-12, "{white}");
-        assert_eq!(leg.residual, leg.whitening.column(0));
-        assert!((leg.parallax - leg.whitening.column(1) * 2.0).norm() < 1e-12);
+        assert_eq!(one.residual, one.whitening.column(0));
+        assert!((one.parallax - one.whitening.column(1) * 2.0).norm() < 1e-12);
         for strange in [f64::NAN, f64::INFINITY, -1.0] {
-            let mut leg = self::leg();
-            leg.m.covariance = Matrix2::identity() * strange;
-            leg.whiten(0.04);
-            assert!(leg.residual.iter().all(|value| value.is_finite()), "{strange}: {}", leg.residual);
+            let mut one = self::one();
+            one.measured.covariance = Matrix2::identity() * strange;
+            one.whiten(0.04);
+            assert!(one.residual.iter().all(|value| value.is_finite()), "{strange}: {}", one.residual);
         }
     }
 }

@@ -1,10 +1,10 @@
 //! The unknowns that all pairs of a window share.
 
-/// How many there are.
+/// Number of shared unknowns.
 pub const SHARED: usize = 2;
 
-/// Something for each of the unknowns that all pairs share: γ, the signed readout time in frame periods, and κ = (r/f)², r
-/// being half the frame's width and f the focal length.
+/// A value for each shared unknown: γ, the signed readout time in frame periods, and κ = (r/f)², r half the
+/// frame's width and f the focal length.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Shared<T> {
     pub gamma: T,

@@ -1,7 +1,7 @@
-//! The normal equations of a window: a band of the path's coefficients, bordered by γ and κ.
+//! The normal equations of a window: a banded matrix of the path's coefficients, bordered by γ and κ.
 //!
-//! γ and κ belong to all pairs: N·δc + b·δ = g, N being the matrix of the path and b the border. The path is eliminated by
-//! the Schur complement S′ = S − bᵀN⁻¹b, γ and κ are solved first, and the path follows.
+//! N·δc + b·δ = g, N the matrix of the path, b the border and δ the step of γ and κ. The path is eliminated
+//! by the Schur complement S′ = S − bᵀN⁻¹b; then γ and κ are solved, and the path is substituted back.
 
 use super::banded::Banded;
 use super::normal::Normal;
@@ -9,19 +9,19 @@ use super::shared::{SHARED, Shared};
 use crate::cpu::CpuLevel;
 use nalgebra::{SMatrix, SVector};
 
-/// Normal equations of γ and κ alone.
+/// Normal equations of γ and κ.
 #[derive(Clone, Copy, Debug)]
 pub struct SharedEquations {
     pub information: SMatrix<f64, SHARED, SHARED>,
     pub right: SVector<f64, SHARED>,
 }
 
-/// The normal equations of a window; keeps its memory.
+/// The normal equations of a window; memory is reused.
 #[derive(Clone, Debug, Default)]
 pub struct System {
-    /// N, and its Cholesky factor once it was factorised.
+    /// N; its Cholesky factor after [`System::solve_path`].
     pub matrix: Banded,
-    /// g, and the step of the path once it was solved.
+    /// g; the step of the path after [`System::solve_path`].
     pub right: Vec<f64>,
     /// b and N⁻¹·b.
     border: Shared<Vec<f64>>,
@@ -29,8 +29,7 @@ pub struct System {
 }
 
 impl System {
-    /// Makes these the sum of the equations of some pairs, with room for a band whose rows begin at these columns; returns the
-    /// sums for γ and κ.
+    /// Sums the equations of pairs, in a band with these first columns; returns those of γ and κ.
     pub fn assemble<'a>(
         &mut self,
         first: Vec<usize>,
@@ -51,8 +50,7 @@ impl System {
         shared
     }
 
-    /// Replaces the matrix by its factor and the right side by the step of a path whose camera stays; whether that could be
-    /// done.
+    /// Factorises N and solves the path for fixed γ and κ; false if N is not positive definite.
     pub fn solve_path(&mut self, cpu: CpuLevel) -> bool {
         let is_definite = self.matrix.factorise(cpu);
         if is_definite {
@@ -61,7 +59,7 @@ impl System {
         is_definite
     }
 
-    /// The equations of γ and κ where the path is free to follow; of a system whose path was solved.
+    /// The equations of γ and κ with the path eliminated; after [`System::solve_path`].
     pub fn eliminate_path(&mut self, mut shared: SharedEquations) -> SharedEquations {
         for (weighted, border) in self.weighted.as_mut().zip(self.border.as_ref()).into_array() {
             weighted.clone_from(border);
@@ -78,8 +76,8 @@ impl System {
         shared
     }
 
-    /// Has the step of the path follow changes of γ and κ; whether it is finite.
-    pub fn follow(&mut self, changes: Shared<f64>) -> bool {
+    /// Substitutes the step of γ and κ into that of the path; whether the latter is finite.
+    pub fn substitute(&mut self, changes: Shared<f64>) -> bool {
         for (by, change) in self.weighted.as_ref().zip(changes).into_array() {
             self.right.iter_mut().zip(by).for_each(|(step, by)| *step -= by * change);
         }

@@ -1,28 +1,27 @@
-//! How the correspondences of a frame fit the path that was found.
+//! The residuals of a frame's correspondences.
 
 use crate::correspond::Correspondence;
 use crate::solve::continuous::camera::Hypothesis;
 use crate::solve::solution::FittedCorrespondence;
 use nalgebra::{Matrix2, Vector2};
 
-/// Standard deviations of a coordinate within which a residual is an inlier's, as where the inliers of a pair are counted.
-const REACH: f64 = 3.0;
+/// Standard deviations of a coordinate up to which a residual is an inlier, as in `PairResiduals::inliers`.
+const INLIER_DEVIATIONS: f64 = 3.0;
 
-/// The pair of frames whose correspondences are fitted.
+/// A pair of frames and its correspondences.
 pub struct FittedPair<'a> {
-    /// All that were measured, those too that the path was not fitted to.
+    /// All that were measured, static overlays included.
     pub found: &'a [Correspondence],
     /// Timestamps of both frames in frame periods.
     pub stamps: [f64; 2],
-    /// Whether the frame that is asked for is the first of them.
+    /// Whether the result is that of the first frame.
     pub begins: bool,
-    /// Standard deviation in pixels of a coordinate of the residuals of the pair.
+    /// Standard deviation in pixels of a coordinate of the pair's residuals.
     pub sigma: f64,
 }
 
 impl FittedPair<'_> {
-    /// Compares the correspondences with the path of a hypothesis; `centre` and `radius` in pixels. Those that the path does not
-    /// reach are left out.
+    /// The residuals by a hypothesis, of all correspondences on its path; `centre` and `radius` in pixels.
     pub fn fit(
         &self,
         hypothesis: &Hypothesis,
@@ -30,10 +29,11 @@ impl FittedPair<'_> {
         radius: f64,
     ) -> Vec<FittedCorrespondence> {
         let Hypothesis { posterior, setup, .. } = hypothesis;
+        let homographies = &posterior.trajectory.homographies;
         let fitted = |found: &Correspondence| {
             let ends = [found.from, found.to].map(|pixel| (pixel - centre) / radius);
             let block = |end: usize| posterior.block(self.stamps[end], setup.scan_axis.place(ends[end]));
-            let (from, to) = (posterior.trajectory.at(block(0))?, posterior.trajectory.at(block(1))?);
+            let (from, to) = (homographies.at(block(0))?, homographies.at(block(1))?);
             let residual = (ends[1] - from.carry(ends[0], to)) * radius;
             let variance = Matrix2::identity() * (self.sigma * self.sigma) + found.covariance;
             let square = residual.dot(&(variance.try_inverse()? * residual));
@@ -42,7 +42,7 @@ impl FittedPair<'_> {
                 displacement: found.to - found.from,
                 residual,
                 // Of two coordinates.
-                is_inlier: square < 2.0 * REACH * REACH,
+                is_inlier: square < 2.0 * INLIER_DEVIATIONS * INLIER_DEVIATIONS,
             })
         };
         self.found.iter().filter_map(fitted).collect()

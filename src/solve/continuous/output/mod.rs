@@ -1,4 +1,4 @@
-//! What is given out of a frame: its expected error, and how its correspondences fit.
+//! The results of a frame: its expected error, and the residuals of its correspondences.
 
 mod expected_error;
 mod fitted;

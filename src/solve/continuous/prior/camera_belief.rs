@@ -1,13 +1,13 @@
-//! What is believed of γ and κ, and how a window changes it.
+//! Beliefs about γ and κ, and their update by a window.
 
 use super::belief::Belief;
 use crate::solve::continuous::linear::{SHARED, Shared, SharedEquations};
 use nalgebra::SVector;
 
-/// The most that γ and κ may change in a step.
-const MOST_CHANGE: f64 = 0.1;
+/// Greatest change of γ and κ in a step.
+const MAX_STEP: f64 = 0.1;
 
-/// What a window alone constrains an unknown to.
+/// An estimate of γ or κ from one window alone.
 #[derive(Clone, Copy, Debug)]
 pub struct Observation {
     pub value: f64,
@@ -15,24 +15,16 @@ pub struct Observation {
     pub information: f64,
 }
 
-/// Beliefs about γ and κ from all windows so far, and the values that they may have.
+/// Beliefs about γ and κ from all windows so far, and their limits.
 #[derive(Clone, Copy, Debug)]
 pub struct CameraBelief {
-    beliefs: Shared<Belief>,
-    limits: Shared<[f64; 2]>,
+    pub beliefs: Shared<Belief>,
+    /// Least and greatest value.
+    pub limits: Shared<[f64; 2]>,
 }
 
 impl CameraBelief {
-    pub fn new(beliefs: Shared<Belief>, limits: Shared<[f64; 2]>) -> Self {
-        Self { beliefs, limits }
-    }
-
-    /// Means of the beliefs.
-    pub fn means(&self) -> Shared<f64> {
-        self.beliefs.map(|belief| belief.mean)
-    }
-
-    /// Whether γ need not be estimated.
+    /// Whether γ is not estimated.
     pub fn is_gamma_given(&self) -> bool {
         let [low, high] = self.limits.gamma;
         low == high
@@ -40,42 +32,10 @@ impl CameraBelief {
 
     /// Standard deviation of γ.
     pub fn gamma_deviation(&self) -> f64 {
-        self.beliefs.gamma.information().sqrt().recip()
+        self.beliefs.gamma.deviation()
     }
 
-    /// Standard deviation of κ.
-    pub fn kappa_deviation(&self) -> f64 {
-        self.beliefs.kappa.information().sqrt().recip()
-    }
-
-    /// Takes γ as known.
-    pub fn give_gamma(&mut self, belief: Belief) {
-        self.limits.gamma = [belief.mean; 2];
-        self.beliefs.gamma = belief;
-    }
-
-    /// Takes γ as expected.
-    pub fn expect_gamma(&mut self, belief: Belief) {
-        self.beliefs.gamma = belief;
-    }
-
-    /// The values that γ may have.
-    pub fn limit_gamma(&mut self, limits: [f64; 2]) {
-        self.limits.gamma = limits;
-    }
-
-    /// Holds γ at a value.
-    pub fn hold_gamma(&mut self, gamma: f64) {
-        self.limits.gamma = [gamma; 2];
-    }
-
-    /// γ within its limits.
-    pub fn clamp_gamma(&self, gamma: f64) -> f64 {
-        let [low, high] = self.limits.gamma;
-        gamma.clamp(low, high)
-    }
-
-    /// Continues with frame periods that are shorter by `factor`.
+    /// Converts to frame periods shorter by `factor`.
     pub fn scale_time(&mut self, factor: f64) {
         self.beliefs.gamma.scale(factor);
         if self.is_gamma_given() {
@@ -83,8 +43,8 @@ impl CameraBelief {
         }
     }
 
-    /// One Gauss–Newton step from `at`, given the equations of a window whose path is free to follow: where γ and κ are then, and
-    /// what the window alone constrains each of them to, the other one being as uncertain as the belief in it.
+    /// One Gauss–Newton step from `at`, given a window's equations with the path eliminated: the new γ and κ,
+    /// and the window's own estimate of each, the other one having its belief as prior.
     pub fn step(
         &self,
         equations: &SharedEquations,
@@ -94,8 +54,8 @@ impl CameraBelief {
         let SharedEquations { information, right } = equations;
         let (mut all, mut all_right) = (*information, *right);
         for (p, belief) in beliefs.iter().enumerate() {
-            all[(p, p)] += belief.information();
-            all_right[p] += belief.information() * (belief.mean - at[p]);
+            all[(p, p)] += belief.information;
+            all_right[p] += belief.information * (belief.mean - at[p]);
         }
         let observation = |p: usize| {
             let q = 1 - p;
@@ -108,14 +68,14 @@ impl CameraBelief {
         let limits = self.limits.into_array();
         let moved = |p: usize| {
             let [low, high] = limits[p];
-            let change = step[p].clamp(-MOST_CHANGE, MOST_CHANGE);
+            let change = step[p].clamp(-MAX_STEP, MAX_STEP);
             if step[p].is_finite() { (at[p] + change).clamp(low, high) } else { at[p] }
         };
         let all: [usize; SHARED] = [0, 1];
         (all.map(moved).into(), all.map(observation).into())
     }
 
-    /// Adds observations, of which `share` is new.
+    /// Updates by observations, a `share` of them independent of earlier ones.
     pub fn add(&mut self, observed: &Shared<Option<Observation>>, share: f64) {
         let unknowns = self.beliefs.as_mut().zip(self.limits).zip(*observed);
         for ((belief, [low, high]), observed) in unknowns.into_array() {

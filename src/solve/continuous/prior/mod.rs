@@ -1,10 +1,10 @@
-//! What is believed beforehand: how smooth the path is, and what γ and κ are.
+//! Priors: on the smoothness of the path, and on γ and κ.
 
 mod belief;
 mod camera_belief;
 mod prediction;
 mod smoothness;
 
-pub use belief::{Belief, REMEMBERED};
+pub use belief::{Belief, MEMORY};
 pub use camera_belief::{CameraBelief, Observation};
 pub use smoothness::Smoothness;

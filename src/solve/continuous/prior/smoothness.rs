@@ -1,79 +1,76 @@
-//! How smooth the path is: a prior whose strength is learnt from the window.
+//! Smoothness prior of the path, its variances learnt from the window.
 //!
-//! The second differences of each generator's coefficients are Gaussian with a variance of its own; where the picture
-//! vibrates, it is what a turn's steps have beyond their prediction. The variance is learnt by MacKay's rule
-//! (D. J. C. MacKay, *Bayesian interpolation*, Neural Computation 4(3), 1992): variance = Σ d² / γ, where γ,
-//! the number of differences that the data determine, is their number less their share of posterior variance
-//! in the prior one. A generator that the picture does not bear out goes to nothing, and one that is needed
-//! is left free.
+//! The second differences of each generator's coefficients are Gaussian with a variance of their own; of a
+//! vibrating turn, it is the prediction errors of its steps. The variance is learnt by MacKay's rule (D. J.
+//! C. MacKay, *Bayesian interpolation*, Neural Computation 4(3), 1992): Σ d² over the number of differences
+//! that the data determine, which is their number less Σ (posterior variance / prior variance). The variance
+//! of a generator that the data do not need tends to zero; one that is needed keeps enough to follow.
 
 use super::prediction::{Moments, Prediction};
 use crate::motion::generators::{GENERATORS, TURNS};
 use crate::solve::continuous::linear::Banded;
 use crate::solve::continuous::trajectory::Splines;
 
-/// Variance with which the other generators start.
+/// Initial variance in px² of the generators other than the turns.
 const OTHERS_START: f64 = 0.01;
-/// What a variance may become.
+/// Limits of a variance in px².
 const LIMITS: [f64; 2] = [1e-7, 1e4];
-/// The most that a variance may change at once.
-const MOST_CHANGE: f64 = 10.0;
-/// Share of the differences that are determined at least, well above rounding. With 1e-3 a generator whose variance had become
-/// far smaller than its posterior one never came back, as MacKay's rule then makes too little of the little that it moves.
-const LEAST_DETERMINED: f64 = 1e-7;
-/// Variances in px² of the first differences of the turns, which have four knots to a block, and of the others, which have
-/// one: all but free.
-const RATES: [f64; 2] = [100.0, 400.0];
-/// Inverse variance of the coefficients: only differences can be seen.
-const LEVEL: f64 = 1e-6;
-/// Variance of the differences of a generator that the model does not have.
-const NONE: f64 = 1e-7;
-/// A prediction has no more than one weight to so many knots.
-const KNOTS_TO_A_WEIGHT: usize = 3;
-/// Variance of what is new in a step over that of a weight: what holds weights small.
-const HOLD: f64 = 3.0;
-/// A path that bends from knot to knot by less than so many times the noise is not predicted.
-const NOTICEABLE: f64 = 2.0;
-
-const FIRST: [f64; 2] = [-1.0, 1.0];
+/// Greatest factor by which a variance changes at once.
+const MAX_CHANGE: f64 = 10.0;
+/// Least share of the differences that counts as determined, well above rounding. With 1e-3 a generator never
+/// came back whose variance was far below its posterior one: MacKay's rule then underestimates the little
+/// that it moves.
+const MIN_DETERMINED: f64 = 1e-7;
+/// Weak prior: variances in px² of first differences, of the turns and of the others.
+const RATE_VARIANCES: [f64; 2] = [100.0, 400.0];
+/// Inverse variance in px⁻² of the coefficients, as only differences are observed.
+const LEVEL_INFORMATION: f64 = 1e-6;
+/// Variance in px² of the differences of a generator that the model lacks.
+const INACTIVE_VARIANCE: f64 = 1e-7;
+/// Knots to a weight of a prediction, at least.
+const KNOTS_PER_WEIGHT: usize = 3;
+/// The ridge on the weights, over the variance of the prediction error.
+const RIDGE: f64 = 3.0;
+/// Second differences below this many times the noise are not predicted.
+const MIN_BEND: f64 = 2.0;
+/// The first difference, as weights of two coefficients.
+const FIRST_DIFFERENCE: [f64; 2] = [-1.0, 1.0];
 
 /// The prior; by default, of a model without generators.
 #[derive(Clone, Debug, Default)]
 pub struct Smoothness {
     active: [bool; GENERATORS],
-    /// Variance with which the turns start.
-    turns: f64,
-    /// How each path goes on.
+    /// Initial variance in px² of the turns.
+    start: f64,
     predictions: [Prediction; GENERATORS],
-    /// Variance of what is new in its steps.
+    /// Variance in px² of each generator's prediction error.
     variance: [f64; GENERATORS],
 }
 
 impl Smoothness {
-    /// A prior for a model with these generators, and the variance in px² with which turns start: rather
-    /// too large, for calm is learnt sooner than shake.
-    pub fn new(active: [bool; GENERATORS], turns: f64) -> Self {
-        let variance = std::array::from_fn(|j| if j < TURNS { turns } else { OTHERS_START });
-        Self { active, turns, predictions: std::array::from_fn(|_| Prediction::even()), variance }
+    /// The prior for these generators; `start` is the initial variance in px² of the turns, rather too large
+    /// than too small, as it shrinks faster than it grows.
+    pub fn new(active: [bool; GENERATORS], start: f64) -> Self {
+        let variance = std::array::from_fn(|j| if j < TURNS { start } else { OTHERS_START });
+        Self { active, start, predictions: std::array::from_fn(|_| Prediction::constant_rate()), variance }
     }
 
-    /// The same from another start.
-    pub fn started(&self, turns: f64) -> Self {
-        Self::new(self.active, turns)
+    /// The initial prior of the same model from another variance of the turns.
+    pub fn restarted(&self, start: f64) -> Self {
+        Self::new(self.active, start)
     }
 
-    /// Forgets what was learnt.
+    /// Resets all that was learnt.
     pub fn restart(&mut self) {
-        *self = Self::new(self.active, self.turns);
+        *self = self.restarted(self.start);
     }
 
-    /// Number of steps from which a generator's next one may be told, of `order` at most; it has so many coefficients.
+    /// Order of a generator's prediction, at most `order`, for so many coefficients.
     fn order(generator: usize, order: usize, coefficients: usize) -> usize {
-        if generator < TURNS { order.min(coefficients / KNOTS_TO_A_WEIGHT).max(1) } else { 1 }
+        if generator < TURNS { order.min(coefficients / KNOTS_PER_WEIGHT).max(1) } else { 1 }
     }
 
-    /// Moves the columns at which the rows of a matrix begin back to where the prior needs them, and learning
-    /// from up to `order` steps.
+    /// Extends the rows of a band, given by their first columns, for the prior and predictions up to `order`.
     pub fn reach(&self, path: &Splines, order: usize, first: &mut [usize]) {
         for j in 0..GENERATORS {
             let places = path.places(j);
@@ -86,15 +83,18 @@ impl Smoothness {
         }
     }
 
-    /// Adds the prior to normal equations about the path as it is; with `share` of the variances that were learnt.
+    /// Adds the prior to normal equations about the current path, with a `share` of the learnt variances.
     pub fn add(&self, path: &Splines, share: f64, matrix: &mut Banded, right: &mut [f64]) {
         let c = &path.coefficients;
         for j in 0..GENERATORS {
-            let rate = RATES[usize::from(j >= TURNS)];
-            let (innovation, first) =
-                if self.active[j] { (share * self.variance[j], rate) } else { (NONE, NONE) };
+            let [error, rate] = if self.active[j] {
+                [share * self.variance[j], RATE_VARIANCES[usize::from(j >= TURNS)]]
+            } else {
+                [INACTIVE_VARIANCE; 2]
+            };
             let places = path.places(j);
-            for (difference, variance) in [(self.predictions[j].error(), innovation), (&FIRST, first)] {
+            for (difference, variance) in [(&self.predictions[j].error[..], error), (&FIRST_DIFFERENCE, rate)]
+            {
                 for at in places.runs(difference.len()) {
                     let value: f64 = difference.iter().enumerate().map(|(p, weight)| weight * c[at(p)]).sum();
                     for (p, one) in difference.iter().enumerate() {
@@ -106,14 +106,11 @@ impl Smoothness {
                 }
             }
         }
-        for place in 0..c.len() {
-            matrix.add(place, place, LEVEL);
-        }
+        (0..c.len()).for_each(|place| matrix.add(place, place, LEVEL_INFORMATION));
     }
 
-    /// Learns from a path and the covariance of its coefficients. A turn's next step is told from up to
-    /// `order` before it, where the path bends by more than `noise`, the deviation of a point in pixels, may
-    /// make it.
+    /// Updates variances and predictions from a path and the covariance of its coefficients. A turn is
+    /// predicted from up to `order` steps if it bends by more than the `noise` of a point in pixels explains.
     pub fn learn(&mut self, path: &Splines, covariance: &Banded, order: usize, noise: f64) {
         for j in (0..GENERATORS).filter(|j| self.active[*j]) {
             let places = path.places(j);
@@ -122,21 +119,21 @@ impl Smoothness {
             let order = Self::order(j, order, places.count);
             let mut least = LIMITS[0];
             let mut sums = moments(order);
-            if order > 1 && sums.bend() > (NOTICEABLE * noise).powi(2) {
+            if order > 1 && sums.bend() > (MIN_BEND * noise).powi(2) {
                 least = noise * noise;
-                self.predictions[j].learn(&sums, HOLD * self.variance[j]);
+                self.predictions[j].learn(&sums, RIDGE * self.variance[j]);
             } else {
                 if order > 1 {
                     sums = moments(1);
                 }
                 if self.predictions[j].order() > 1 {
-                    self.predictions[j] = Prediction::even();
+                    self.predictions[j] = Prediction::constant_rate();
                 }
             }
-            let [energy, trace] = sums.innovation(&self.predictions[j]);
+            let [energy, trace] = sums.error_squares(&self.predictions[j]);
             let old = self.variance[j];
-            let determined = (sums.count - trace / old).max(LEAST_DETERMINED * sums.count);
-            let new = (energy / determined).clamp(old / MOST_CHANGE, old * MOST_CHANGE);
+            let determined = (sums.count - trace / old).max(MIN_DETERMINED * sums.count);
+            let new = (energy / determined).clamp(old / MAX_CHANGE, old * MAX_CHANGE);
             if new.is_finite() {
                 self.variance[j] = new.clamp(least, LIMITS[1]);
             }
@@ -152,12 +149,12 @@ mod tests {
     use crate::solve::continuous::trajectory::BLOCK;
     use crate::solve::random::Random;
 
-    /// Room for all that the prior adds.
+    /// First columns of a band that holds the prior.
     fn band(size: usize) -> impl Iterator<Item = usize> {
         (0..size).map(|row| row.saturating_sub(3 * BLOCK))
     }
 
-    /// What is learnt of coefficients of which each was measured with deviation `noise`.
+    /// The prior learnt from coefficients that were each measured with the deviation `noise`.
     fn learnt(truth: &Splines, noise: f64, random: &mut Random) -> Smoothness {
         let measured: Vec<f64> =
             truth.coefficients.iter().map(|value| value + noise * random.normal()).collect();
@@ -197,16 +194,17 @@ mod tests {
             // 198 differences: their mean square alone is uncertain by √(2/198) = 10 %.
             let ratio = found.variance[0] / variance;
             assert!((0.7..1.4).contains(&ratio), "{ratio} of {variance}");
-            // What does not move is held still: next to nothing beside the noise of 0.0025.
+            // The variances of still generators are far below that of the noise, 0.0025.
             assert!(found.variance[1..].iter().all(|variance| *variance < 5e-4), "{:?}", found.variance);
         }
     }
 
     #[test]
     fn a_generator_that_was_not_needed_comes_back() {
-        // Matches tell that each second difference is ±1 px, with the variance `told`; the prior holds them at next to nothing.
-        let (held, told) = (LIMITS[0], 0.01);
-        let share = held / (held + told);
+        // Matches measure second differences of ±1 px with the variance `measured`; the prior has the
+        // variance `held`.
+        let (held, measured) = (LIMITS[0], 0.01);
+        let share = held / (held + measured);
         let mut path = Splines { base: 0, coefficients: vec![0.0; 10 * BLOCK], kappa: 0.3 };
         let mut covariance = Banded::default();
         covariance.reset(band(path.coefficients.len()));
@@ -218,13 +216,14 @@ mod tests {
         let mut smoothness = Smoothness::new(Model::Auto.generators(), 1.0);
         smoothness.variance[TURNS] = held;
         smoothness.learn(&path, &covariance, 1, 0.03);
-        // Their mean square over the share that is determined: a hundred times as much, of which ten are allowed at once.
+        // Their mean square over the share that is determined: a hundred times as much, of which ten are
+        // allowed at once.
         let grown = smoothness.variance[TURNS] / held;
-        assert!((grown / MOST_CHANGE - 1.0).abs() < 1e-9, "{grown}");
+        assert!((grown / MAX_CHANGE - 1.0).abs() < 1e-9, "{grown}");
     }
 
     #[test]
-    fn what_the_model_lacks_stays_still() {
+    fn generators_that_the_model_lacks_stay_still() {
         let smoothness = Smoothness::new(Model::Translation.generators(), 1.0);
         let path = Splines { base: 0, coefficients: vec![0.0; 4 * BLOCK], kappa: 0.0 };
         let mut matrix = Banded::default();
@@ -236,8 +235,8 @@ mod tests {
     }
 
     #[test]
-    fn an_even_motion_costs_next_to_nothing() {
-        // xᵀ·P·x for a line: only the all but free first differences and levels count.
+    fn a_constant_rate_costs_next_to_nothing() {
+        // xᵀ·P·x for a line: only first differences and levels count.
         let mut path = Splines { base: 0, coefficients: vec![0.0; 4 * BLOCK], kappa: 0.0 };
         let smoothness = Smoothness::new(Model::Auto.generators(), 1.0);
         let energy = |path: &Splines| {

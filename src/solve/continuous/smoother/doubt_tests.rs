@@ -1,11 +1,11 @@
-//! Cameras of which nothing is known at first, or of which little can be.
+//! Cameras whose readout is unknown or hardly shows.
 
 use super::film::*;
 use super::*;
 use crate::solve::continuous::fit::DECISIVE_LOG_BAYES_FACTOR;
 
 #[test]
-fn a_camera_at_rest_is_left_alone() {
+fn a_camera_at_rest_is_not_corrected() {
     let film = Film { rest: Some(40.0 * PERIOD), ..Film::new(0.8, true) };
     // The last frame to be settled has only still ones ahead.
     let (motions, continuous) = film.solved(UNKNOWN, &regular(40), 5);
@@ -54,14 +54,14 @@ fn errors_are_no_larger_than_expected_and_not_far_below() {
         });
         let [left, expected] = squares.fold([0.0; 2], |[a, b], [left, expected]| [a + left, b + expected]);
         let ratio = (left / expected).sqrt();
-        // All that the path does not explain is taken for errors that neighbours share, so that pure noise makes for
-        // errors of a fifth of what is expected.
+        // All that the path does not explain is taken for errors that neighbours share, so that pure noise
+        // makes for errors of a fifth of what is expected.
         assert!((0.1..1.3).contains(&ratio), "noise {noise}, sway {sway}, known {is_known}: {ratio}");
     }
 }
 
 #[test]
-fn a_hypothesis_takes_a_smoothness_that_explains_more_and_no_other() {
+fn a_smoothness_of_greater_evidence_is_taken_over() {
     let film = Film::new(0.8, true);
     let (_, mut continuous) = film.solved(film.camera(), &regular(20), 5);
     let pairs: Vec<&FramePair> =
@@ -72,7 +72,7 @@ fn a_hypothesis_takes_a_smoothness_that_explains_more_and_no_other() {
     // What was learnt while the camera stood still.
     let mut still = camera.leading().clone();
     still.posterior.restart();
-    still.posterior.smoothness = still.posterior.smoothness.started(1e-7);
+    still.posterior.smoothness = still.posterior.smoothness.restarted(1e-7);
     let most = camera.hypotheses[0].log_evidence(window).unwrap();
     let least = still.log_evidence(window).unwrap();
     assert!(least < most - DECISIVE_LOG_BAYES_FACTOR, "{least} {most}");

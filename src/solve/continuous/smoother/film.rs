@@ -1,4 +1,4 @@
-//! Exact correspondences from cameras that are known in closed form, and what the estimator makes of them.
+//! Exact correspondences of cameras in closed form, and their solutions.
 
 use super::*;
 use crate::motion::generators::Model;
@@ -22,15 +22,15 @@ pub struct Film {
     pub swings: [[(f64, f64); 2]; 3],
     /// Standard deviation of the correspondences in pixels.
     pub noise: f64,
-    /// Every so manyth correspondence is wild.
+    /// Interval of outliers among the correspondences.
     pub wild: Option<usize>,
     /// Metres that the camera moves aside, to and fro, before a scene of 2 to 6 metres' depth.
     pub sway: f64,
-    /// Peak in pixels of what the middle three fifths of the picture, along both axes, do of their own.
+    /// Peak displacement in pixels of an object over the middle three fifths of the picture along both axes.
     pub own: f64,
-    /// Share of the lines, the lowest, that show a caption or a bonnet, fixed to the frame.
+    /// Share of the lines, the lowest, that show a static overlay.
     pub fixed: f64,
-    /// Seconds for which the camera stands still at first, if it does. Then it gets up to speed in a fifth of a second.
+    /// Seconds of rest at first, if any; then the camera accelerates for a fifth of a second.
     pub rest: Option<f64>,
 }
 
@@ -80,7 +80,7 @@ impl Film {
         }
     }
 
-    /// Seconds that the camera has moved for at its full speed, or as far as in so many.
+    /// Time in seconds of the camera's motion, slowed down at first.
     fn elapsed(&self, t: f64) -> f64 {
         const START: f64 = 0.2;
         let Some(rest) = self.rest else { return t };
@@ -107,7 +107,7 @@ impl Film {
         Vector3::new(swing(1.6, 0.3), swing(1.1, 1.9), 0.4 * swing(0.7, 4.0))
     }
 
-    /// Where the point (pixels) seen at one instant is seen at another.
+    /// Where a point (pixels) seen at time `from` is at time `to`.
     pub fn carry(&self, pixel: Vector2<f64>, from: f64, to: f64) -> Vector2<f64> {
         let (centre, focal) = (image_centre(SIZE[0], SIZE[1]), self.focal * SIZE[0] as f64);
         let ray = self.turn(from).inverse() * (pixel - centre).push(focal).normalize();
@@ -125,7 +125,7 @@ impl Film {
         centre + ray.xy() * (focal / ray.z)
     }
 
-    /// Where a point is beside where the camera alone would show it.
+    /// Displacement in pixels of a point by the object's own motion.
     pub fn own(&self, pixel: Vector2<f64>, t: f64) -> Vector2<f64> {
         let off = (pixel - image_centre(SIZE[0], SIZE[1])).abs();
         let is_inside = off.x < 0.3 * SIZE[0] as f64 && off.y < 0.3 * SIZE[1] as f64;
@@ -140,7 +140,7 @@ impl Film {
             (0..768).map(|cell| Vector2::new((cell % 32 * 20) as f64 + 9.5, (cell / 32 * 20) as f64 + 9.5));
         let pair = |(index, from): (usize, Vector2<f64>)| {
             let exposed = first + readout.offset(from.x, from.y);
-            // The line in which the point arrives decides when, and the other way round.
+            // Fixed point: the exposure time depends on the line, and the line on the time.
             let mut to = from;
             for _ in 0..12 {
                 let arrives = second + readout.offset(to.x, to.y);
@@ -158,7 +158,7 @@ impl Film {
         cells.enumerate().map(pair).collect()
     }
 
-    /// Frames at these instants, solved with a camera of which so much is known.
+    /// The solutions of frames at these timestamps with these givens.
     pub fn solved(
         &self,
         camera: Camera,
@@ -179,8 +179,8 @@ impl Film {
         (motions, continuous)
     }
 
-    /// Root mean square distance in pixels of where a path shows the points of a frame at half the readout from where they were
-    /// seen then.
+    /// Root mean square error in pixels of the points of a frame that a path moves to the middle of the
+    /// readout.
     pub fn error(&self, path: &MotionPath, stamp: f64) -> f64 {
         let (centre, time) = (image_centre(SIZE[0], SIZE[1]), self.readout().time);
         let mut squares = Vec::new();
@@ -198,7 +198,7 @@ impl Film {
         (squares.iter().sum::<f64>() / squares.len() as f64).sqrt()
     }
 
-    /// Root mean square error over that of frames left as they are.
+    /// Root mean square error over that of uncorrected frames.
     pub fn share_left(&self, solutions: &[Option<FrameSolution>], stamps: &[f64]) -> f64 {
         let [mut left, mut whole] = [0.0, 0.0];
         for (solution, stamp) in solutions.iter().zip(stamps) {
@@ -225,7 +225,7 @@ pub fn push(continuous: &mut Continuous, found: Option<&[Correspondence]>, stamp
     continuous.push(found, stamp, PERIOD);
 }
 
-/// Settles a frame of which only the path is known.
+/// Settles a frame without flow.
 pub fn settle(continuous: &mut Continuous) -> Option<FrameSolution> {
     continuous.settle(&mut LocalMotions::default())
 }

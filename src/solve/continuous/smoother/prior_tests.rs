@@ -1,4 +1,4 @@
-//! Cameras of which the readout is expected, rightly and wrongly.
+//! Cameras with a prior of the readout, right and wrong.
 
 use super::film::*;
 use super::*;
@@ -12,8 +12,8 @@ fn expecting(gamma: f64, deviation: f64) -> Camera {
 }
 
 #[test]
-fn what_is_expected_is_acted_upon_from_the_first_frame() {
-    // The expectation is off by one deviation; a calm hand hardly tells more in the first window.
+fn the_prior_is_applied_from_the_first_frame() {
+    // The prior is off by one deviation; the first window of a calm hand hardly constrains γ better.
     for (gamma, expected) in [(0.6, 0.63), (-0.9, -0.87)] {
         let swings =
             Film::new(gamma, true).swings.map(|swings| swings.map(|(cycles, peak)| (cycles, 0.2 * peak)));
@@ -56,7 +56,7 @@ fn a_wrong_expectation_is_overruled() {
 }
 
 #[test]
-fn an_expectation_against_what_is_known_is_not_heeded() {
+fn a_prior_that_contradicts_the_givens_is_ignored() {
     let film = Film::new(-0.8, true);
     let stamps = regular(12);
     let known = Camera { direction: Some(film.direction()), ..UNKNOWN };

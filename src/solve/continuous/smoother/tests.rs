@@ -52,7 +52,7 @@ fn a_third_of_wild_correspondences_is_survived() {
     assert!((450..=540).contains(&inliers), "{inliers} of 512");
 }
 
-/// Finds out how this camera is read and how long its focal length is, from nothing.
+/// Estimates readout and focal length without givens.
 fn find_camera(gamma: f64, by_rows: bool, frames: usize, seed: u64) {
     let film = Film::new(gamma, by_rows);
     let stamps = regular(frames);
@@ -84,8 +84,8 @@ fn readout_and_focal_length_of_a_camera_on_its_side_are_found() {
 }
 
 #[test]
-fn parallax_tells_the_readout_as_turns_do() {
-    // Three quarters of the motion are parallax, of which the nearest points show three times as much as the farthest.
+fn parallax_constrains_the_readout() {
+    // Three quarters of the motion are parallax; the nearest points move three times as far as the farthest.
     let swings = Film::new(0.8, true).swings.map(|swings| swings.map(|(cycles, peak)| (cycles, 0.2 * peak)));
     let film = Film { swings, sway: 0.2, ..Film::new(0.8, true) };
     let stamps = regular(40);
@@ -98,9 +98,9 @@ fn parallax_tells_the_readout_as_turns_do() {
 }
 
 #[test]
-fn a_camera_that_only_moves_tells_its_readout_from_the_second_frame_on() {
-    // In one pair it does to a picture much what one does that turns; the depths of the scene tell them apart.
-    // Half of a metre is much before a scene of two to six.
+fn a_translating_camera_constrains_the_readout_from_the_second_frame_on() {
+    // In one pair this looks much like a rotation; depth distinguishes them. Half a metre is much before a
+    // scene at two to six.
     for (gamma, sway) in [(0.9, 0.4), (-0.6, 0.6)] {
         let film = Film { sway, swings: [[(1.0, 0.0); 2]; 3], ..Film::new(gamma, true) };
         let (motions, _) = film.solved(UNKNOWN, &regular(12), 24);
@@ -159,8 +159,8 @@ fn starts_from_both_edges_come_to_one_answer() {
 }
 
 #[test]
-fn no_edge_is_given_up_while_nothing_tells_which_one_is_read_first() {
-    // A short readout that is given is the same from both edges but for its sign; a camera at rest shows none.
+fn no_edge_is_dropped_without_motion() {
+    // Given a short readout time, the edges differ in the sign of γ; a camera at rest shows neither.
     let film = Film { swings: [[(0.0, 0.0); 2]; 3], ..Film::new(0.08, true) };
     let camera = Camera { direction: None, ..film.camera() };
     let (_, continuous) = film.solved(camera, &regular(12), 3);
@@ -168,18 +168,18 @@ fn no_edge_is_given_up_while_nothing_tells_which_one_is_read_first() {
 }
 
 #[test]
-fn what_is_measured_badly_counts_as_little_as_it_says() {
+fn matches_count_by_their_covariance() {
     let film = Film::new(0.8, true);
     let stamps = regular(12);
     let mut random = Random(9);
-    let mut solve = |says: f64| {
+    let mut solve = |stated: f64| {
         let mut continuous = Continuous::new(film.camera(), SIZE[0], SIZE[1], 1.0);
         for (k, stamp) in stamps.iter().enumerate() {
             let mut pair = k.checked_sub(1).map(|before| film.pair(stamps[before], *stamp, &mut random));
             // Two of three are off by 3 px along x.
             for (_, found) in pair.iter_mut().flatten().enumerate().filter(|(index, _)| index % 3 > 0) {
                 found.to.x += 3.0 * random.normal();
-                found.covariance.m11 = says * says;
+                found.covariance.m11 = stated * stated;
             }
             push(&mut continuous, pair.as_deref(), *stamp);
         }
@@ -191,7 +191,7 @@ fn what_is_measured_badly_counts_as_little_as_it_says() {
 }
 
 #[test]
-fn what_shows_on_few_lines_says_nothing_of_the_readout() {
+fn matches_on_few_lines_do_not_constrain_the_readout() {
     let film = Film::new(0.9, true);
     let stamps = regular(30);
     let mut random = Random(17);
@@ -212,7 +212,7 @@ fn what_shows_on_few_lines_says_nothing_of_the_readout() {
 }
 
 #[test]
-fn what_moves_on_its_own_does_not_bend_the_path() {
+fn a_moving_object_does_not_bend_the_path() {
     // Some 10 px from frame to frame, on more than a third of the picture.
     let film = Film { own: 25.0, sway: 0.05, ..Film::new(0.8, true) };
     let stamps = regular(24);
@@ -227,10 +227,10 @@ fn what_moves_on_its_own_does_not_bend_the_path() {
 }
 
 #[test]
-fn what_is_fixed_to_the_frame_does_not_pass_for_a_shutter() {
+fn a_static_overlay_is_not_taken_for_a_shutter() {
     // One line of writing; the bonnet below a dashcam.
     for (fixed, most) in [(0.06, 0.1), (0.35, 0.6)] {
-        // A tenth of the usual shake: what is fixed is a pixel or two off.
+        // A tenth of the usual shake: the overlay is a pixel or two off.
         let mut film = Film { fixed, noise: 0.05, ..Film::new(0.8, true) };
         film.swings.as_flattened_mut().iter_mut().for_each(|(_, peak)| *peak *= 0.1);
         let stamps = regular(24);
@@ -244,11 +244,11 @@ fn what_is_fixed_to_the_frame_does_not_pass_for_a_shutter() {
 }
 
 #[test]
-fn a_global_shutter_is_left_alone() {
+fn a_global_shutter_is_not_corrected() {
     let film = Film::new(0.0, true);
     let stamps = regular(30);
     let (motions, _) = film.solved(UNKNOWN, &stamps, 20);
-    // Nothing is distorted: what moves points is an error.
+    // Without distortion, any correction is an error.
     let worst = film.worst(&motions, &stamps, 20);
     assert!(worst < 0.1, "{worst} px");
     for motion in motions.iter().skip(20).flatten() {
@@ -276,8 +276,8 @@ fn a_vibration_above_the_frame_rate_is_followed() {
 
 #[test]
 fn two_vibrations_at_once_are_learnt_from_the_first_window() {
-    // Engines of 1.2 to 2.4 cycles a frame about each axis, and about one alone, which leaves the others
-    // nothing to learn.
+    // Engines of 1.2 to 2.4 cycles a frame about each axis, and about one alone, so that the others have no
+    // prediction to learn.
     let [still, pair] = [[(0.0, 0.0); 2], [(39.0, 0.0066), (69.0, 0.0039)]];
     let all = [pair, [(36.0, 0.0066), (63.0, 0.0039)], [(42.0, 0.0066), (72.0, 0.0039)]];
     for swings in [all, [still, still, pair]] {
@@ -302,8 +302,8 @@ fn a_vibration_beside_a_hand_s_shake_is_learnt() {
 }
 
 #[test]
-fn a_vibration_gives_away_an_unknown_readout_and_its_direction() {
-    // An engine of 1.7 cycles a frame, seen once a frame, looks like any slower swing; within a frame it does not.
+fn a_vibration_constrains_the_readout_and_its_direction() {
+    // Sampled once a frame, 1.7 cycles a frame alias to a slower swing; within a frame they do not.
     for gamma in [0.9, -0.9] {
         let swings = [[(51.0, 0.006), (0.0, 0.0)], [(51.0, 0.006), (1.1, 0.03)], [(0.0, 0.0); 2]];
         let film = Film { swings, ..Film::new(gamma, true) };
@@ -320,7 +320,7 @@ fn a_vibration_gives_away_an_unknown_readout_and_its_direction() {
 }
 
 #[test]
-fn points_are_expected_where_the_motion_goes_on_to() {
+fn points_are_expected_at_the_continued_motion() {
     let film = Film::new(0.8, true);
     let stamps = regular(9);
     let (mut random, mut misses) = (Random(26), Vec::new());
@@ -361,8 +361,7 @@ fn a_restart_forgets_the_path_and_keeps_the_camera() {
     assert!(worst < 0.12, "{worst} px");
 }
 
-/// The signed readout ratio of a film that goes on with another camera after a cut, with its stated deviation: at the cut,
-/// and `frames` later.
+/// Signed readout ratio and its stated deviation at a cut to another camera, and `frames` later.
 fn found_after_a_cut(before: f64, after: f64, frames: usize, seed: u64) -> [(f64, f64); 2] {
     let [before, after] = [before, after].map(|ratio| Film::new(ratio, true));
     let mut random = Random(seed);
@@ -390,7 +389,8 @@ fn found_after_a_cut(before: f64, after: f64, frames: usize, seed: u64) -> [(f64
 fn another_camera_after_a_cut_is_noticed() {
     let [_, (ratio, deviation)] = found_after_a_cut(0.8, -0.6, 50, 31);
     assert!((ratio + 0.6).abs() < 0.05 && deviation < 0.05, "{ratio} ± {deviation}");
-    // A readout that is not as different explains what a hand does nearly as well, which it says where it is not found.
+    // A readout that differs less explains shake nearly as well; the stated deviation covers it where it is
+    // not found.
     let mut found = 0;
     for (before, after, seed) in
         [(0.9, 0.5, 31), (0.9, 0.5, 37), (-0.4, -0.9, 31), (-0.4, -0.9, 34), (-0.4, -0.9, 35)]
@@ -454,7 +454,7 @@ fn assert_finite(motion: &FrameSolution) {
 }
 
 #[test]
-fn too_few_correspondences_say_nothing() {
+fn too_few_correspondences_give_no_solution() {
     let film = Film::new(0.9, true);
     let found = film.pair(0.0, PERIOD, &mut Random(50));
     assert!(fed(UNKNOWN, &found[..15], &regular(6)).iter().all(Option::is_none));
@@ -463,7 +463,7 @@ fn too_few_correspondences_say_nothing() {
 }
 
 #[test]
-fn whatever_comes_what_goes_out_is_finite() {
+fn solutions_are_finite_for_any_input() {
     let film = Film::new(0.9, true);
     let good = film.pair(0.0, PERIOD, &mut Random(60));
     let replaced = |every: usize, with: Vector2<f64>| {

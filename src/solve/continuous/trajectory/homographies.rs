@@ -1,11 +1,11 @@
-//! Where points go along a motion path.
+//! The homographies along a path.
 //!
-//! The generators' velocities make ẋ = A(t)·x on homogeneous points, so the motion from one instant
-//! to another is a homography: H(t) from the first instant of the window on, H(t′)·H(t)⁻¹ between
-//! two. H is computed at nodes by Magnus's series to the fourth order and interpolated by cubics that
-//! have its slopes A·H: with steps of length h, H ← exp(Ω)·H, Ω = (A₁ + A₂)·h/2 + (√3/12)·h²·(A₂·A₁ − A₁·A₂), A₁ and
-//! A₂ at the two nodes of Gauss's quadrature. Against Runge–Kutta with 400 steps, shake of 180 px a block on a frame of
-//! 640 px is followed to 0.03 px; a turn about one axis, whose points have a closed form, to 0.001 px.
+//! On homogeneous points the generators' velocities are ẋ = A(t)·x, so the motion between two instants is a
+//! homography: H(t) from the first instant of the window to t, H(t′)·H(t)⁻¹ from t to t′. H is integrated
+//! from node to node by Magnus's series to the fourth order, H ← exp(Ω)·H with Ω = (A₁ + A₂)·h/2 +
+//! (√3/12)·h²·(A₂·A₁ − A₁·A₂), A₁ and A₂ at the nodes of Gauss's quadrature, and interpolated by cubics with
+//! the slopes A·H. Against Runge–Kutta with 400 steps, shake of 180 px a block on a frame of 640 px is
+//! followed to 0.03 px; a turn about one axis, in closed form, to 0.001 px.
 
 use super::splines::Splines;
 use crate::motion::generators::{GENERATORS, flow_matrix};
@@ -13,12 +13,14 @@ use nalgebra::{Matrix3, Vector2};
 
 /// Blocks between nodes: half a knot spacing of the turns.
 const STEP: f64 = 0.125;
+/// Half the distance between the nodes of Gauss's quadrature on an interval of length 1: √3/6.
+const GAUSS: f64 = 0.288_675_134_594_812_9;
 
 #[derive(Clone, Debug)]
 struct Node {
     /// H and its slope per step.
     forward: [Matrix3<f64>; 2],
-    /// H⁻¹ and its slope.
+    /// H⁻¹ and its slope per step.
     back: [Matrix3<f64>; 2],
     /// Rates of the generators in pixels a block.
     rates: [f64; GENERATORS],
@@ -26,26 +28,26 @@ struct Node {
     values: [f64; GENERATORS],
 }
 
-/// The path at an instant: the nodes before and after it, and how far it lies after the first, in steps; beyond the
-/// last node or before the first one where it lies there.
+/// The path at an instant, interpolated between two nodes; extrapolated outside all nodes.
 #[derive(Clone, Copy, Debug)]
-pub struct Instant<'a> {
+pub struct PathState<'a> {
     nodes: &'a [Node; 2],
+    /// Steps after the first of the nodes.
     step: f64,
 }
 
-impl Instant<'_> {
-    /// The homography from the first instant of all to this one.
+impl PathState<'_> {
+    /// H, from the first instant to this one.
     fn until(self) -> Matrix3<f64> {
         hermite(&self.nodes[0].forward, &self.nodes[1].forward, self.step)
     }
 
-    /// The homography from this instant back to the first.
+    /// H⁻¹, from this instant to the first.
     fn back(self) -> Matrix3<f64> {
         hermite(&self.nodes[0].back, &self.nodes[1].back, self.step)
     }
 
-    /// Where a point seen now is at another instant.
+    /// Where a point seen at this instant is at another.
     pub fn carry(self, point: Vector2<f64>, to: Self) -> Vector2<f64> {
         let seen = to.until() * (self.back() * point.push(1.0));
         seen.xy() / seen.z
@@ -53,22 +55,22 @@ impl Instant<'_> {
 
     /// Rates of the generators in pixels a block.
     pub fn rates(self) -> [f64; GENERATORS] {
-        self.between(|node| &node.rates)
+        self.linear(|node| &node.rates)
     }
 
     /// Paths of the generators in pixels, up to constants.
     pub fn values(self) -> [f64; GENERATORS] {
-        self.between(|node| &node.values)
+        self.linear(|node| &node.values)
     }
 
-    /// What lies on the line through what the two nodes have.
-    fn between(self, of: impl Fn(&Node) -> &[f64; GENERATORS]) -> [f64; GENERATORS] {
+    /// Linear interpolation between the nodes.
+    fn linear(self, of: impl Fn(&Node) -> &[f64; GENERATORS]) -> [f64; GENERATORS] {
         let [a, b] = [of(&self.nodes[0]), of(&self.nodes[1])];
         std::array::from_fn(|j| a[j] + (b[j] - a[j]) * self.step)
     }
 }
 
-/// The homographies of a path between two instants, in units of the radius.
+/// The homographies of a path between two instants, for points in radii. Times are in blocks.
 #[derive(Clone, Debug, Default)]
 pub struct Homographies {
     /// Time of the first node, in steps.
@@ -77,7 +79,7 @@ pub struct Homographies {
 }
 
 impl Homographies {
-    /// Integrates a path whose points are in units of `radius` pixels from block `from` to block `to`.
+    /// Integrates a path, `radius` in pixels, between two blocks.
     pub fn integrate(&mut self, path: &Splines, [from, to]: [f64; 2], radius: f64) {
         self.first = (from / STEP).floor();
         let count = ((to / STEP).ceil() - self.first).max(1.0) as usize;
@@ -91,13 +93,8 @@ impl Homographies {
             let steps = k as f64;
             let here = rates(steps);
             let a = matrix(here);
-            let time = STEP * (self.first + steps);
-            self.nodes.push(Node {
-                forward: [h, a * h],
-                back: [inverse, -inverse * a],
-                rates: here,
-                values: path.values(time),
-            });
+            let values = path.values(STEP * (self.first + steps));
+            self.nodes.push(Node { forward: [h, a * h], back: [inverse, -inverse * a], rates: here, values });
             let [p, q] = [0.5 - GAUSS, 0.5 + GAUSS].map(|offset| matrix(rates(steps + offset)));
             let omega = (p + q) / 2.0 + (q * p - p * q) * (GAUSS / 2.0);
             h = exponential(omega) * h;
@@ -105,39 +102,36 @@ impl Homographies {
         }
     }
 
-    /// Whether an instant lies within what was followed.
-    pub fn covers(&self, time: f64) -> bool {
-        let at = time / STEP - self.first;
+    /// Whether a block lies between the nodes.
+    pub fn covers(&self, block: f64) -> bool {
+        let at = block / STEP - self.first;
         at >= 0.0 && at <= self.nodes.len() as f64 - 1.0
     }
 
-    /// The path at an instant; `None` where none was followed.
-    pub fn at(&self, time: f64) -> Option<Instant<'_>> {
-        let at = time / STEP - self.first;
+    /// The path at a block; `None` before any integration.
+    pub fn at(&self, block: f64) -> Option<PathState<'_>> {
+        let at = block / STEP - self.first;
         let last = self.nodes.len().checked_sub(2)?;
         let index = (at.max(0.0) as usize).min(last);
         let nodes = self.nodes.get(index..index + 2)?.first_chunk::<2>()?;
-        Some(Instant { nodes, step: at - index as f64 })
+        Some(PathState { nodes, step: at - index as f64 })
     }
 
-    /// The homography from the first instant to `time`.
-    pub fn until(&self, time: f64) -> Matrix3<f64> {
-        self.at(time).map_or_else(Matrix3::identity, Instant::until)
+    /// The homography from the first instant to a block.
+    pub fn until(&self, block: f64) -> Matrix3<f64> {
+        self.at(block).map_or_else(Matrix3::identity, PathState::until)
     }
 
-    /// The homography from `time` back to the first instant.
-    pub fn back(&self, time: f64) -> Matrix3<f64> {
-        self.at(time).map_or_else(Matrix3::identity, Instant::back)
+    /// The homography from a block to the first instant.
+    pub fn back(&self, block: f64) -> Matrix3<f64> {
+        self.at(block).map_or_else(Matrix3::identity, PathState::back)
     }
 
-    /// Where a point seen at `from` is at `to`.
+    /// Where a point seen at block `from` is at block `to`.
     pub fn carry(&self, point: Vector2<f64>, from: f64, to: f64) -> Vector2<f64> {
         self.at(from).zip(self.at(to)).map_or(point, |(from, to)| from.carry(point, to))
     }
 }
-
-/// Half the distance between the two nodes of Gauss's quadrature on an interval of length 1: √3/6.
-const GAUSS: f64 = 0.288_675_134_594_812_9;
 
 /// The cubic with these values and slopes at 0 and 1.
 fn hermite(a: &[Matrix3<f64>; 2], b: &[Matrix3<f64>; 2], s: f64) -> Matrix3<f64> {
@@ -180,7 +174,7 @@ mod tests {
         path
     }
 
-    /// Runge and Kutta's method on ẋ = Σⱼ φⱼ(x)·rateⱼ.
+    /// Runge–Kutta on ẋ = Σⱼ φⱼ(x)·rateⱼ.
     fn integrate(path: &Splines, mut x: Vector2<f64>, from: f64, to: f64) -> Vector2<f64> {
         let steps = 400;
         let h = (to - from) / steps as f64;
@@ -223,7 +217,7 @@ mod tests {
     }
 
     #[test]
-    fn points_go_where_the_velocity_fields_take_them() {
+    fn homographies_integrate_the_velocity_fields() {
         // 30 px to and fro, about once in a block for the turns, in two for the rest: up to 180 px a block.
         let shaken =
             path(0.3, |j, t| (30.0 - 3.0 * j as f64) * (t * if j < 3 { 6.0 } else { 3.0 } + j as f64).sin());
@@ -233,7 +227,7 @@ mod tests {
     }
 
     #[test]
-    fn turns_take_points_where_a_turning_camera_sees_them() {
+    fn turns_are_rotations_of_the_camera() {
         // About one axis all the time: f = 1.25 radii, 80 px a block of yaw, −50 of pitch, 30 of roll.
         let (focal, rates) = (1.25, [80.0, -50.0, 30.0]);
         let even = path(1.0 / (focal * focal), |j, t| rates.get(j).map_or(0.0, |rate| rate * t));
@@ -247,7 +241,7 @@ mod tests {
     }
 
     #[test]
-    fn beyond_what_was_followed_nothing_breaks() {
+    fn outside_of_the_nodes_points_stay_finite() {
         let mut flow = Homographies::default();
         let point = Vector2::new(0.4, -0.2);
         assert_eq!(flow.carry(point, 0.0, 1.0), point);

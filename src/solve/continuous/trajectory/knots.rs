@@ -1,9 +1,9 @@
-//! How densely the knots of a path lie.
+//! The knot density of a path.
 
-/// How fast the motion may change.
+/// The bandwidth of a path. Its clock counts *blocks*, a fixed number to a frame period.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum KnotDensity {
-    /// Up to about a cycle a frame period: all that hands do.
+    /// Up to about one cycle a frame period: hand shake.
     #[default]
     Usual,
     /// Up to about two and a half: engines, rotors, bad roads.
@@ -19,7 +19,7 @@ impl KnotDensity {
         }
     }
 
-    /// Frames before the one that is settled whose pairs are looked at again.
+    /// Pairs of a window before the frame that is settled.
     pub const fn past(self) -> usize {
         match self {
             Self::Usual => 4,
@@ -27,7 +27,7 @@ impl KnotDensity {
         }
     }
 
-    /// Variance in px² of the turns' second differences from which learning starts.
+    /// Initial variance in px² of the turns' second differences.
     pub const fn start_variance(self) -> f64 {
         match self {
             Self::Usual => 1.0,
@@ -35,7 +35,6 @@ impl KnotDensity {
         }
     }
 
-    /// The other one.
     pub const fn other(self) -> Self {
         match self {
             Self::Usual => Self::Vibrating,

@@ -1,4 +1,4 @@
-//! The motion path: splines over exposure time, and the homographies that follow from them.
+//! The motion path: splines over exposure time, and the homographies that they define.
 
 mod homographies;
 mod knots;

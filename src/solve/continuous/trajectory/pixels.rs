@@ -4,17 +4,17 @@ use super::path::Trajectory;
 use crate::solve::residual::Path;
 use nalgebra::{Matrix3, Vector2};
 
-/// The path about a frame, in pixels, with times in seconds after the timestamp of the frame.
+/// Adapter of a path to pixels, and to seconds after the timestamp of a frame.
 #[derive(Clone, Copy, Debug)]
 pub struct FramePath<'a> {
     pub trajectory: &'a Trajectory,
-    /// Instant in frame periods at which the first line is exposed.
+    /// Exposure time of the first line, in frame periods.
     pub first: f64,
     /// Seconds to a frame period.
     pub period: f64,
     /// Image centre in pixels.
     pub centre: Vector2<f64>,
-    /// Pixels to the unit of points.
+    /// Pixels to a radius.
     pub radius: f64,
 }
 
@@ -32,10 +32,10 @@ impl FramePath<'_> {
 
 impl Path for FramePath<'_> {
     fn until(&self, time: f64) -> Matrix3<f64> {
-        self.in_pixels(self.trajectory.until(self.block(time)))
+        self.in_pixels(self.trajectory.homographies.until(self.block(time)))
     }
 
     fn back(&self, time: f64) -> Matrix3<f64> {
-        self.in_pixels(self.trajectory.back(self.block(time)))
+        self.in_pixels(self.trajectory.homographies.back(self.block(time)))
     }
 }

@@ -1,33 +1,32 @@
-//! Uniform cubic B-splines. Coefficient i has a say between the times i − 3 and i + 1, in units
-//! of the knot spacing.
+//! Uniform cubic B-splines. Time t is in knot spacings; coefficient i has the support [i − 3, i + 1).
 
-/// Weights of the four coefficients that have a say at some instant.
+/// The four coefficients whose support contains t, and their weights.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Support {
-    /// Index of the first of them.
+    /// Index of the first coefficient, ⌊t⌋.
     pub first: i64,
     pub weights: [f64; 4],
 }
 
-/// Weights for the spline's value.
-pub fn values(time: f64) -> Support {
-    let (first, s) = interval(time);
+/// Weights of the spline's value.
+pub fn values(t: f64) -> Support {
+    let (first, s) = interval(t);
     let (s2, s3) = (s * s, s * s * s);
     let weights = [1.0 - 3.0 * (s - s2) - s3, 4.0 - 6.0 * s2 + 3.0 * s3, 1.0 + 3.0 * (s + s2 - s3), s3];
     Support { first, weights: weights.map(|weight| weight / 6.0) }
 }
 
-/// Weights for the spline's slope, per knot spacing.
-pub fn slopes(time: f64) -> Support {
-    let (first, s) = interval(time);
+/// Weights of the spline's derivative by t.
+pub fn slopes(t: f64) -> Support {
+    let (first, s) = interval(t);
     let s2 = s * s;
     let weights = [2.0 * s - 1.0 - s2, 3.0 * s2 - 4.0 * s, 1.0 + 2.0 * s - 3.0 * s2, s2];
     Support { first, weights: weights.map(|weight| weight / 2.0) }
 }
 
-fn interval(time: f64) -> (i64, f64) {
-    let first = time.floor();
-    (first as i64, time - first)
+fn interval(t: f64) -> (i64, f64) {
+    let first = t.floor();
+    (first as i64, t - first)
 }
 
 #[cfg(test)]

@@ -1,23 +1,22 @@
-//! The motion path of a window: a spline for the path of each generator.
+//! The paths of the generators over a window as uniform cubic B-splines.
 //!
-//! Time is in *blocks*, about a frame period each. What a turning camera does may change four times
-//! as fast as the rest: rotation has little inertia, a translation before the scene has much.
+//! Time is in *blocks* (see [`KnotDensity`](super::KnotDensity)). The turns have four knots to a block, the
+//! other generators one: a rotation has little inertia and changes faster than a translation.
 
 use super::spline::{self, Support};
 use crate::motion::generators::{GENERATORS, TURNS};
 
-/// Knots of a turn to a block; the other generators have one.
+/// Knots of a turn to a block.
 const RATIO: i64 = 4;
 /// Coefficients to a block.
 pub const BLOCK: usize = RATIO as usize * TURNS + (GENERATORS - TURNS);
 
-/// Paths of the generators over the blocks from `base` on.
+/// Paths of the generators over successive blocks.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Splines {
     /// Number of the first block.
     pub base: i64,
-    /// Coefficients in pixels at the radius, block by block: those of the turns knot by knot, then
-    /// one for each other generator.
+    /// Coefficients in pixels, block by block: the turns' knot by knot, then one of each other generator.
     pub coefficients: Vec<f64>,
     /// κ = (r/f)².
     pub kappa: f64,
@@ -29,7 +28,7 @@ pub const fn ratio(generator: usize) -> i64 {
 }
 
 impl Splines {
-    /// Place of a coefficient among `coefficients`, which may be before the first or past the last.
+    /// Index of a coefficient, negative or past the end outside the path.
     pub fn place(&self, generator: usize, knot: i64) -> i64 {
         let block = knot.div_euclid(ratio(generator)) - self.base;
         let within = if generator < TURNS {
@@ -40,14 +39,14 @@ impl Splines {
         block * BLOCK as i64 + within
     }
 
-    /// Places of a generator's coefficients, in the order of their knots.
+    /// Indices of a generator's coefficients, in the order of their knots.
     pub fn places(&self, generator: usize) -> Places {
         let blocks = self.coefficients.len() / BLOCK;
         Places { generator, count: blocks * ratio(generator) as usize }
     }
 
-    /// The coefficient of a generator at one of its knots; 0 outside.
-    pub fn coefficient(&self, generator: usize, knot: i64) -> f64 {
+    /// The coefficient of a generator at a knot; 0 outside.
+    fn coefficient(&self, generator: usize, knot: i64) -> f64 {
         let place = usize::try_from(self.place(generator, knot)).ok();
         place.and_then(|place| self.coefficients.get(place)).copied().unwrap_or(0.0)
     }
@@ -58,12 +57,12 @@ impl Splines {
         self.base * ratio(generator)..(self.base + blocks) * ratio(generator)
     }
 
-    /// Sums of the coefficients of all generators, by these weights of the turns' and of the others' knots.
+    /// Weighted sums of the coefficients of all generators.
     fn sums(&self, turns: Support, others: Support) -> [f64; GENERATORS] {
         let mut sums = [0.0; GENERATORS];
         for (support, generators) in [(turns, 0..TURNS), (others, TURNS..GENERATORS)] {
             for (knot, weight) in (support.first..).zip(support.weights) {
-                // The generators of a kind lie side by side; none do outside.
+                // The generators of either kind lie side by side; outside the path there are none.
                 let place = usize::try_from(self.place(generators.start, knot)).unwrap_or(usize::MAX);
                 let coefficients = self.coefficients.get(place..).unwrap_or_default();
                 sums[generators.clone()].iter_mut().zip(coefficients).for_each(|(sum, c)| *sum += c * weight);
@@ -73,53 +72,49 @@ impl Splines {
     }
 
     /// Paths of all generators in pixels, up to constants.
-    pub fn values(&self, time: f64) -> [f64; GENERATORS] {
-        self.sums(spline::values(time * RATIO as f64), spline::values(time))
+    pub fn values(&self, block: f64) -> [f64; GENERATORS] {
+        self.sums(spline::values(block * RATIO as f64), spline::values(block))
     }
 
     /// Rates of all generators in pixels a block.
-    pub fn rates(&self, time: f64) -> [f64; GENERATORS] {
-        let mut turns = spline::slopes(time * RATIO as f64);
+    pub fn rates(&self, block: f64) -> [f64; GENERATORS] {
+        let mut turns = spline::slopes(block * RATIO as f64);
         turns.weights = turns.weights.map(|weight| RATIO as f64 * weight);
-        self.sums(turns, spline::slopes(time))
+        self.sums(turns, spline::slopes(block))
     }
 
-    /// Moves on to the blocks from `base` on. What is new goes on at the rate of what was last.
+    /// Moves to the `blocks` blocks from `base` on. New coefficients continue at the last rate.
     pub fn shift(&mut self, base: i64, blocks: usize) {
         let mut moved = Self { base, coefficients: vec![0.0; blocks * BLOCK], kappa: self.kappa };
         for j in 0..GENERATORS {
             let known = self.knots(j);
+            let places = moved.places(j);
             let (mut last, mut rate) = (0.0, 0.0);
-            for knot in moved.knots(j) {
+            for (index, knot) in moved.knots(j).enumerate() {
                 if known.contains(&knot) {
                     last = self.coefficient(j, knot);
-                    rate =
-                        if known.contains(&(knot - 1)) { last - self.coefficient(j, knot - 1) } else { 0.0 };
+                    let has_before = known.contains(&(knot - 1));
+                    rate = if has_before { last - self.coefficient(j, knot - 1) } else { 0.0 };
                 } else {
                     last += rate;
                 }
-                let place = moved.place(j, knot);
-                if let Some(value) =
-                    usize::try_from(place).ok().and_then(|place| moved.coefficients.get_mut(place))
-                {
-                    *value = last;
-                }
+                moved.coefficients[places.at(index)] = last;
             }
         }
         *self = moved;
     }
 }
 
-/// Places of a generator's coefficients among those of a path.
+/// Indices of a generator's coefficients.
 #[derive(Clone, Copy, Debug)]
 pub struct Places {
     generator: usize,
-    /// How many there are.
+    /// Number of coefficients.
     pub count: usize,
 }
 
 impl Places {
-    /// That of the coefficient at a knot, the first one being 0.
+    /// Index of the coefficient at a knot, counted from the first.
     pub fn at(self, knot: usize) -> usize {
         let ratio = ratio(self.generator) as usize;
         let (block, within) = (knot / ratio, knot % ratio);
@@ -127,7 +122,7 @@ impl Places {
         block * BLOCK + first + self.generator
     }
 
-    /// Each of so many in a row.
+    /// All runs of `length` successive coefficients.
     pub fn runs(self, length: usize) -> impl Iterator<Item = impl Fn(usize) -> usize> {
         let starts = 0..(self.count + 1).saturating_sub(length);
         starts.map(move |start| move |index| self.at(start + index))
@@ -157,7 +152,7 @@ mod tests {
     }
 
     #[test]
-    fn a_shift_keeps_what_it_can_and_goes_on_evenly() {
+    fn a_shift_keeps_coefficients_and_extrapolates_linearly() {
         let mut path = Splines { base: 10, coefficients: vec![0.0; 4 * BLOCK], kappa: 0.2 };
         for j in 0..GENERATORS {
             for knot in path.knots(j) {
