@@ -147,7 +147,7 @@ impl<const FREEDOM: i32> Loss for Mixture<FREEDOM> {
     }
 }
 
-/// The effective number of weights w, (Σw)²/Σw², with which an unweighted mean has the same variance (L.
+/// The effective number of weights w, (Σw)²/Σw²: that of equal weights of the same variance of the mean (L.
 /// Kish, *Survey Sampling*, 1965).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct EffectiveNumber {

@@ -53,8 +53,7 @@ impl StaticOverlay {
         Self { cell, log_odds: vec![PRIOR_LOG_ODDS; COLUMNS * rows], deviation: OVERLAY_NOISE * noise }
     }
 
-    /// Updates the cells by a pair's matches, and writes those off overlays to `scene`; if under a third,
-    /// all.
+    /// Updates the cells by a pair's matches, and writes those off overlays to `scene`; all, if few.
     pub fn remove(&mut self, found: &[Correspondence], scene: &mut Vec<Correspondence>) {
         self.update(found);
         let is_overlay = |m: &Correspondence| {

@@ -9,7 +9,7 @@ use crate::solve::continuous::data::PairWindow;
 const TOLERANCE: f64 = 0.3;
 const GAMMA_TOLERANCE: f64 = 0.01;
 /// A fit has also converged if its last step changed displacements by less than σ, and γ by less than this
-/// share of its standard deviation.
+/// many deviations.
 const GAMMA_TOLERANCE_DEVIATIONS: f64 = 0.5;
 
 /// How a fit ended.

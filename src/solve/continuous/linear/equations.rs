@@ -18,8 +18,8 @@ const SUPPORT: usize = 4 * GENERATORS;
 /// Those of the turns.
 const TURNS_SUPPORT: usize = 4 * TURNS;
 /// Two ends of a band, 0 being the start of the pair before, and the factors of the sums `own`, `across` and
-/// `before` in their block of the matrix. Diagonal blocks are halved, as the transpose is added.
-const BLOCKS: [([usize; 2], [f64; 3]); 6] = [
+/// `before` in their tile of the matrix. Diagonal tiles are halved, as the transpose is added.
+const END_PAIRS: [([usize; 2], [f64; 3]); 6] = [
     ([2, 2], [0.5, 0.0, 0.0]),
     ([2, 1], [-1.0, 1.0, 0.0]),
     ([2, 0], [0.0, -1.0, 0.0]),
@@ -30,7 +30,7 @@ const BLOCKS: [([usize; 2], [f64; 3]); 6] = [
 /// Factors of the sums of the own pair and of the pair before in the right side of each end.
 const SIDE_FACTORS: [[f64; 2]; 3] = [[0.0, -1.0], [-1.0, 1.0], [1.0, 0.0]];
 
-/// A block of the matrix, for the coefficients of two ends, row by row.
+/// The entries of the matrix for the coefficients of two ends, row by row.
 type Tile = [[f64; SUPPORT]; SUPPORT];
 
 /// An end of a band.
@@ -91,7 +91,7 @@ pub struct Equations {
     ends: Vec<[Option<End>; 3]>,
 }
 
-/// Adds a band's sums, times their factors, to the block of two ends.
+/// Adds a band's sums, times their factors, to the tile of two ends.
 #[inline(always)]
 fn add_sums(tile: &mut Tile, band: &Band, [own, across, before]: [f64; 3], rows: &End, columns: &End) {
     let mut wide = [[0.0; SUPPORT]; GENERATORS];
@@ -156,7 +156,7 @@ impl Equations {
         for (band, ends) in bands.iter().zip(&ends) {
             self.add_sides(band, ends);
         }
-        for (pair, factors) in BLOCKS {
+        for (pair, factors) in END_PAIRS {
             self.add_tiles(bands, &ends, pair, factors);
         }
         self.ends = ends;
@@ -187,7 +187,7 @@ impl Equations {
         }
     }
 
-    /// Adds the blocks of two ends of all bands. Successive bands with the same support are summed before.
+    /// Adds the tiles of two ends of all bands. Successive bands with the same support are summed before.
     #[inline(always)]
     fn add_tiles(
         &mut self,

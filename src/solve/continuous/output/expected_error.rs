@@ -113,8 +113,7 @@ impl<'a> Frame<'a> {
         self.points.iter().zip(&self.velocities).map(correction).collect()
     }
 
-    /// Expected squared errors in px² of the correction by a hypothesis, by path, γ (root mean square
-    /// `gamma_error`) and local motion.
+    /// Expected squared errors in px² of a correction by path, γ (root mean square `gamma_error`) and flow.
     fn errors(&self, hypothesis: &Hypothesis, gamma_error: f64) -> Vec<f64> {
         // The points of a line have the same exposure time.
         let mut lines: Vec<(f64, PathCovariance)> = Vec::new();
@@ -159,8 +158,7 @@ impl Hypothesis {
         self.setup.camera.gamma_deviation().hypot(self.gamma() - self.setup.camera.beliefs.gamma.mean)
     }
 
-    /// Covariance in px² of the motion of the generators' paths from the exposure of a place along the scan
-    /// axis to the middle of the readout.
+    /// Covariance in px² of the generators' motion from the exposure of a place to the middle of the readout.
     fn path_covariance(&self, stamp: f64, place: f64) -> PathCovariance {
         let blocks = self.blocks_to_middle(stamp, place);
         let splines = &self.posterior.trajectory.splines;

@@ -28,8 +28,7 @@ impl Trajectory {
         self.density.blocks() * instant
     }
 
-    /// Moves to the instants between these, in frame periods, and integrates the homographies there. New
-    /// blocks continue at the last rate.
+    /// Moves to these instants, in frame periods, and integrates there. New blocks continue at the last rate.
     pub fn cover(&mut self, [from, to]: [f64; 2], kappa: f64) {
         if from > to {
             return;
