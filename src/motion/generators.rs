@@ -1,6 +1,6 @@
 //! The generators of image motions: velocity fields that together span the homographies.
 //!
-//! Points are in units of a radius r from the image centre, (u, v); a generator's rate is in
+//! Points are in units of the radius R, half the frame's width, from the image centre, (u, v); a generator's rate is in
 //! pixels, so that a rate of 1 moves points at the radius by about a pixel.
 //!
 //! | generator | field | camera motion |
@@ -12,14 +12,19 @@
 //! | scale | (u, v) | translation towards a frontal plane |
 //! | shears | (u, −v), (v, u) | translation before a slanted plane |
 //!
-//! κ = (r/f)² with f the focal length. With κ = 0 yaw and pitch are translations.
+//! κ = (R/f)², R half the frame's width and f the focal length. With κ = 0 yaw and pitch are translations.
 
 use nalgebra::{Matrix3, SMatrix, Vector2};
 
 /// Number of generators.
 pub const GENERATORS: usize = 8;
-/// Number of rotation generators, which come first.
+/// Number of rotation generators, which come first. Elsewhere they differ from the others in three things: their
+/// effect does not depend on depth (`linear/residual.rs`, `normal.rs`); their paths have `RATIO` knots a block,
+/// not one (`trajectory/splines.rs`); their prior has a start variance, a variance of the rate and, in
+/// vibrations, a prediction of its own (`prior/smoothness.rs`).
 pub const TURNS: usize = 3;
+/// Number of the others, the translations before a plane.
+pub const NON_TURNS: usize = GENERATORS - TURNS;
 
 /// The image motions that are estimated.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
@@ -121,7 +126,7 @@ mod tests {
     #[test]
     fn rotation_generators_match_a_rotating_camera() {
         use nalgebra::{Rotation3, Vector3};
-        // r = 1, f = 2: a point at (u, v) is seen along (u, v, f).
+        // R = 1, f = 2: a point at (u, v) is seen along (u, v, f).
         let (focal, x) = (2.0, Vector2::new(0.7, -0.4));
         let see = |turn: Vector3<f64>| {
             let ray = Rotation3::new(turn) * Vector3::new(x.x, x.y, focal);

@@ -95,7 +95,8 @@ impl Engine {
         }
     }
 
-    /// Settles the first waiting frame; `None` without a motion of positive confidence.
+    /// Settles the first waiting frame; `None` without a motion. The sequential estimator has none of confidence 0;
+    /// the continuous one returns it, with weight 0.
     pub fn settle(&mut self) -> Option<FrameSolution> {
         match self {
             Self::Sequential(sequential) => sequential.settle(),

@@ -17,7 +17,8 @@ pub enum Origin {
     Continuous,
     /// The motion of the previous frame, of which this one is a duplicate.
     Repeated,
-    /// No motion was found, or its confidence is 0: the frame is not corrected.
+    /// No motion was found: the frame is not corrected. A path of confidence 0 is not corrected either, but is
+    /// [`Continuous`](Self::Continuous); the sequential estimator returns no motion of confidence 0.
     Untouched,
 }
 
@@ -43,8 +44,10 @@ pub struct FrameSolution {
     /// The motion to rectify the frame with: the path during its readout, the shutter it was solved for, and
     /// the share of the correction to apply, less than 1 if a continuous path is uncertain.
     pub motion: FrameMotion,
-    /// Confidence in the motion, 0 (untouched) to 1: the share of the correction that is expected to be
-    /// right.
+    /// Confidence in the motion, 0 (the picture is left as it is) to 1. From the continuous estimator it is the
+    /// share of the correction that is expected to be right, and equal to the motion's
+    /// [weight](FrameMotion::weight), the share that is applied; the sequential one has the weight 1 wherever the
+    /// confidence is positive.
     pub confidence: f64,
     /// Expected root mean square error, in pixels, of the positions of the frame's points after rectification
     /// with [`motion`](Self::motion); `None` for a frame without a motion and from the sequential estimator.
@@ -53,8 +56,10 @@ pub struct FrameSolution {
     pub region_errors: Vec<f64>,
     /// How the motion was obtained.
     pub origin: Origin,
-    /// Number of correspondences in the pair of frames over which the motion was solved. For a frame without
-    /// a motion, those with the previous frame: 0 for the first, after a gap in time and for a duplicate.
+    /// Number of correspondences in the pair of frames over which the motion was solved: all that were measured,
+    /// before overlays and invalid ones are removed; from the sequential estimator, those that are left when
+    /// uncertain ones are removed. For a frame without a motion, all that were measured with the previous frame:
+    /// 0 for the first, after a gap in time and for a duplicate.
     pub correspondences: usize,
     /// Number of inliers among them.
     pub inliers: usize,

@@ -23,7 +23,7 @@
 //! | paths, coefficients, residuals | analysed pixels (at the radius) |
 //! | timestamps, γ | frame periods; γ is the signed readout time |
 //! | the path's own clock | *blocks*: one to a frame period, two and a half where the picture vibrates |
-//! | κ | 1: (radius/f)², f the focal length |
+//! | κ | 1: (R/f)², R half the frame's width and f the focal length |
 //! | evidence, odds | nats |
 //!
 //! A line is exposed at t = t_k + γ·p, p its place along the scan axis, 0 at the top (left) edge and 1 at the other; γ < 0

@@ -8,11 +8,9 @@
 use super::banded::Banded;
 use super::bands::{Band, Row, SIDES};
 use super::shared::Shared;
-use crate::motion::generators::{GENERATORS, TURNS};
+use crate::motion::generators::{GENERATORS, NON_TURNS, TURNS};
 use crate::solve::continuous::trajectory::{BLOCK, Splines, ratio, spline};
 
-/// Generators other than the turns.
-const OTHERS: usize = GENERATORS - TURNS;
 /// Coefficients with an instant in their support: four knots of the turns, then four of the others.
 const SUPPORT: usize = 4 * GENERATORS;
 /// Those of the turns.
@@ -52,7 +50,7 @@ impl End {
         for (cells, weight) in turns.as_chunks_mut::<TURNS>().0.iter_mut().zip(self.turns) {
             cells.iter_mut().zip(&values[..TURNS]).for_each(|(cell, value)| *cell = weight * value);
         }
-        for (cells, weight) in others.as_chunks_mut::<OTHERS>().0.iter_mut().zip(self.others) {
+        for (cells, weight) in others.as_chunks_mut::<NON_TURNS>().0.iter_mut().zip(self.others) {
             cells.iter_mut().zip(&values[TURNS..]).for_each(|(cell, value)| *cell = weight * value);
         }
         all
@@ -167,7 +165,10 @@ impl Equations {
         let knot =
             |first: i64, support: &spline::Support| usize::try_from(support.first - first).unwrap_or(0);
         End {
-            places: [knot(self.first[0], &turns) * TURNS, self.turns + knot(self.first[1], &others) * OTHERS],
+            places: [
+                knot(self.first[0], &turns) * TURNS,
+                self.turns + knot(self.first[1], &others) * NON_TURNS,
+            ],
             turns: turns.weights,
             others: others.weights,
         }

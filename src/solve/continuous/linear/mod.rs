@@ -13,6 +13,7 @@ mod system;
 
 pub use banded::Banded;
 pub use evaluated::EvaluatedPair;
+pub use pair_residuals::INLIER_SQUARE;
 pub use residual::Evaluator;
 pub use shared::{SHARED, Shared};
 pub use system::{SharedEquations, System};

@@ -12,7 +12,7 @@ const ROUNDS: usize = 4;
 /// Fewest matches of a band that count.
 const MIN_MATCHES: f64 = 4.0;
 /// |r|² of an inlier over the variance of a coordinate: three standard deviations in two coordinates.
-const INLIER_SQUARE: f64 = 2.0 * 9.0;
+pub const INLIER_SQUARE: f64 = 2.0 * 9.0;
 
 /// The residuals of a pair.
 #[derive(Clone, Debug, Default)]
@@ -22,7 +22,7 @@ pub struct PairResiduals {
     pub before: Vec<Option<MatchResidual>>,
     /// Standard deviation of a coordinate in pixels, by the median, without the errors of measurement.
     pub sigma: f64,
-    /// Variance in px² of a coordinate of matches that do not show the scene.
+    /// The outliers' variance in px²: of a coordinate of matches that do not show the scene, as far as points move.
     pub others: f64,
     /// Correspondences within three standard deviations.
     pub inliers: usize,

@@ -1,13 +1,10 @@
 //! The residual of a match with its derivatives, whitened by the covariance of the match.
 
 use crate::cpu::CpuLevel;
-use crate::motion::generators::{GENERATORS, TURNS, fields};
+use crate::motion::generators::{GENERATORS, NON_TURNS, TURNS, fields};
 use crate::solve::continuous::data::{Match, Shutter};
 use crate::solve::continuous::trajectory::Trajectory;
 use nalgebra::{Matrix2, SVector, Vector2};
-
-/// Generators other than the turns.
-const OTHERS: usize = GENERATORS - TURNS;
 
 /// The estimate at which pairs are evaluated.
 pub struct Evaluator<'a> {
@@ -22,15 +19,18 @@ pub struct Evaluator<'a> {
 #[derive(Clone, Copy, Debug)]
 pub struct MatchResidual {
     pub measured: Match,
-    /// Prior probability that the match shows the scene.
+    /// Prior probability π that the match shows the scene: the match's weight in the medians for σ² and τ², its
+    /// share of the effective number of matches, and the probability of an inlier in the robust loss.
     pub prior: f64,
     /// Exposure times of both points in blocks.
     pub blocks: [f64; 2],
     /// r = x′ − F(x).
     pub residual: Vector2<f64>,
-    /// w, the displacement by the generators other than the turns, at the depth of the path.
+    /// w, the displacement by the generators other than the turns, at the depth of the path. All of them are
+    /// counted as parallax: their effect scales with inverse depth.
     pub parallax: Vector2<f64>,
-    /// Derivatives by γ of the displacements by the turns and by the other generators.
+    /// Derivatives by γ of the displacements by the turns and by the other generators: two, as only the second is
+    /// multiplied by the relative inverse depth λ of the point, which is known later.
     pub by_gamma: [Vector2<f64>; 2],
     /// Derivative by κ of the displacement by the turns.
     pub by_kappa: Vector2<f64>,
@@ -77,14 +77,14 @@ impl Evaluator<'_> {
         let moved = SVector::<f64, GENERATORS>::from_fn(|j, _| values[1][j] - values[0][j]);
         let middle = (m.from + m.to) / 2.0;
         let fields = fields(middle, self.trajectory.splines.kappa);
-        let (turns, others) = (fields.fixed_columns::<TURNS>(0), fields.fixed_columns::<OTHERS>(TURNS));
+        let (turns, others) = (fields.fixed_columns::<TURNS>(0), fields.fixed_columns::<NON_TURNS>(TURNS));
         Some(MatchResidual {
             measured: *m,
             prior,
             blocks,
             residual: (m.to - from.carry(m.from, to)) * self.trajectory.radius,
-            parallax: others * moved.fixed_rows::<OTHERS>(TURNS),
-            by_gamma: [turns * rates.fixed_rows::<TURNS>(0), others * rates.fixed_rows::<OTHERS>(TURNS)],
+            parallax: others * moved.fixed_rows::<NON_TURNS>(TURNS),
+            by_gamma: [turns * rates.fixed_rows::<TURNS>(0), others * rates.fixed_rows::<NON_TURNS>(TURNS)],
             by_kappa: middle * middle.dot(&moved.xy()),
             whitening: Matrix2::identity(),
         })

@@ -3,7 +3,7 @@
 /// Number of shared unknowns.
 pub const SHARED: usize = 2;
 
-/// A value for each shared unknown: γ, the signed readout time in frame periods, and κ = (r/f)², r half the
+/// A value for each shared unknown: γ, the signed readout time in frame periods, and κ = (R/f)², R half the
 /// frame's width and f the focal length.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Shared<T> {

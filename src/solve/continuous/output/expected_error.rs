@@ -63,10 +63,12 @@ impl CameraPosterior {
         let product = |other: &[Vector2<f64>]| own.iter().zip(other).map(|(a, b)| a.dot(b)).sum::<f64>();
         let square = product(&own);
         // The share of d₁ with the least squared distance from all corrections.
-        let agreed =
+        let agreement =
             all.iter().map(|(probability, other)| probability * product(other)).sum::<f64>() / square;
-        let wrong = errors.iter().sum::<f64>() / square;
-        let share = agreed.clamp(0.0, 1.0) * ((1.0 - wrong) / (1.0 - TOLERATED_ERROR)).clamp(0.0, 1.0);
+        let error_share = errors.iter().sum::<f64>() / square;
+        let trust = ((1.0 - error_share) / (1.0 - TOLERATED_ERROR)).clamp(0.0, 1.0);
+        let share = agreement.clamp(0.0, 1.0) * trust;
+        // 0/0 is the ordinary case of no correction: no motion, or γ = 0.
         let share = if share.is_finite() { share } else { 0.0 };
         let disagreement = |index: usize| {
             let squares = all.iter().filter_map(|(probability, other)| {

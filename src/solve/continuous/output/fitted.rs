@@ -2,11 +2,9 @@
 
 use crate::correspond::Correspondence;
 use crate::solve::continuous::camera::Hypothesis;
+use crate::solve::continuous::linear::INLIER_SQUARE;
 use crate::solve::solution::FittedCorrespondence;
 use nalgebra::{Matrix2, Vector2};
-
-/// Standard deviations of a coordinate up to which a residual is an inlier, as in `PairResiduals::inliers`.
-const INLIER_DEVIATIONS: f64 = 3.0;
 
 /// A pair of frames and its correspondences.
 pub struct FittedPair<'a> {
@@ -41,8 +39,7 @@ impl FittedPair<'_> {
                 position: if self.begins { found.from } else { found.to },
                 displacement: found.to - found.from,
                 residual,
-                // Of two coordinates.
-                is_inlier: square < 2.0 * INLIER_DEVIATIONS * INLIER_DEVIATIONS,
+                is_inlier: square < INLIER_SQUARE,
             })
         };
         self.found.iter().filter_map(fitted).collect()

@@ -23,7 +23,8 @@ const MAX_CHANGE: f64 = 10.0;
 const MIN_DETERMINED: f64 = 1e-7;
 /// Weak prior: variances in px² of first differences, of the turns and of the others.
 const RATE_VARIANCES: [f64; 2] = [100.0, 400.0];
-/// Inverse variance in px⁻² of the coefficients, as only differences are observed.
+/// Inverse variance in px⁻² of the coefficients. Only differences are observed and used, so a path's level is a
+/// gauge, which this fixes.
 const LEVEL_INFORMATION: f64 = 1e-6;
 /// Variance in px² of the differences of a generator that the model lacks.
 const INACTIVE_VARIANCE: f64 = 1e-7;

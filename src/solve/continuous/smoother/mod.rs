@@ -29,8 +29,9 @@ struct Entry {
     /// Timestamp in frame periods.
     stamp: f64,
     to_next: Option<FramePair>,
-    /// Whether too few correspondences with the frame before were found.
-    is_cut: bool,
+    /// Whether it was compared with the frame before and makes no pair with it: too few matches, as at a cut, in
+    /// a black frame or where all is overlay, or too long an interval.
+    is_unmatched: bool,
     /// All correspondences with the next frame, if they are kept.
     found: Vec<Correspondence>,
 }
@@ -99,7 +100,7 @@ impl Continuous {
     }
 
     /// Adds the next frame at `time` seconds, with its correspondences to the frame pushed before it: `None`
-    /// at a start, a gap or a cut. `period` is the present frame period in seconds.
+    /// at a start or a gap; a cut comes as too few. `period` is the present frame period in seconds.
     pub fn push(&mut self, found: Option<&[Correspondence]>, time: f64, period: f64) {
         let origin = match self.clock {
             Some(clock) if clock.period == period => clock.origin,
@@ -110,7 +111,7 @@ impl Continuous {
         let (centre, radius) = (self.centre, self.radius);
         let mut latest = self.frames.iter_mut().rev();
         let (last, before) = (latest.next(), latest.next());
-        let mut is_cut = false;
+        let mut is_unmatched = false;
         if let (Some(last), Some(found)) = (last, found) {
             let before = before.and_then(|entry| entry.to_next.as_ref());
             self.overlay.remove(found, &mut self.scene);
@@ -119,13 +120,13 @@ impl Continuous {
             last.to_next = FramePair::new(&self.scene, centre, radius, [last.stamp, stamp], before);
             match &mut last.to_next {
                 Some(pair) => pair.measured = found.len(),
-                None => is_cut = true,
+                None => is_unmatched = true,
             }
             if self.keeps_correspondences {
                 last.found.extend_from_slice(found);
             }
         }
-        self.frames.push_back(Entry { stamp, to_next: None, is_cut, found: Vec::new() });
+        self.frames.push_back(Entry { stamp, to_next: None, is_unmatched, found: Vec::new() });
         self.prepare();
     }
 
@@ -190,7 +191,7 @@ impl Continuous {
         let pairs: Vec<&FramePair> = entries.filter_map(|entry| entry.to_next.as_ref()).collect();
         let frame = self.frames.get(own)?;
         let stamp = frame.stamp;
-        let before = match (past > 0 && self.continues, frame.is_cut) {
+        let before = match (past > 0 && self.continues, frame.is_unmatched) {
             (true, _) => Break::None,
             (false, true) => Break::Cut,
             (false, false) => Break::Gap,
@@ -208,9 +209,9 @@ impl Continuous {
         solution
     }
 
-    /// Whether too few correspondences of the last frame with the one before were found.
+    /// Whether the last frame was compared with the one before and makes no pair with it.
     pub fn is_at_cut(&self) -> bool {
-        self.frames.back().is_some_and(|entry| entry.is_cut)
+        self.frames.back().is_some_and(|entry| entry.is_unmatched)
     }
 
     /// The posterior of the readout; `None` if it is given, or before the first frame.

@@ -18,7 +18,8 @@ pub struct Splines {
     pub base: i64,
     /// Coefficients in pixels, block by block: the turns' knot by knot, then one of each other generator.
     pub coefficients: Vec<f64>,
-    /// κ = (r/f)².
+    /// κ = (R/f)², R half the frame's width and f the focal length: a copy of the posterior's κ at the last
+    /// [`Trajectory::cover`](super::Trajectory::cover).
     pub kappa: f64,
 }
 
@@ -71,7 +72,8 @@ impl Splines {
         sums
     }
 
-    /// Paths of all generators in pixels, up to constants.
+    /// Paths of all generators in pixels. Their levels are a gauge: only differences between two instants have a
+    /// meaning.
     pub fn values(&self, block: f64) -> [f64; GENERATORS] {
         self.sums(spline::values(block * RATIO as f64), spline::values(block))
     }
