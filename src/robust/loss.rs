@@ -8,7 +8,7 @@
 
 use nalgebra::RealField;
 
-/// A loss ρ(s), its weight and log likelihood. `T` is the type of s: `f32` in the flow.
+/// A loss ρ(s) and its weight. `T` is the type of s: `f32` in the flow.
 pub trait Loss<T: RealField + Copy = f64>: Copy {
     /// ρ(s): twice the cost.
     fn rho(self, s: T) -> T;
@@ -22,11 +22,19 @@ pub trait Loss<T: RealField + Copy = f64>: Copy {
     /// `factor`·ρ′(s).
     fn weight_times(self, factor: T, s: T) -> T;
 
-    /// −½·ρ(s), plus a constant for [`Mixture`] only.
+    /// −½·ρ(s): the log likelihood over that of s = 0. It does not compare different σ: see [`Density`].
     #[inline(always)]
     fn log_likelihood(self, s: T) -> T {
         -self.rho(s) / (T::one() + T::one())
     }
+}
+
+/// A loss that is the negative log density of a distribution, so that models of different σ can be compared by
+/// their evidence.
+pub trait Density: Loss {
+    /// The log density with all that depends on σ. The factor 1/2π that densities of two coordinates have in
+    /// common is left out.
+    fn log_density(self, s: f64) -> f64;
 }
 
 /// ρ(s) = s: normal distribution.
@@ -130,7 +138,7 @@ impl<const FREEDOM: i32> Mixture<FREEDOM> {
 impl<const FREEDOM: i32> Loss for Mixture<FREEDOM> {
     #[inline(always)]
     fn rho(self, s: f64) -> f64 {
-        2.0 * (self.log_likelihood(0.0) - self.log_likelihood(s))
+        2.0 * (self.log_density(0.0) - self.log_density(s))
     }
 
     /// The weight of [`StudentT`] times the posterior probability of an inlier.
@@ -139,10 +147,11 @@ impl<const FREEDOM: i32> Loss for Mixture<FREEDOM> {
         let inlier = self.inlier_density(s);
         StudentT::<FREEDOM>.weight_times(factor, s) * inlier / (inlier + self.outlier)
     }
+}
 
-    /// The logarithm of 2π times the density, as σ², v and p may differ between compared models.
+impl<const FREEDOM: i32> Density for Mixture<FREEDOM> {
     #[inline(always)]
-    fn log_likelihood(self, s: f64) -> f64 {
+    fn log_density(self, s: f64) -> f64 {
         (self.inlier_density(s) + self.outlier).ln()
     }
 }
@@ -191,7 +200,7 @@ mod tests {
             let step = 1e-4 * s;
             let slope = (loss.rho(s + step) - loss.rho(s - step)) / (2.0 * step);
             assert!((slope - loss.weight(s)).abs() < 1e-6 * loss.weight(s) + 1e-9, "{s}: {slope}");
-            assert!(close(loss.log_likelihood(0.0) - loss.log_likelihood(s), 0.5 * loss.rho(s)));
+            assert!(close(-loss.log_likelihood(s), 0.5 * loss.rho(s)));
             assert!(close(loss.weight_times(3.0, s), 3.0 * loss.weight(s)));
             assert!(loss.weight(s) >= loss.weight(2.0 * s));
         }
@@ -222,7 +231,7 @@ mod tests {
         let loss = Mixture::<4>::new(0.5, 4.0, 100.0);
         assert!(close(loss.inlier_probability(4.0), 50.0 / 51.0));
         assert!(close(loss.weight(4.0), 0.75 * 50.0 / 51.0));
-        assert!(close(loss.log_likelihood(4.0), 0.255f64.ln()));
+        assert!(close(loss.log_density(4.0), 0.255f64.ln()));
     }
 
     #[test]
@@ -232,7 +241,7 @@ mod tests {
         assert!((StudentT::<4>.weight(1e12) * 1e12 - 6.0).abs() < 1e-9);
         // An outlier is as likely wherever it is.
         let loss = Mixture::<4>::new(0.5, 4.0, 100.0);
-        assert!(close(loss.log_likelihood(1e9), 0.005f64.ln()));
+        assert!(close(loss.log_density(1e9), 0.005f64.ln()));
         assert_eq!(loss.inlier_probability(f64::INFINITY), 0.0);
         // Without outliers it is Student's t.
         let loss = Mixture::<4>::new(1.0, 4.0, 100.0);

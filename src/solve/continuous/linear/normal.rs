@@ -21,7 +21,7 @@ use super::residual::{Evaluator, MatchResidual};
 use super::shared::SHARED;
 use crate::cpu::for_each_cpu;
 use crate::motion::generators::{TURNS, fields};
-use crate::robust::loss::{EffectiveNumber, Loss, Mixture};
+use crate::robust::loss::{Density, EffectiveNumber, Loss, Mixture};
 use nalgebra::{Matrix2, SMatrix, SVector};
 
 /// Bands to a pair.
@@ -63,18 +63,19 @@ impl Normal {
     pub fn log_likelihood(&self, residuals: &PairResiduals) -> f64 {
         let terms = residuals.matches.iter().zip(&residuals.before).map(|(own, before)| {
             let new = self.variances.innovation(own, before.as_ref());
-            loss_of(&new, own, residuals.others).log_likelihood(new.square())
+            loss_of(&new, own, residuals.others).log_density(new.square())
         });
         independent_share(residuals) * terms.filter(|term| term.is_finite()).sum::<f64>()
     }
 }
 
 /// The loss of an innovation: Student's t for the scene; all other matches spread evenly over as far as
-/// points move in the pair, with the variance `others` in px².
+/// points move in the pair, with a variance in px². The median of |r|² gives σ² as of a normal distribution; it
+/// is used as the scale of Student's t.
 #[inline(always)]
-fn loss_of(new: &Innovation, own: &MatchResidual, others: f64) -> Mixture<FREEDOM> {
+fn loss_of(new: &Innovation, own: &MatchResidual, outlier_variance: f64) -> Mixture<FREEDOM> {
     let inverse_scale = new.weight.determinant().sqrt() * own.whitening.determinant();
-    Mixture::new(own.prior, inverse_scale, others)
+    Mixture::new(own.prior, inverse_scale, outlier_variance)
 }
 
 /// The factor on each weight by which a pair counts as at most [`INDEPENDENT_MATCHES`].

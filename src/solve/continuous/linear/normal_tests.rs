@@ -267,7 +267,9 @@ fn the_normal_equations_of_tracks_are_those_of_innovations() {
     let weighted = |a: &[Vector2<f64>], b: &[Vector2<f64>]| -> f64 {
         // Residuals are about zero: 6/4 of Student's t, a pair counting as 25.
         let probable = |new: &Innovation, own: &MatchResidual| {
-            loss_of(new, own, residuals.others).inlier_probability(new.square())
+            let scale = new.weight.determinant().sqrt() * own.whitening.determinant();
+            let scene = own.prior * scale * (1.0 + new.square() / 4.0).powi(-3);
+            scene / (scene + (1.0 - own.prior) / residuals.others)
         };
         let weighted =
             innovations.iter().zip(&residuals.matches).map(|(new, own)| new.weight * probable(new, own));
@@ -344,7 +346,7 @@ fn a_place_along_the_axis_is_its_line_s_share_of_the_readout() {
 #[test]
 fn to_fit_two_thirds_of_the_matches_well_is_likelier_than_to_fit_all_badly() {
     let log = |distance: f64, sigma: f64| {
-        Mixture::<FREEDOM>::new(0.9, sigma.powi(-2), 100.0).log_likelihood((distance / sigma).powi(2))
+        Mixture::<FREEDOM>::new(0.9, sigma.powi(-2), 100.0).log_density((distance / sigma).powi(2))
     };
     // Two thirds of them within 0.2 px, the others 20 px off; or all of them 3 px off.
     let two_thirds = (2.0 * log(0.2, 0.2) + log(20.0, 0.2)) / 3.0;
