@@ -30,7 +30,7 @@ struct Entry {
     stamp: f64,
     to_next: Option<FramePair>,
     /// Whether it was compared with the frame before and makes no pair with it: too few matches, as at a cut, in
-    /// a black frame or where all is overlay, or too long an interval.
+    /// a black frame or where overlays leave few, or too long an interval.
     is_unmatched: bool,
     /// All correspondences with the next frame, if they are kept.
     found: Vec<Correspondence>,
