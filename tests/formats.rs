@@ -102,18 +102,7 @@ fn padded(buffer: &gst::BufferRef, info: &VideoInfo, pad: usize) -> gst::Buffer 
             data.extend(std::iter::repeat_n(0xa5, pad));
         }
     }
-    let mut out = gst::Buffer::from_mut_slice(data);
-    gst_video::VideoMeta::add_full(
-        out.get_mut().unwrap(),
-        gst_video::VideoFrameFlags::empty(),
-        info.format(),
-        info.width(),
-        info.height(),
-        &offsets,
-        &strides,
-    )
-    .unwrap();
-    out
+    laid_out(data, info, &offsets, &strides)
 }
 
 /// The frame as the element gives it out: enlarged, so that every sample lies between others, and by the

@@ -179,3 +179,24 @@ pub fn wait_for(pipeline: &gst::Pipeline, kind: gst::MessageType) -> gst::Messag
     assert_ne!(message.type_(), gst::MessageType::Error, "{message:?}");
     message
 }
+
+/// A frame of these bytes, whose planes begin at these offsets and have these strides.
+pub fn laid_out(
+    data: Vec<u8>,
+    info: &gst_video::VideoInfo,
+    offsets: &[usize],
+    strides: &[i32],
+) -> gst::Buffer {
+    let mut buffer = gst::Buffer::from_mut_slice(data);
+    gst_video::VideoMeta::add_full(
+        buffer.get_mut().unwrap(),
+        gst_video::VideoFrameFlags::empty(),
+        info.format(),
+        info.width(),
+        info.height(),
+        offsets,
+        strides,
+    )
+    .unwrap();
+    buffer
+}

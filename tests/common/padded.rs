@@ -1,5 +1,6 @@
 //! Frames whose rows are longer than they need be, of any format.
 
+use crate::common::laid_out;
 use gst_video::prelude::*;
 use gst_video::{VideoFrameRef, VideoInfo};
 
@@ -16,17 +17,7 @@ pub fn padded(info: &VideoInfo, pad: usize, value: u8) -> gst::Buffer {
         strides.push(stride);
         size += stride as usize * info.comp_height(heights(plane).unwrap()) as usize;
     }
-    let mut buffer = gst::Buffer::from_mut_slice(vec![value ^ 0xff; size]);
-    gst_video::VideoMeta::add_full(
-        buffer.get_mut().unwrap(),
-        gst_video::VideoFrameFlags::empty(),
-        info.format(),
-        info.width(),
-        info.height(),
-        &offsets,
-        &strides,
-    )
-    .unwrap();
+    let mut buffer = laid_out(vec![value ^ 0xff; size], info, &offsets, &strides);
     fill(&mut buffer, info, value);
     buffer
 }

@@ -218,7 +218,7 @@ mod tests {
     #[test]
     fn motion_before_a_still_camera_makes_no_caption() {
         let mut overlay = overlay();
-        // A bus over nearly half of the picture, or water whose every point goes its own way, over most.
+        // A bus over nearly half of the picture, or water with a random displacement of each point, over most.
         let is_bus = |point: Vector2<f64>| point.x < 550.0 && (50.0..500.0).contains(&point.y);
         let bus = |point: Vector2<f64>| Vector2::new(if is_bus(point) { 5.0 } else { 0.0 }, 0.0);
         for seed in 0..20 {

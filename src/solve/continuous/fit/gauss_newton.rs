@@ -46,8 +46,7 @@ pub fn fit(window: PairWindow<'_>, start: Posterior, setup: &Setup, steps: usize
         }
         // Robust weights may oscillate, by less than the uncertainty.
         let sigma = window.beside().filter_map(|index| posterior.sigma(index)).fold(0.0, f64::max);
-        let observed = posterior.observed.gamma;
-        let deviation = observed.map_or(f64::INFINITY, |observed| observed.information.sqrt().recip());
+        let deviation = posterior.observed.gamma.map_or(f64::INFINITY, |gamma| gamma.deviation());
         let slack = GAMMA_TOLERANCE_DEVIATIONS * deviation;
         summary.converged = change < sigma && moved < GAMMA_TOLERANCE.max(slack);
     }

@@ -15,6 +15,13 @@ pub struct Observation {
     pub information: f64,
 }
 
+impl Observation {
+    /// Standard deviation.
+    pub fn deviation(&self) -> f64 {
+        self.information.sqrt().recip()
+    }
+}
+
 /// Beliefs about γ and κ from all windows so far, and their limits.
 #[derive(Clone, Copy, Debug)]
 pub struct CameraBelief {
