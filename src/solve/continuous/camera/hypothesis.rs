@@ -1,8 +1,8 @@
-//! A hypothesis: a scan axis and a knot density, with a fit of its own. The edge that is read first is the sign of γ.
+//! A hypothesis: a scan axis with the edge that is read first, and a knot density, with a fit of its own.
 
 use super::evidence::EvidenceRecord;
-use super::given::Scan;
 use super::schedule::Schedule;
+use crate::readout::ReadoutDirection;
 use crate::solve::continuous::data::{PairWindow, breadth};
 use crate::solve::continuous::fit::{
     DECISIVE_LOG_BAYES_FACTOR, MAX_READOUT_DEVIATION, Multistart, Posterior, STEPS, Setup, Summary, fit,
@@ -21,9 +21,9 @@ const NOISE_LIMIT: f64 = 4.0;
 const EM_STEPS: [usize; 3] = [36, 6, 3];
 /// Least share of the residuals common to the matches of a line for a trial of the vibrating density.
 const MIN_LINE_SHARE: f64 = 0.7;
-/// Shares of the greatest and of the least γ from which a vibration is fitted if γ is unknown.
+/// Magnitudes of γ from which a vibration is fitted if γ is unknown.
 const VIBRATION_STARTS: [f64; 2] = [0.9, 0.5];
-/// Share of the greatest and of the least γ from which an unknown γ is searched, beside its present value.
+/// Magnitude of γ from which an unknown γ is searched, beside its present value.
 const SEARCH_START: f64 = 0.9;
 /// γ is significant with a standard deviation below this, or at this many standard deviations from zero.
 const SIGNIFICANT_DEVIATION: f64 = 0.02;
@@ -38,7 +38,7 @@ const PREPARED_STEPS: [usize; 2] = [4, 1];
 pub enum Phase {
     /// Added in mid-stream; γ has not been searched yet, so that its evidence is not compared.
     AwaitsSearch,
-    /// Compared with one of the other knot density along the same axis. While it leads, none is dropped.
+    /// Compared with one of the other knot density in the same direction. While it leads, none is dropped.
     OnTrial,
     Established,
 }
@@ -57,7 +57,8 @@ struct Searches {
 /// A hypothesis about the camera.
 #[derive(Clone, Debug)]
 pub struct Hypothesis {
-    pub scan: Scan,
+    /// Edge that is read first, or from which γ is searched: γ may change its sign.
+    pub direction: ReadoutDirection,
     /// Limits of γ over the longest readout: −1, 0 or 1.
     signs: [f64; 2],
     pub setup: Setup,
@@ -73,8 +74,6 @@ pub struct Hypothesis {
     is_at_rest: bool,
     /// Whether γ converged in the last window.
     pub has_converged: bool,
-    /// Log evidence of the last window, once computed.
-    log_evidence: Option<f64>,
     /// Whether the path explained little of the motion in the last window.
     explains_little: bool,
     /// EM steps so far.
@@ -84,9 +83,15 @@ pub struct Hypothesis {
 
 impl Hypothesis {
     /// A hypothesis without evidence.
-    pub fn new(scan: Scan, signs: [f64; 2], setup: Setup, posterior: Posterior, log_prior: f64) -> Self {
+    pub fn new(
+        direction: ReadoutDirection,
+        signs: [f64; 2],
+        setup: Setup,
+        posterior: Posterior,
+        log_prior: f64,
+    ) -> Self {
         Self {
-            scan,
+            direction,
             signs,
             setup,
             posterior,
@@ -97,7 +102,6 @@ impl Hypothesis {
             schedule: Schedule::new(),
             is_at_rest: true,
             has_converged: false,
-            log_evidence: None,
             explains_little: false,
             em_steps: 0,
             searches: Searches::default(),
@@ -133,20 +137,6 @@ impl Hypothesis {
         self.density() == KnotDensity::Vibrating || self.searches.density.is_some()
     }
 
-    /// Whether the last window constrains γ by more than its prior does. While none does, γ rests.
-    pub fn constrains_gamma(&self) -> bool {
-        let belief = &self.setup.camera.beliefs.gamma;
-        self.posterior.observed.gamma.is_some_and(|observed| observed.informs(belief))
-    }
-
-    /// Waits until a window constrains γ; then it is searched for first.
-    pub fn rest(&mut self) {
-        self.posterior.restart();
-        self.drop_searches();
-        self.phase = Phase::AwaitsSearch;
-        self.schedule.expect_search();
-    }
-
     /// Whether γ is too uncertain to be reached from any start.
     pub fn is_vague(&self) -> bool {
         self.setup.camera.gamma_deviation() > MAX_READOUT_DEVIATION
@@ -154,7 +144,7 @@ impl Hypothesis {
 
     /// Whether another hypothesis has the same axis, knot density and γ; never if γ is given.
     pub fn agrees_with(&self, other: &Self) -> bool {
-        let is_same_axis = self.scan.by_rows == other.scan.by_rows;
+        let is_same_axis = self.direction.is_by_rows() == other.direction.is_by_rows();
         let distance = (self.gamma() - other.gamma()).abs();
         let is_same = is_same_axis && distance < MAX_READOUT_DEVIATION && self.density() == other.density();
         is_same && !self.setup.camera.is_gamma_given()
@@ -179,28 +169,21 @@ impl Hypothesis {
         self.posterior.shared.gamma *= factor;
     }
 
-    /// γ from which a fit is begun: the present one and, if it is unknown, from near its limits. Values between
-    /// are reached from these.
+    /// γ from which a fit is begun: the present one and, if it is unknown, the end of its direction. Values
+    /// between and beyond zero are reached from these.
     fn starts(&self, is_vague: bool) -> Vec<f64> {
-        let far = if is_vague { self.near_limits(&[SEARCH_START]) } else { Vec::new() };
-        std::iter::once(self.gamma()).chain(far).collect()
+        std::iter::once(self.gamma()).chain(is_vague.then_some(self.signed(SEARCH_START))).collect()
     }
 
-    /// These shares of the limits of γ that are not 0.
-    fn near_limits(&self, shares: &[f64]) -> Vec<f64> {
-        let limits = self.setup.camera.limits.gamma.into_iter().filter(|limit| *limit != 0.0);
-        limits.flat_map(|limit| shares.iter().map(move |share| share * limit)).collect()
+    /// γ of this magnitude in the direction of the hypothesis.
+    fn signed(&self, size: f64) -> f64 {
+        if self.direction.is_reversed() { -size } else { size }
     }
 
-    /// Takes further steps of the fit, with γ at rest or not; whether γ converged.
-    fn iterate(&mut self, window: PairWindow<'_>, steps: usize, rests: bool) -> bool {
-        let mut setup = self.setup;
-        if rests {
-            setup.camera = setup.camera.at_rest();
-        }
-        self.log_evidence = None;
+    /// Takes further steps of the fit; whether γ converged.
+    fn iterate(&mut self, window: PairWindow<'_>, steps: usize) -> bool {
         let start = std::mem::take(&mut self.posterior);
-        let (posterior, Summary { converged, .. }) = fit(window, start, &setup, steps);
+        let (posterior, Summary { converged, .. }) = fit(window, start, &self.setup, steps);
         self.posterior = posterior;
         converged
     }
@@ -255,7 +238,7 @@ impl Hypothesis {
             if window.pairs.len() >= MIN_PAIRS {
                 self.prepare_search(|searches| &mut searches.readout, true, window);
             }
-            self.iterate(window, STEPS[usize::from(!starts)], false);
+            self.iterate(window, STEPS[usize::from(!starts)]);
             return;
         }
         let found = self.search(window, starts);
@@ -272,7 +255,7 @@ impl Hypothesis {
         let (mut tried, summary) = fit(window, start, &self.setup, STEPS[1]);
         let found = tried.log_evidence(window.pairs, &self.setup);
         if found.is_some_and(|found| found > evidence) {
-            (self.posterior, self.log_evidence) = (tried, found);
+            self.posterior = tried;
             self.has_converged &= summary.converged;
         } else {
             self.schedule.smoothness.restart();
@@ -301,8 +284,7 @@ impl Hypothesis {
             self.em_steps = 0;
             STEPS[usize::from(self.is_at_rest)]
         };
-        let rests = self.posterior.observed.gamma.is_some() && !self.constrains_gamma();
-        let has_converged = self.iterate(window, steps, rests);
+        let has_converged = self.iterate(window, steps);
         self.is_at_rest |= has_converged;
         has_converged
     }
@@ -323,8 +305,7 @@ impl Hypothesis {
         if let Some(timer) = &mut self.schedule.search {
             timer.tick();
         }
-        let is_new = at_once || self.phase == Phase::AwaitsSearch;
-        let is_due = is_time && self.is_vague() && self.moves(window) && (is_new || self.constrains_gamma());
+        let is_due = is_time && self.is_vague() && self.moves(window);
         if self.searches.readout.is_none() && (starts || is_due) {
             let starts = self.starts(is_due);
             self.searches.readout = Some(Multistart::new(&self.posterior, &self.setup, &starts));
@@ -368,9 +349,7 @@ impl Hypothesis {
 
     /// Log evidence of a window, up to a constant.
     pub fn log_evidence(&mut self, window: PairWindow<'_>) -> Option<f64> {
-        self.log_evidence =
-            self.log_evidence.or_else(|| self.posterior.log_evidence(window.pairs, &self.setup));
-        self.log_evidence
+        self.posterior.log_evidence(window.pairs, &self.setup)
     }
 
     /// Continues the fit with the greatest evidence; whether γ converged and no other γ is nearly as likely.
@@ -382,7 +361,7 @@ impl Hypothesis {
         let mut ranked = search.ranked(window, &self.setup).into_iter();
         let Some((_, best)) = ranked.next() else { return false };
         self.posterior = best;
-        self.is_at_rest = self.iterate(window, steps, false);
+        self.is_at_rest = self.iterate(window, steps);
         let Some(evidence) = self.log_evidence(window) else { return false };
         let gamma = self.gamma();
         let is_rival = |(log, other): (f64, Posterior)| {
@@ -421,8 +400,9 @@ impl Hypothesis {
             self.schedule.density.restart();
             let density = self.density().other();
             let is_unknown = density == KnotDensity::Vibrating && self.is_vague();
-            let starts = if is_unknown { self.near_limits(&VIBRATION_STARTS) } else { Vec::new() };
-            let trial = Multistart::with_density(&self.posterior, &self.setup, density, &starts);
+            let starts = VIBRATION_STARTS.map(|start| self.signed(start));
+            let starts = if is_unknown { &starts[..] } else { &[] };
+            let trial = Multistart::with_density(&self.posterior, &self.setup, density, starts);
             self.searches.density = Some(trial);
         }
         let trial = self.searches.density.as_mut()?;
@@ -435,7 +415,7 @@ impl Hypothesis {
         posterior.predicts = is_vibrating && window.pairs.len() > window.past;
         let log_odds = if is_vibrating { VIBRATION_LOG_ODDS } else { -VIBRATION_LOG_ODDS };
         let log_prior = self.log_prior + log_odds;
-        let mut other = Self::new(self.scan, self.signs, self.setup, posterior, log_prior);
+        let mut other = Self::new(self.direction, self.signs, self.setup, posterior, log_prior);
         other.phase = Phase::OnTrial;
         other.schedule.search = self.schedule.search;
         other.schedule.density.restart();
@@ -444,7 +424,7 @@ impl Hypothesis {
             (false, true) => EM_STEPS[0],
             (false, false) => STEPS[0],
         };
-        other.has_converged = other.iterate(window, steps, false);
+        other.has_converged = other.iterate(window, steps);
         Some(other)
     }
 }

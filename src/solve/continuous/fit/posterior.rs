@@ -58,7 +58,7 @@ impl Posterior {
     /// Resets the path, not γ and κ.
     pub fn restart(&mut self) {
         self.trajectory.splines.coefficients.clear();
-        self.evaluated.clear();
+        evaluated::invalidate(&mut self.evaluated);
         self.smoothness.restart();
         self.observed = Shared::default();
     }
@@ -97,7 +97,7 @@ impl Posterior {
         let mut first: Vec<usize> = (0..splines.coefficients.len()).collect();
         self.smoothness.reach(splines, self.order(setup), &mut first);
         self.evaluated.iter().for_each(|pair| pair.normal.equations.reach(&mut first));
-        let shared = self.system.assemble(first, self.evaluated.iter());
+        let shared = self.system.assemble(first, self.evaluated.iter().map(|pair| &pair.normal));
         let System { matrix, right, .. } = &mut self.system;
         self.smoothness.add(splines, variance_share(&self.evaluated), matrix, right);
         shared
@@ -107,6 +107,7 @@ impl Posterior {
     pub fn apply_step(&mut self, setup: &Setup) {
         let splines = &mut self.trajectory.splines;
         splines.coefficients.iter_mut().zip(&self.system.right).for_each(|(value, step)| *value += step);
+        evaluated::invalidate(&mut self.evaluated);
         self.system.matrix.inverse_band(setup.cpu, &mut self.covariance.matrix);
         self.covariance.base = splines.base;
     }
@@ -136,7 +137,7 @@ impl Posterior {
         if !(matrix.factorise(setup.cpu) && prior.factorise(setup.cpu)) {
             return None;
         }
-        let likelihoods = self.evaluated.iter_mut().map(EvaluatedPair::log_likelihood);
+        let likelihoods = self.evaluated.iter().map(|pair| pair.normal.log_likelihood(&pair.residuals));
         let likelihood: f64 = likelihoods.sum();
         // The prior's right side is −Pc.
         let energy: f64 = splines.coefficients.iter().zip(&right).map(|(value, side)| -value * side).sum();
@@ -154,7 +155,7 @@ impl Posterior {
         self.evaluated.get(index).map(|pair| pair.normal.variances.noise.sqrt())
     }
 
-    /// Root mean square change of the displacements of pair `index` by the last step, in standard deviations.
+    /// Root mean square change in pixels of the displacements of pair `index` by the last step.
     pub fn moved(&self, index: usize) -> f64 {
         self.evaluated.get(index).map_or(0.0, |pair| pair.normal.moved(&self.system.right))
     }

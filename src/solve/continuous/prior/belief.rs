@@ -44,11 +44,6 @@ impl Belief {
         self.information = sum;
     }
 
-    /// Inverse variance of the prior.
-    pub fn prior(&self) -> f64 {
-        self.prior
-    }
-
     /// Converts to units smaller by `factor`.
     pub fn scale(&mut self, factor: f64) {
         self.mean *= factor;

@@ -16,11 +16,6 @@ pub struct Observation {
 }
 
 impl Observation {
-    /// Whether it says more than the prior of a belief: if not, what it says may as well be a misfit.
-    pub fn informs(&self, belief: &Belief) -> bool {
-        self.information > belief.prior()
-    }
-
     /// Standard deviation.
     pub fn deviation(&self) -> f64 {
         self.information.sqrt().recip()
@@ -40,12 +35,6 @@ impl CameraBelief {
     pub fn is_gamma_given(&self) -> bool {
         let [low, high] = self.limits.gamma;
         low == high
-    }
-
-    /// With γ held at its mean.
-    pub fn at_rest(mut self) -> Self {
-        self.limits.gamma = [self.beliefs.gamma.mean; 2];
-        self
     }
 
     /// Standard deviation of γ.
@@ -97,7 +86,7 @@ impl CameraBelief {
     pub fn add(&mut self, observed: &Shared<Option<Observation>>, share: f64) {
         let unknowns = self.beliefs.as_mut().zip(self.limits).zip(*observed);
         for ((belief, [low, high]), observed) in unknowns.into_array() {
-            if let Some(observed) = observed.filter(|observed| observed.informs(belief)) {
+            if let Some(observed) = observed {
                 belief.add(observed.value.clamp(low, high), observed.information, share);
             }
         }
