@@ -1,6 +1,5 @@
 //! Displacement that is left.
 
-use super::harm;
 use super::stats::{Stats, distances, uncorrected};
 use crate::footage::FrameTruth;
 use crate::methods::Correction;
@@ -12,14 +11,9 @@ pub fn left(truth: &[FrameTruth], corrections: &[Box<dyn Correction>]) -> Stats 
     Stats::of(left.collect())
 }
 
-/// By how much the RMS displacement of a frame is above that of its input, in pixels, in the frame where it is most. In a
-/// frame without samples, which is to be left as it is, any displacement is above.
+/// By how much the RMS displacement of a frame is above that of its input, in pixels, in the frame where it is most.
 pub fn worst_above_input(truth: &[FrameTruth], corrections: &[Box<dyn Correction>]) -> f64 {
     let above = |(truth, correction): (&FrameTruth, _)| {
-        if truth.samples.is_empty() {
-            let size = [truth.global.width, truth.global.height];
-            return harm::added(size, std::slice::from_ref(correction)).rms;
-        }
         let left = left(std::slice::from_ref(truth), std::slice::from_ref(correction));
         left.rms - uncorrected(truth.samples.iter().copied()).rms
     };
