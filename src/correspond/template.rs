@@ -14,8 +14,8 @@ use super::patch::{
 use crate::pyramid::Level;
 use nalgebra::{Matrix2, Vector2};
 
-/// Largest ratio of the contrasts of the two frames, either way.
-const MAX_GAIN: f32 = 3.0;
+/// Most samplings of the image in a registration.
+const MAX_STEPS: usize = 5;
 
 /// A patch of 16 × 16 pixels of the first frame, its gradients and their matrix.
 pub(super) struct Template {
@@ -45,15 +45,6 @@ pub(super) struct PatchMatch {
     pub(super) residual: f32,
     /// Coefficient of correlation of the two patches, 0 to 1.
     pub(super) correlation: f32,
-}
-
-/// When the registration of a template stops.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct StoppingCriterion {
-    /// Most samplings of the image.
-    pub(super) iterations: usize,
-    /// A step shorter than this, in pixels, is the last.
-    pub(super) tolerance: f32,
 }
 
 impl Template {
@@ -93,28 +84,24 @@ impl Template {
     }
 
     /// Registers the template in `level` from an initial position; `None` if it leaves the image or
-    /// the contrasts differ too much.
+    /// the contrasts are opposite. A step shorter than `tolerance`, in pixels, is the last.
     #[inline(always)]
-    pub(super) fn find(
-        &self,
-        level: &Level,
-        start: Vector2<f32>,
-        stopping: StoppingCriterion,
-    ) -> Option<PatchMatch> {
+    pub(super) fn find(&self, level: &Level, start: Vector2<f32>, tolerance: f32) -> Option<PatchMatch> {
         let mut corner = start;
         let mut best = None;
-        for _ in 0..stopping.iterations {
+        for _ in 0..MAX_STEPS {
             let gradients = [&self.gradient_x, &self.gradient_y];
             let sums = sample_sums(level, corner, self.mean, &self.values, gradients)?;
             let gain = sums.values / self.energy;
-            if !(gain > 1.0 / MAX_GAIN && gain < MAX_GAIN) {
+            // A negative one would lead away.
+            if !(gain > 0.0) {
                 return None;
             }
             let step = self.inverse * sums.slope / gain;
             corner -= step;
             let length = step.norm();
             best = Some((sums, gain, length));
-            if length < stopping.tolerance {
+            if length < tolerance {
                 break;
             }
         }

@@ -28,12 +28,9 @@ impl TimedMatch {
     }
 }
 
-/// Steps after which the minimisation ends in any case.
-const MAX_STEPS: usize = 20;
-/// The minimisation ends when a step lowers the cost by less than this share.
-const ENOUGH: f64 = 1e-7;
-/// Damping beyond which no step helps any more.
-const MAX_DAMPING: f64 = 1e8;
+/// Most steps of the minimisation, and rounds of reweighting before it: a coherent third of the matches that moves by
+/// itself is let go after about ten.
+pub(super) const ITERATIONS: usize = 20;
 
 /// Minimises the measurement constraint; keeps its buffers.
 #[derive(Debug, Default)]
@@ -63,8 +60,12 @@ impl Minimiser {
         let mut twist = start;
         let mut cost = total_cost(matches, &self.corrected, twist, loss);
         let mut damping = 1e-4;
-        for _ in 0..MAX_STEPS {
+        // A step that lowers the cost by less than this share is as small as the rounding of the cost allows to see.
+        let enough = f64::EPSILON.sqrt();
+        let mut is_determined = false;
+        for _ in 0..ITERATIONS {
             let step = self.step(matches, twist, loss, damping);
+            is_determined |= step.is_some();
             let next = step.map(|step| Twist::from_vector(twist.to_vector() + step));
             let next_cost = next.map_or(f64::INFINITY, |next| total_cost(matches, &self.trial, next, loss));
             match next {
@@ -73,21 +74,14 @@ impl Minimiser {
                     std::mem::swap(&mut self.corrected, &mut self.trial);
                     (twist, cost) = (next, next_cost);
                     damping *= 0.1;
-                    if gain <= ENOUGH * cost {
+                    if gain <= enough * cost {
                         break;
                     }
                 }
-                _ => {
-                    damping *= 10.0;
-                    if damping > MAX_DAMPING {
-                        // No step from here helps: a minimum, unless no step could be solved at all.
-                        step?;
-                        break;
-                    }
-                }
+                _ => damping *= 10.0,
             }
         }
-        twist.is_finite().then_some(twist)
+        (is_determined && twist.is_finite()).then_some(twist)
     }
 
     /// The corrected points o of the last minimisation, in centred pixels, one a match.
