@@ -1,18 +1,26 @@
 //! Selects correspondences of small variance, for solvers that assume the same noise for all.
 
 use super::correspondence::Correspondence;
-use crate::robust::median::{NOISE_LIMIT, median};
 
-/// Standard deviation of a measured coordinate in analysed pixels that these solvers assume: that of the sampler on
-/// compressed footage.
-pub const NOISE: f64 = 0.1;
+/// Correspondences are dropped if their standard deviation is more than this many times the median of the
+/// pair …
+const MAX_DEVIATION_RATIO: f64 = 2.0;
 
-/// Copies to `out` the correspondences of a pair whose standard deviation along every axis is at most [`NOISE_LIMIT`]
-/// times [`NOISE`], or times the median of the pair where that is larger. `scale` is the width of an analysed pixel in
-/// full-frame pixels.
+/// … and more than this, in analysed pixels.
+const MIN_DEVIATION_LIMIT: f64 = 0.3;
+
+/// Copies to `out` the correspondences of a pair whose standard deviation along every axis is at most 0.3
+/// analysed pixels, or twice the median of the pair. `scale` is the width of an analysed pixel in full-frame
+/// pixels.
 pub fn certain(found: &[Correspondence], scale: f64, out: &mut Vec<Correspondence>) {
     let mut variances: Vec<f64> = found.iter().map(Correspondence::variance).collect();
-    let limit = NOISE_LIMIT * NOISE_LIMIT * median(&mut variances).max(NOISE * NOISE * scale * scale);
+    let middle = variances.len() / 2;
+    let median = match variances.get(middle) {
+        Some(_) => *variances.select_nth_unstable_by(middle, f64::total_cmp).1,
+        None => 0.0,
+    };
+    let least = MIN_DEVIATION_LIMIT * scale;
+    let limit = (least * least).max(MAX_DEVIATION_RATIO * MAX_DEVIATION_RATIO * median);
     out.clear();
     out.extend(found.iter().filter(|found| found.variance() <= limit));
 }
@@ -39,11 +47,11 @@ mod tests {
     #[test]
     fn uncertain_points_are_dropped_relative_to_the_median() {
         assert_eq!(certain_of(&[], 1.0), 0);
-        assert_eq!(certain_of(&[0.05, 0.2, 0.5, 2.0], 1.0), 3, "0.5 is the median");
-        assert_eq!(certain_of(&[0.05, 0.05, 0.05, 0.31, 2.0], 1.0), 3);
-        assert_eq!(certain_of(&[0.05, 0.05, 0.05, 0.31, 2.0], 2.0), 4, "0.6 full-frame pixels");
-        assert_eq!(certain_of(&[1.0, 1.0, 2.9, 3.1], 1.0), 4, "2.9 is the median");
-        assert_eq!(certain_of(&[1.0, 1.0, 1.0, 2.9, 3.1], 1.0), 4);
+        assert_eq!(certain_of(&[0.1, 0.29, 0.31, 2.0], 1.0), 3, "0.29 is the median");
+        assert_eq!(certain_of(&[0.1, 0.1, 0.1, 0.31, 2.0], 1.0), 3);
+        assert_eq!(certain_of(&[0.1, 0.1, 0.1, 0.31, 2.0], 2.0), 4, "0.6 full-frame pixels");
+        assert_eq!(certain_of(&[1.0, 1.0, 1.9, 2.1], 1.0), 4, "1.9 is the median");
+        assert_eq!(certain_of(&[1.0, 1.0, 1.0, 1.9, 2.1], 1.0), 4);
         assert_eq!(certain_of(&[f64::NAN, 0.1, 0.1], 1.0), 2);
     }
 }

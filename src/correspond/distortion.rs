@@ -3,8 +3,17 @@
 use nalgebra::{Matrix2, Vector2};
 use std::ops::Range;
 
-/// Cells of the neighbourhood along each axis, the cell itself in the middle.
-const SIDE: usize = 5;
+/// Cells on each side that are used as neighbours.
+const REACH: usize = 2;
+
+/// Cells of the neighbourhood along each axis.
+const SIDE: usize = 2 * REACH + 1;
+
+/// Fewer pairs of neighbours than this give no estimate.
+const MIN_PAIRS: usize = 4;
+
+/// Distortions with a matrix entry larger than this are rejected as outliers.
+const MAX_DISTORTION: f32 = 0.5;
 
 /// A measured displacement at a cell of the grid, in analysed pixels.
 #[derive(Clone, Copy, Debug)]
@@ -48,7 +57,7 @@ impl DisplacementGradients {
     /// × 5 around it, robust to just under half outliers or cells of another displacement.
     pub(super) fn distortion(&self, index: usize) -> Matrix2<f32> {
         let (column, row) = (index % self.columns, index / self.columns);
-        let around = |at: usize, count: usize| at.saturating_sub(SIDE / 2)..(at + SIDE / 2 + 1).min(count);
+        let around = |at: usize, count: usize| at.saturating_sub(REACH)..(at + REACH + 1).min(count);
         let (across, along) = (around(column, self.columns), around(row, self.rows));
         let [last, bottom] = [&across, &along].map(|range| range.start..range.end.saturating_sub(1));
         let right = self.median(&self.right, last, along);
@@ -56,7 +65,8 @@ impl DisplacementGradients {
         Matrix2::identity() + Matrix2::from_columns(&[right, down])
     }
 
-    /// Median of the gradients of some cells; zero if there are none.
+    /// Median of the gradients of some cells; zero if there are too few, or the median exceeds
+    /// [`MAX_DISTORTION`].
     fn median(
         &self,
         gradients: &[Option<Vector2<f32>>],
@@ -67,11 +77,12 @@ impl DisplacementGradients {
             let start = row * self.columns;
             gradients.get(start + columns.start..start + columns.end)
         });
-        median(rows.flatten().copied().flatten()).unwrap_or_default()
+        let gradient = median(rows.flatten().copied().flatten()).unwrap_or_default();
+        if gradient.amax() <= MAX_DISTORTION { gradient } else { Vector2::zeros() }
     }
 }
 
-/// Median of each component; `None` without values.
+/// Median of each component; `None` for fewer than [`MIN_PAIRS`].
 fn median(values: impl Iterator<Item = Vector2<f32>>) -> Option<Vector2<f32>> {
     let mut x = [0.0; SIDE * SIDE];
     let mut y = [0.0; SIDE * SIDE];
@@ -80,7 +91,7 @@ fn median(values: impl Iterator<Item = Vector2<f32>>) -> Option<Vector2<f32>> {
         (*x, *y) = (value.x, value.y);
         count += 1;
     }
-    if count == 0 {
+    if count < MIN_PAIRS {
         return None;
     }
     let middle = |values: &mut [f32]| *values.select_nth_unstable_by(count / 2, f32::total_cmp).1;

@@ -1,7 +1,10 @@
 //! The measured points: a uniform grid over the whole frame.
 
-use super::patch::{PATCH_SIDE, WIDTH_WITH_MARGIN};
+use super::patch::PATCH_SIDE;
 use nalgebra::Vector2;
+
+/// Pixels around a patch that are needed for its gradients.
+const MARGIN: usize = 1;
 
 /// Patches centred in the cells of a grid, in analysed pixels, row by row.
 #[derive(Clone, Debug)]
@@ -35,11 +38,13 @@ impl Grid {
 
 /// The first pixel of the patch in cell `index` of `cells` over `length` pixels.
 fn place(index: usize, cells: usize, length: usize) -> Option<usize> {
-    let margin = (WIDTH_WITH_MARGIN - PATCH_SIDE) / 2;
-    let last = length.checked_sub(WIDTH_WITH_MARGIN)? + margin;
+    let last = length.checked_sub(PATCH_SIDE + MARGIN)?;
+    if last < MARGIN {
+        return None;
+    }
     let cell = length as f64 / cells as f64;
     let wanted = (index as f64 + 0.5) * cell - 0.5 * PATCH_SIDE as f64;
-    let corner = wanted.round().clamp(margin as f64, last as f64);
+    let corner = wanted.round().clamp(MARGIN as f64, last as f64);
     ((corner - wanted).abs() <= (0.5 * cell).max(0.5)).then_some(corner as usize)
 }
 

@@ -38,6 +38,6 @@ mod template;
 mod tests;
 
 pub use crate::pyramid::Pyramid;
-pub use certain::{NOISE, certain};
+pub use certain::certain;
 pub use correspondence::Correspondence;
 pub use sampler::Sampler;

@@ -12,8 +12,8 @@ pub(super) const PATCH_SIDE: usize = 16;
 /// Samples of a row that the cubic kernel reads for one row of a patch.
 const CUBIC_WIDTH: usize = PATCH_SIDE + 3;
 
-/// Samples in a row of a patch with a margin of one pixel, which its gradients need.
-pub(super) const WIDTH_WITH_MARGIN: usize = PATCH_SIDE + 2;
+/// Samples in a row of a patch with a margin of one pixel.
+const WIDTH_WITH_MARGIN: usize = PATCH_SIDE + 2;
 
 /// A patch, row by row.
 pub(super) type PatchValues = [[f32; PATCH_SIDE]; PATCH_SIDE];
@@ -95,15 +95,20 @@ pub(super) fn sample_sums(
     Some(Sums { values, slope: Vector2::new(x, y), sum, squares })
 }
 
-/// Columns that the first pass of [`sample_distorted`] produces: a patch with its margin that is wider by up to a quarter,
-/// in vectors of eight.
-const COLUMNS: usize = 24;
+/// Columns that the first pass of [`sample_distorted`] produces for a patch of small distortion.
+const MIN_COLUMNS: usize = 24;
 
-/// The columns, and zeros on either side, which a shrinking patch reads with weights of zero.
-type PaddedColumns = [f32; 2 * COLUMNS];
+/// Columns that the first pass of [`sample_distorted`] produces at most.
+const MAX_COLUMNS: usize = 40;
+
+/// Zero columns on either side, which a shrinking patch reads with weights of zero.
+const PADDING: usize = 12;
+
+/// Allowed distance in x between neighbouring samples of a row, in pixels.
+const SPACING: std::ops::RangeInclusive<f32> = 0.5..=2.0;
 
 /// Samples at `first` + `distortion`·(c, r), for 18 columns c and rows r, linearly interpolated;
-/// `None` if they leave the image, take more than [`COLUMNS`] or are closer than half a pixel.
+/// `None` if they leave the image or their spacing is not in [`SPACING`].
 ///
 /// Two passes after Catmull and Smith: row r is first sampled down the columns, along the line on
 /// which its samples lie, then along that line. Both passes weight the pixels near the line by the hat
@@ -123,17 +128,20 @@ pub(super) fn sample_distorted(
         at.x >= 0.0 && at.y >= 0.0 && at.x < last.x && at.y < last.y
     });
     let spacing = distortion.m11;
-    let columns = (span * spacing) as usize + 3;
-    // Samples half a pixel apart shrink the columns to half: then all of the padding is read.
-    if !(inside && columns <= COLUMNS && spacing >= 0.5) {
+    if !inside || !SPACING.contains(&spacing) {
         return None;
     }
+    let columns = (span * spacing) as usize + 3;
     let mut samples = [[0.0; WIDTH_WITH_MARGIN]; WIDTH_WITH_MARGIN];
     for (r, row) in samples.iter_mut().enumerate() {
         let start = first + distortion.column(1) * r as f32;
         let line = SampleLine { start, slope: distortion.m21 / spacing, columns };
-        let mut middle = [0.0; 2 * COLUMNS];
-        line.sample_down(level, &mut middle);
+        let mut middle = [0.0; PADDING + MAX_COLUMNS + PADDING];
+        if columns <= MIN_COLUMNS {
+            line.sample_down::<MIN_COLUMNS>(level, &mut middle);
+        } else {
+            line.sample_down::<MAX_COLUMNS>(level, &mut middle);
+        }
         *row = *sample_along(&middle, start.x - start.x.floor(), spacing).first_chunk()?;
     }
     Some(samples)
@@ -150,49 +158,53 @@ struct SampleLine {
 impl SampleLine {
     /// Samples the picture where the line crosses the columns, starting with the column left of its start.
     #[inline(always)]
-    fn sample_down(&self, level: &Level, out: &mut PaddedColumns) {
+    fn sample_down<const W: usize>(&self, level: &Level, out: &mut [f32; PADDING + MAX_COLUMNS + PADDING]) {
         let left = self.start.x.floor();
         let first = self.start.y - self.slope * (self.start.x - left);
         let end = first + self.slope * (self.columns - 1) as f32;
         let top = first.min(end).floor();
         let taps = (first.max(end) - top) as usize + 2;
-        let mut sums = [0.0; COLUMNS];
+        let mut sums = [0.0; W];
         for tap in 0..taps {
             let row = (top + tap as f32).clamp(0.0, level.height() as f32 - 1.0) as i32;
-            let pixels = padded(level, row, left as i32, self.columns);
+            let pixels = padded::<W>(level, row, left as i32, self.columns);
             let distance = first - top - tap as f32;
             for (i, sum) in sums.iter_mut().enumerate() {
                 *sum += hat(distance + self.slope * i as f32) * pixels[i];
             }
         }
-        out[COLUMNS / 2..COLUMNS / 2 + COLUMNS].copy_from_slice(&sums);
+        out[PADDING..PADDING + W].copy_from_slice(&sums);
     }
 }
 
-/// Pixels of a row of a level, starting at `left`; those past the first `count` are arbitrary.
+/// `W` pixels of a row of a level, starting at `left`; those past the first `count` are arbitrary.
 #[inline(always)]
-fn padded(level: &Level, row: i32, left: i32, count: usize) -> [f32; COLUMNS] {
+fn padded<const W: usize>(level: &Level, row: i32, left: i32, count: usize) -> [f32; W] {
     let rest = level.from(left, row).unwrap_or(&[]);
     if let Some(pixels) = rest.first_chunk() {
         return *pixels;
     }
-    let mut pixels = [0.0; COLUMNS];
+    let mut pixels = [0.0; W];
     pixels.iter_mut().zip(rest).take(count).for_each(|(out, pixel)| *out = *pixel);
     pixels
 }
 
 /// Samples at `fraction` + `spacing`·c, counted from the end of the padding.
 #[inline(always)]
-fn sample_along(middle: &PaddedColumns, fraction: f32, spacing: f32) -> [f32; COLUMNS] {
+fn sample_along(
+    middle: &[f32; PADDING + MAX_COLUMNS + PADDING],
+    fraction: f32,
+    spacing: f32,
+) -> [f32; MIN_COLUMNS] {
     // Sample c lies at pixel c + offset; the offset starts at `fraction`.
-    let growth = (spacing - 1.0) * (COLUMNS - 1) as f32;
+    let growth = (spacing - 1.0) * (MIN_COLUMNS - 1) as f32;
     let (least, most) = (fraction + growth.min(0.0), fraction + growth.max(0.0));
     let lowest = least.floor();
     let taps = (most - lowest) as usize + 2;
-    let mut out = [0.0; COLUMNS];
+    let mut out = [0.0; MIN_COLUMNS];
     for tap in 0..taps {
-        let at = ((COLUMNS / 2) as f32 + lowest) as usize + tap;
-        let Some(pixels) = middle.get(at..).and_then(|rest| rest.first_chunk::<COLUMNS>()) else { break };
+        let at = (PADDING as f32 + lowest) as usize + tap;
+        let Some(pixels) = middle.get(at..).and_then(|rest| rest.first_chunk::<MIN_COLUMNS>()) else { break };
         let distance = fraction - lowest - tap as f32;
         for (c, out) in out.iter_mut().enumerate() {
             *out += hat(distance + (spacing - 1.0) * c as f32) * pixels[c];

@@ -4,32 +4,43 @@
 //! inverse-compositional steps of `template`: with local distortion, cubic interpolation and free contrast.
 //!
 //! The covariance is that of least squares with a prior. With H = ∑ g·gᵀ over the patch, s² the residual's
-//! variance and σ_f the flow's standard deviation, it is C = (H′/s² + I/σ_f²)⁻¹ + σ₀²·I, where H′ = H −
+//! variance and σ_f the flow's standard deviation, it is C = κ·(H′/s² + I/σ_f²)⁻¹ + σ₀²·I, where H′ = H −
 //! n·s²/4·I removes the contribution of noise to H: a central difference of two pixels with variance s²/2
 //! each has s²/4, the difference of two frames s². Along an edge H′ vanishes and C tends to the flow's
-//! variance. σ₀ is the error of interpolation, which is no noise.
+//! variance. κ and σ₀ model errors that are not white noise: the residual of interpolation, blur and
+//! compression is correlated from pixel to pixel.
 
 use super::correspondence::{Correspondence, to_full};
 use super::patch::PATCH_SIDE;
-use super::template::Template;
+use super::template::{StoppingCriterion, Template};
 use crate::cpu::for_each_cpu;
-use crate::flow::NOISE;
 use crate::pyramid::Level;
-use crate::robust::median::NOISE_LIMIT;
 use nalgebra::{Matrix2, Vector2};
 
 /// Patches whose coefficient of correlation is less are rejected as different scene points.
 const MIN_CORRELATION: f32 = 0.7;
 
-/// Standard deviation σ_f of confident flow, in analysed pixels: pixels of the flow's finest level are two analysed pixels
-/// wide, and it is accurate to less than one of them.
+/// A point further than this from the flow, in analysed pixels, is rejected: pixels of the flow's finest
+/// level are two analysed pixels wide, and confident flow is accurate to less than one of them.
+const MAX_DISTANCE_FROM_FLOW: f32 = 2.0;
+
+/// Standard deviation σ_f of confident flow, in analysed pixels.
 const FLOW_DEVIATION: f32 = 0.7;
 
 /// Least variance of the residual, in squared grey levels: 8-bit quantisation of both frames.
 const MIN_RESIDUAL_VARIANCE: f32 = 1.0 / 6.0;
 
+/// κ: ratio of the variance to that under white noise of the residual's variance.
+const VARIANCE_FACTOR: f32 = 1.0;
+
 /// σ₀ in analysed pixels: the standard deviation on footage without noise.
 const MIN_DEVIATION: f32 = 0.02;
+
+/// Damping in squared grey levels per pixel, which keeps the flow's displacement along an edge: s²/(n·σ_f²)
+/// at s = 3, n = 256.
+const DAMPING: f32 = 0.07;
+
+const STOPPING: StoppingCriterion = StoppingCriterion { iterations: 5, tolerance: 0.02 };
 
 /// Initial estimate of a point.
 #[derive(Clone, Copy, Debug)]
@@ -48,13 +59,11 @@ for_each_cpu! {
         let [first, second] = levels;
         let from = Vector2::new(start.corner.0 as f32, start.corner.1 as f32);
         let back = start.distortion.try_inverse()?;
-        // Per pixel, s²/(n·σ_f²): keeps the flow's displacement along an edge. s² is the noise of two frames.
-        let damping = 2.0 * NOISE / ((PATCH_SIDE * PATCH_SIDE) as f32 * FLOW_DEVIATION * FLOW_DEVIATION);
-        let template = Template::distorted(first, start.corner, &back, damping)?;
-        let found = template.find(second, from + start.shift, MIN_DEVIATION)?;
+        let template = Template::distorted(first, start.corner, &back, DAMPING)?;
+        let found = template.find(second, from + start.shift, STOPPING)?;
         let distance = (found.corner - from - start.shift).norm();
         // Also rejects NaN.
-        if !(distance <= NOISE_LIMIT as f32 * FLOW_DEVIATION
+        if !(distance <= MAX_DISTANCE_FROM_FLOW
             && found.correlation >= MIN_CORRELATION
             && template.texture >= 0.0)
         {
@@ -80,7 +89,8 @@ fn covariance(information: Matrix2<f32>, residual: f32) -> Option<Matrix2<f32>> 
     let noise = (PATCH_SIDE * PATCH_SIDE) as f32 * 0.25 * variance;
     let along = eigen.eigenvalues.map(|value| {
         let own = (value - noise).max(0.1 * value).max(0.0);
-        1.0 / (own / variance + 1.0 / (FLOW_DEVIATION * FLOW_DEVIATION)) + MIN_DEVIATION * MIN_DEVIATION
+        VARIANCE_FACTOR / (own / variance + 1.0 / (FLOW_DEVIATION * FLOW_DEVIATION))
+            + MIN_DEVIATION * MIN_DEVIATION
     });
     let covariance = eigen.eigenvectors * Matrix2::from_diagonal(&along) * eigen.eigenvectors.transpose();
     covariance.iter().all(|value| value.is_finite()).then_some(covariance)
@@ -94,9 +104,12 @@ mod tests {
     fn along_an_edge_the_variance_is_that_of_the_flow() {
         // Gradients along x only.
         let found = covariance(Matrix2::new(256.0 * 400.0, 0.0, 0.0, 0.0), 2.0).unwrap();
-        let across = 4.0 / (256.0 * 400.0 - 256.0) + MIN_DEVIATION * MIN_DEVIATION;
+        let across = VARIANCE_FACTOR * 4.0 / (256.0 * 400.0 - 256.0) + MIN_DEVIATION * MIN_DEVIATION;
         assert!((found.m11 / across - 1.0).abs() < 0.01, "{found}");
-        assert!((found.m22 / (FLOW_DEVIATION * FLOW_DEVIATION) - 1.0).abs() < 0.01, "{found}");
+        assert!(
+            (found.m22 / (VARIANCE_FACTOR * FLOW_DEVIATION * FLOW_DEVIATION) - 1.0).abs() < 0.01,
+            "{found}"
+        );
         assert!(found.m12.abs() < 1e-6);
     }
 }

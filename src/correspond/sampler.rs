@@ -5,11 +5,14 @@ use super::distortion::{DisplacementGradients, GridDisplacement};
 use super::grid::{Grid, centre};
 use super::polish::{InitialEstimate, polish};
 use crate::cpu::CpuLevel;
-use crate::flow::{DenseFlow, FlowField, MIN_CONFIDENCE};
+use crate::flow::{DenseFlow, FlowField};
 use crate::parallel::*;
 use crate::plane::Luma;
 use crate::pyramid::{Pyramid, Reducer, block_difference};
 use nalgebra::Vector2;
+
+/// Least confidence at which a displacement of the flow is used.
+const MIN_CONFIDENCE: f64 = 0.5;
 
 /// First decile of the smallest of the four squared deviations of [`covariance_factor`] if the covariances
 /// are correct: by simulation of 60,000 points with normal errors.
@@ -19,8 +22,12 @@ const EXPECTED_FIRST_DECILE: f64 = 0.0269;
 /// in their difference; the common part is as large again, measured on footage through H.264 at 1.5 Mbit/s.
 const COMMON_ERROR_FACTOR: f64 = 2.0;
 
-/// Least factor on the covariances: a decile of few deviations may be very small.
+/// With fewer deviations than this the factor is 1.
+const MIN_DEVIATIONS: usize = 30;
+
+/// Bounds of the factor on the covariances.
 const MIN_COVARIANCE_FACTOR: f64 = 0.5;
+const MAX_COVARIANCE_FACTOR: f64 = 100.0;
 
 /// Measures correspondences between frames of one size on a uniform grid, from dense flow.
 #[derive(Debug)]
@@ -161,12 +168,13 @@ fn covariance_factor(found: &[Option<Correspondence>], columns: usize, deviation
             deviations.push(squares[0]);
         }
     }
-    if deviations.is_empty() {
+    if deviations.len() < MIN_DEVIATIONS {
         return 1.0;
     }
     let rank = deviations.len() / 10;
     let low = *deviations.select_nth_unstable_by(rank, f64::total_cmp).1;
-    (1.0 + COMMON_ERROR_FACTOR * (low / EXPECTED_FIRST_DECILE - 1.0)).max(MIN_COVARIANCE_FACTOR)
+    (1.0 + COMMON_ERROR_FACTOR * (low / EXPECTED_FIRST_DECILE - 1.0))
+        .clamp(MIN_COVARIANCE_FACTOR, MAX_COVARIANCE_FACTOR)
 }
 
 /// The flow at the centre of a patch, in analysed pixels; `None` if its confidence is too low.
@@ -175,5 +183,5 @@ fn sample_flow(field: &FlowField, corner: (usize, usize), scale: f64) -> Option<
     let full = to_full(at, scale);
     let (flow, confidence) = field.sample(full.x, full.y)?;
     let shift = Vector2::from(flow).map(|value| (value / scale) as f32);
-    (confidence >= f64::from(MIN_CONFIDENCE)).then_some(GridDisplacement { at, shift })
+    (confidence >= MIN_CONFIDENCE).then_some(GridDisplacement { at, shift })
 }

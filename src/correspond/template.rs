@@ -14,8 +14,8 @@ use super::patch::{
 use crate::pyramid::Level;
 use nalgebra::{Matrix2, Vector2};
 
-/// Most samplings of the image in a registration.
-const MAX_STEPS: usize = 5;
+/// Largest ratio of the contrasts of the two frames, either way.
+const MAX_GAIN: f32 = 3.0;
 
 /// A patch of 16 × 16 pixels of the first frame, its gradients and their matrix.
 pub(super) struct Template {
@@ -45,6 +45,15 @@ pub(super) struct PatchMatch {
     pub(super) residual: f32,
     /// Coefficient of correlation of the two patches, 0 to 1.
     pub(super) correlation: f32,
+}
+
+/// When the registration of a template stops.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct StoppingCriterion {
+    /// Most samplings of the image.
+    pub(super) iterations: usize,
+    /// A step shorter than this, in pixels, is the last.
+    pub(super) tolerance: f32,
 }
 
 impl Template {
@@ -84,24 +93,28 @@ impl Template {
     }
 
     /// Registers the template in `level` from an initial position; `None` if it leaves the image or
-    /// the contrasts are opposite. A step shorter than `tolerance`, in pixels, is the last.
+    /// the contrasts differ too much.
     #[inline(always)]
-    pub(super) fn find(&self, level: &Level, start: Vector2<f32>, tolerance: f32) -> Option<PatchMatch> {
+    pub(super) fn find(
+        &self,
+        level: &Level,
+        start: Vector2<f32>,
+        stopping: StoppingCriterion,
+    ) -> Option<PatchMatch> {
         let mut corner = start;
         let mut best = None;
-        for _ in 0..MAX_STEPS {
+        for _ in 0..stopping.iterations {
             let gradients = [&self.gradient_x, &self.gradient_y];
             let sums = sample_sums(level, corner, self.mean, &self.values, gradients)?;
             let gain = sums.values / self.energy;
-            // A negative one would lead away.
-            if !(gain > 0.0) {
+            if !(gain > 1.0 / MAX_GAIN && gain < MAX_GAIN) {
                 return None;
             }
             let step = self.inverse * sums.slope / gain;
             corner -= step;
             let length = step.norm();
             best = Some((sums, gain, length));
-            if length < tolerance {
+            if length < stopping.tolerance {
                 break;
             }
         }

@@ -9,13 +9,16 @@
 use super::direction::FlowDirection;
 use super::field::{Cell, FlowField};
 use super::lanes::Cpu;
-use super::level::{CELL, Mean, SAME_DISPLACEMENT};
+use super::level::{CELL, Mean};
 use super::patch::AREA;
 use super::rows::{RowKernel, fill};
 use crate::cpu::CpuLevel;
 
-/// Tolerated forward–backward error: [`SAME_DISPLACEMENT`] plus this share of the displacement, as a motion may vary
-/// within a cell.
+/// Forward–backward error, in pixels of the level, at which the confidence is halved: consistent
+/// displacements agree to some tenths, wrong ones differ by pixels.
+const RETURN_ERROR: f32 = 0.5;
+
+/// … plus this share of the displacement, as a motion may vary within a cell.
 const RETURN_SHARE: f32 = 0.02;
 
 /// Least standard deviation of a displacement, in pixels of the level, at any texture: the error of linear
@@ -80,18 +83,12 @@ impl RowKernel<Cell> for CellKernel<'_> {
     }
 }
 
-/// The forward–backward error of a displacement, given that of the other direction at its end, in units of the tolerated
-/// one.
-#[inline(always)]
-pub(super) fn return_error(shift: [f32; 2], back: [f32; 2]) -> f32 {
-    let length = |x: f32, y: f32| (x * x + y * y).sqrt();
-    let error = length(shift[0] + back[0], shift[1] + back[1]);
-    error / (SAME_DISPLACEMENT + RETURN_SHARE * length(shift[0], shift[1]))
-}
-
 #[inline(always)]
 fn consistency(shift: [f32; 2], back: [f32; 2]) -> f32 {
-    let ratio = return_error(shift, back);
+    let length = |x: f32, y: f32| (x * x + y * y).sqrt();
+    let error = length(shift[0] + back[0], shift[1] + back[1]);
+    let tolerance = RETURN_ERROR + RETURN_SHARE * length(shift[0], shift[1]);
+    let ratio = error / tolerance;
     1.0 / (1.0 + ratio * ratio * ratio * ratio)
 }
 

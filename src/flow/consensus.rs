@@ -2,25 +2,25 @@
 
 use super::level::{CELL, PatchFlow};
 use super::patch::SIDE;
-use super::search::REACH;
 use crate::robust::loss::GemanMcClure;
 use crate::robust::motion::{Motion, Round, Sample, Scale, affine, fit};
 use nalgebra::{Matrix2x3, Vector2};
 
-/// Rounds of re-weighted least squares, by the loss of Geman and McClure. The scale of residuals, at which a cell counts a
-/// quarter, is halved in each, from the largest displacement searched to [`INFERRED_DEVIATION`].
+/// Rounds of re-weighted least squares, by the loss of Geman and McClure. The scale of residuals is halved in each …
 const ROUNDS: usize = 8;
+
+/// … from this share of the level's width …
+const FIRST_SCALE: f32 = 0.1;
+
+/// … to this many pixels, at which a cell counts a quarter.
+const LAST_SCALE: f32 = 1.5;
 
 /// Every so many cells are enough for a few parameters; a prime, so that they do not lie in columns.
 const EVERY: usize = 7;
 
-/// Weight of a displacement that is inferred from other cells and not measured: that of the dominant motion, and of the
-/// background's in an occluded cell. From 0.05 to 0.2 the figures of the evaluation change by one point.
-pub(super) const INFERRED_WEIGHT: f32 = 0.1;
-
-/// Standard deviation of such a displacement in pixels of the level: readout and perspective bend a motion that is
-/// modelled as affine.
-pub(super) const INFERRED_DEVIATION: f32 = 2.0;
+/// Added to the normal equations of the slopes, it makes them nothing: more than the sum of squared coordinates of any
+/// level.
+const STIFF: f64 = 1e15;
 
 /// Displacement = A·(1, x, y) in pixels of the level.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -61,9 +61,9 @@ impl Consensus {
         });
         let width = columns as f32 * side;
         let rounds = (0..ROUNDS).map(|round| {
-            let scale = INFERRED_DEVIATION.max(REACH * width * 0.5f32.powi(round as i32));
+            let scale = LAST_SCALE.max(FIRST_SCALE * width * 0.5f32.powi(round as i32));
             // An affine map may fit two motions halfway: first of all, the one that is shared is to be chosen.
-            let ridge = if round < ROUNDS / 2 { f64::INFINITY } else { 0.0 };
+            let ridge = if round < ROUNDS / 2 { STIFF } else { 0.0 };
             Round { scale: Scale::Variance(scale * scale), ridge: [0.0, ridge, ridge] }
         });
         fit(samples, start, GemanMcClure(1.0), rounds).map(|motion| Self { motion })

@@ -1,6 +1,6 @@
 //! The flow in one direction, from the coarsest level to the finest.
 
-use super::consensus::{Consensus, INFERRED_DEVIATION, INFERRED_WEIGHT};
+use super::consensus::Consensus;
 use super::lanes::Cpu;
 use super::level::{CELL, LevelPair, Mean, PatchFlow, cells, find, overlap};
 use super::patch::PatchTemplate;
@@ -24,12 +24,19 @@ const LAST_DEPTH_WITHOUT_PROPAGATION: usize = 2;
 /// bend a motion that is modelled as affine.
 const CONSENSUS_STEPS: usize = 4;
 
+/// Patches further than this from the dominant motion, in pixels of the level, are compared with it.
+const MIN_CONSENSUS_DISTANCE: f32 = 2.0;
+
 /// The dominant motion is preferred if its residual is less than this many times that of the patch's own
 /// displacement …
 const CONSENSUS_RESIDUAL_RATIO: f32 = 2.0;
 
 /// … plus this share of the contrast: the residual of linear interpolation at sharp edges.
 const INTERPOLATION_RESIDUAL: f32 = 0.05;
+
+/// Factor on the structure tensor of a patch that takes the dominant motion: the picture is consistent with
+/// that motion but does not measure it. From a tenth to a thousandth changes little.
+const CONSENSUS_TEXTURE_FACTOR: f32 = 0.1;
 
 /// One level of the pyramids and its place among the others.
 #[derive(Clone, Copy, Debug)]
@@ -225,7 +232,7 @@ impl RowKernel<PatchFlow> for ConsensusTrial<'_> {
             let is_apart = |other: [f32; 2]| {
                 let [x, y] = own.mean.shift();
                 let (dx, dy) = (x - other[0], y - other[1]);
-                dx * dx + dy * dy > INFERRED_DEVIATION * INFERRED_DEVIATION
+                dx * dx + dy * dy > MIN_CONSENSUS_DISTANCE * MIN_CONSENSUS_DISTANCE
             };
             let shared = self.consensus.of_patch(x, y);
             if !is_apart(shared) {
@@ -239,7 +246,7 @@ impl RowKernel<PatchFlow> for ConsensusTrial<'_> {
             let limit =
                 CONSENSUS_RESIDUAL_RATIO * own.mean.residual() + INTERPOLATION_RESIDUAL * own.mean.energy();
             if let Some(found) = found.filter(|found| found.mean.residual() < limit) {
-                *out = found.with_scaled_tensor(INFERRED_WEIGHT);
+                *out = found.with_scaled_tensor(CONSENSUS_TEXTURE_FACTOR);
             }
         }
     }

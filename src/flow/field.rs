@@ -1,8 +1,5 @@
 //! The flow field: a grid of cells with a displacement each.
 
-/// Least confidence at which a displacement is used.
-pub(crate) const MIN_CONFIDENCE: f32 = 0.5;
-
 /// Displacement of one cell with its confidence and information.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Cell {
@@ -96,16 +93,20 @@ impl FlowField {
     }
 
     /// The displacement at a point (both in full-frame pixels) and its confidence, interpolated bilinearly;
-    /// displacements are weighted by confidence. `None` also where all around has confidence 0.
+    /// displacements are weighted by confidence.
     pub fn sample(&self, x: f64, y: f64) -> Option<([f64; 2], f64)> {
-        let (mut flow, mut confidence) = ([0.0; 2], 0.0);
+        /// Added to each confidence, so that four cells of confidence 0 still have a mean.
+        const MIN_WEIGHT: f64 = 0.01;
+        let (mut flow, mut sum, mut confidence) = ([0.0; 2], 0.0, 0.0);
         for (cell, share) in self.around(x, y)? {
-            let weight = share * f64::from(cell.confidence);
+            let own = f64::from(cell.confidence);
+            let weight = share * (own + MIN_WEIGHT);
             flow[0] += weight * f64::from(cell.flow[0]);
             flow[1] += weight * f64::from(cell.flow[1]);
-            confidence += weight;
+            confidence += share * own;
+            sum += weight;
         }
-        (confidence > 0.0).then(|| (flow.map(|value| value / confidence), confidence))
+        (sum > 0.0).then(|| (flow.map(|value| value / sum), confidence))
     }
 }
 

@@ -10,8 +10,8 @@ use crate::cpu::Avx2;
 use std::fmt::Debug;
 use std::ops::{Add, Mul, Sub};
 
-/// A vector has a lane for each sample in a row of a patch.
-pub(super) use crate::pyramid::PATCH as SIDE;
+/// Lanes in a vector, and samples in a row of a patch.
+pub(super) const SIDE: usize = 8;
 
 /// A set of instructions; a value proves that the machine has them.
 pub(super) trait Cpu: Copy {

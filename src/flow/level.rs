@@ -3,7 +3,7 @@
 //!
 //! Patches of 8 × 8 pixels overlap by half, so that each cell of 4 × 4 pixels is covered by up to four.
 //! Candidates are compared by residual alone, whatever their source (the coarser level, neighbouring cells,
-//! the prediction, the opposite direction). Candidates closer than [`SAME_DISPLACEMENT`] are compared once.
+//! the prediction, the opposite direction). Candidates closer than [`SAME_CANDIDATE`] are compared once.
 
 use super::lanes::Cpu;
 use super::patch::{AREA, Difference, PatchTemplate, SIDE};
@@ -17,9 +17,8 @@ pub(super) const CELL: usize = SIDE / 2;
 /// variance per pixel.
 const RESIDUAL_GAIN: f32 = 1.15;
 
-/// Displacements that differ by less than this, in pixels of the level, are taken for the same: consistent ones agree to
-/// some tenths, wrong ones differ by pixels, and Gauss–Newton steps converge from there.
-pub(super) const SAME_DISPLACEMENT: f32 = 0.5;
+/// Candidates that differ by less than this along both axes, in pixels, converge to the same displacement.
+const SAME_CANDIDATE: f32 = 0.5;
 
 /// Patches searched in turn, so that one comparison does not wait for the previous step of the same patch;
 /// their templates take 4 KB.
@@ -213,8 +212,8 @@ pub(super) fn find<C: Cpu, const N: usize>(
             let candidates = candidates(column(k));
             for (index, shift) in candidates.iter().enumerate() {
                 let is_same = |other: &[f32; 2]| {
-                    (other[0] - shift[0]).abs() < SAME_DISPLACEMENT
-                        && (other[1] - shift[1]).abs() < SAME_DISPLACEMENT
+                    (other[0] - shift[0]).abs() < SAME_CANDIDATE
+                        && (other[1] - shift[1]).abs() < SAME_CANDIDATE
                 };
                 if index == 0 {
                     *best = search.at(*shift)?;

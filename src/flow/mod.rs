@@ -43,7 +43,6 @@ mod search;
 #[cfg(test)]
 mod tests;
 
-pub(crate) use field::MIN_CONFIDENCE;
 pub use field::{Cell, FlowField};
 
 use crate::cpu::CpuLevel;
@@ -59,11 +58,14 @@ const FINEST: usize = 1;
 
 /// Noise variance of a pixel of the analysed luma, squared grey levels: a camera in daylight, coded at good
 /// quality.
-pub(crate) const NOISE: f32 = 2.0;
+const NOISE: f32 = 2.0;
+
+/// Noise floor on coarse levels, squared grey levels: rounding, and interpolation between pixels.
+const MIN_NOISE: f32 = 0.05;
 
 /// Noise variance of a pixel on the level that is 2^`depth` times coarser: each pixel is a mean of 4^`depth`.
 fn noise(depth: usize) -> f32 {
-    NOISE * 0.25f32.powi(depth as i32)
+    (NOISE * 0.25f32.powi(depth as i32)).max(MIN_NOISE)
 }
 
 /// Estimates the flow between frames of one size, in both directions.

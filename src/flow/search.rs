@@ -8,7 +8,11 @@ use super::level::PatchSearch;
 use super::patch::{AREA, SIDE};
 
 /// Largest displacement searched along each axis, as a share of the frame's width.
-pub(super) const REACH: f32 = 0.25;
+const REACH: f32 = 0.25;
+
+/// Cost of a displacement per pixel of its length, in noise variances of a pixel: decides between equal
+/// residuals only.
+const LENGTH_COST: f32 = 0.1;
 
 /// The displacement (pixels of the level) of the lowest cost; zero if the patch cannot be compared anywhere.
 #[inline(always)]
@@ -28,8 +32,7 @@ pub(super) fn exhaustive<C: Cpu>(search: &PatchSearch<'_, C>) -> [f32; 2] {
             let shift = [(to_x - x as i32) as f32, (to_y - y as i32) as f32];
             let length = (shift[0] * shift[0] + shift[1] * shift[1]).sqrt();
             let Some(residual) = template.residual_at(second, to_x, to_y) else { continue };
-            // A pixel further only where the residual falls by more than the noise.
-            let cost = residual + AREA * noise * length;
+            let cost = residual + AREA * LENGTH_COST * noise * length;
             if cost < best.1 {
                 best = (shift, cost);
             }

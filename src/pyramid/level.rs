@@ -2,16 +2,13 @@
 
 use crate::parallel::*;
 
-/// Side in pixels of the patches that the flow compares.
-pub(crate) const PATCH: usize = 8;
-
-/// Pixels of border on each side, replicated from the picture's edge. A patch that lies wholly outside and is sampled at
-/// sub-pixel positions needs one more than its side, its gradients another; a picture whose width is not a multiple of 4
-/// up to 3.
-pub(crate) const BORDER: usize = PATCH + 5;
+/// Pixels of border on each side, replicated from the picture's edge. A patch of 8 pixels that lies wholly
+/// outside and is sampled at sub-pixel positions needs 9, its gradients one more; a picture whose width is
+/// not a multiple of 4 up to 3.
+pub(crate) const BORDER: usize = 13;
 
 /// Rows of a level per task.
-pub(super) const BAND: usize = 32;
+const BAND: usize = 32;
 
 /// Grey of one resolution, 0 to 255, row by row, with [`BORDER`] replicated pixels on each side.
 #[derive(Clone, Debug, Default)]

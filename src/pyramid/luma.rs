@@ -4,12 +4,14 @@
 //! sample format and channel weights folded into one factor), then the sum is reduced along the
 //! row. Reads each byte ⌈s⌉/s to (⌈s⌉ + 1)/s times for a ratio s, once if s is whole.
 
-use super::level::BAND;
 use crate::parallel::*;
 use crate::plane::{Luma, PlaneLayout};
 
 /// Longer side of the analysed luma, at most, in pixels.
 const MAX_SIDE: usize = 960;
+
+/// Bands of output rows, each with its own accumulator; more than cores, to balance the load.
+const BANDS: usize = 16;
 
 /// The reduction of frames of one size.
 #[derive(Debug)]
@@ -51,12 +53,12 @@ impl Reduction {
             return false;
         }
         grey.resize(width * height, 0.0);
-        // Each band has its own accumulator.
-        scratch.resize(self.full.0 * height.div_ceil(BAND), 0.0);
-        grey.par_chunks_mut(width * BAND).zip(scratch.par_chunks_mut(self.full.0)).enumerate().for_each(
+        let band = height.div_ceil(BANDS);
+        scratch.resize(self.full.0 * height.div_ceil(band), 0.0);
+        grey.par_chunks_mut(width * band).zip(scratch.par_chunks_mut(self.full.0)).enumerate().for_each(
             |(index, (rows, sums))| {
                 for (offset, row) in rows.chunks_exact_mut(width).enumerate() {
-                    self.reduce_row(luma, index * BAND + offset, row, sums);
+                    self.reduce_row(luma, index * band + offset, row, sums);
                 }
             },
         );

@@ -19,5 +19,5 @@ mod luma;
 mod reducer;
 
 pub(crate) use difference::block_difference;
-pub(crate) use level::{Level, PATCH};
+pub(crate) use level::Level;
 pub use reducer::{Pyramid, Reducer};

@@ -1,12 +1,15 @@
 //! The pyramid of one frame, and how it is made.
 
-use super::level::{Level, PATCH};
+use super::level::Level;
 use super::luma::Reduction;
 use crate::plane::Luma;
 
 /// Levels are halved until the longer side is at most this, in pixels: a search of ± a quarter of the width
 /// then covers at most 25 × 25 displacements.
 const COARSEST_SIDE: usize = 48;
+
+/// Least shorter side of a level, in pixels: two patches of 8 that overlap by half.
+const SHORTEST_SIDE: usize = 12;
 
 /// The image pyramid of one frame.
 ///
@@ -86,10 +89,8 @@ impl Reducer {
 }
 
 fn level_count((width, height): (usize, usize)) -> usize {
-    // Along the shorter side a level has at least two patches that overlap by half.
-    let shortest = PATCH + PATCH / 2;
     let mut levels = 1;
-    while width.max(height) >> (levels - 1) > COARSEST_SIDE && width.min(height) >> levels >= shortest {
+    while width.max(height) >> (levels - 1) > COARSEST_SIDE && width.min(height) >> levels >= SHORTEST_SIDE {
         levels += 1;
     }
     levels

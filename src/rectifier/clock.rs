@@ -4,15 +4,22 @@
 //! which the estimator places its knots: a stream whose frames are ten periods apart has a tenth of the
 //! frames, and with knots by the period it would have ten times the unknowns per frame.
 
-/// Frames further apart than this many spacings have a hole between them …
-const HOLE_SPACINGS: f64 = 4.0;
-/// … and those further apart than this many a gap, across which they are not compared: a path across it would cost as
-/// much as the missing frames.
-const GAP_SPACINGS: f64 = 16.0;
+/// Frames further apart than this many spacings and this many seconds are not compared.
+const GAP_SPACINGS: f64 = 4.0;
+const GAP_SECONDS: f64 = 0.5;
+/// Frames further apart than this many spacings are never compared: a path across the gap would cost as much
+/// as the missing frames.
+const MAX_GAP_SPACINGS: f64 = 16.0;
+/// Least number of frames between two intervals of more than `GAP_SPACINGS` that a path bridges: a single one
+/// among evenly spaced frames costs little, frequent ones as much as the missing frames.
+const FRAMES_BETWEEN_HOLES: usize = 18;
 /// The spacing is raised if intervals are longer by this factor, and lowered again if they are shorter by it.
 /// A path with fewer knots costs up to twice as much as one of the right spacing, and restarting it for a
 /// smaller change would cost accuracy.
 const SPACING_RATIO: f64 = 2.5;
+/// Inverse of the share of the recent intervals that may disagree with a change of spacing: two in three must
+/// agree, so that frames at alternating rates do not change the spacing back and forth.
+const DISAGREEING: usize = 3;
 /// Plausible nominal periods in seconds: containers without a frame rate state their clock ticks, 1000 per
 /// second and more.
 const PLAUSIBLE_PERIODS: std::ops::RangeInclusive<f64> = 0.001_01..=10.0;
@@ -60,7 +67,7 @@ impl Clock {
             stated: None,
             intervals: [0.0; MEMORY],
             count: 0,
-            since_hole: 2 * MEMORY,
+            since_hole: FRAMES_BETWEEN_HOLES,
             spacing: period,
             initial: period,
         }
@@ -97,7 +104,7 @@ impl Clock {
             let time = given.unwrap_or(0.0);
             self.last = Some(time);
             (self.spacing, self.initial) = (self.period(), self.period());
-            self.since_hole = 2 * MEMORY;
+            self.since_hole = FRAMES_BETWEEN_HOLES;
             return Tick { time, continues: false };
         };
         let is_new =
@@ -116,26 +123,23 @@ impl Clock {
             self.count += 1;
             self.update_spacing();
         }
-        // A single hole among evenly spaced frames costs little, frequent ones as much as the missing frames: those that
-        // are recent when the period is estimated, and as many more, are free of another one.
-        let is_hole = interval > HOLE_SPACINGS * self.spacing;
-        let is_gap = interval > GAP_SPACINGS * self.spacing;
-        let continues = !is_gap && !(is_hole && self.since_hole < 2 * MEMORY);
+        let [few, most] = [GAP_SPACINGS, MAX_GAP_SPACINGS].map(|spacings| spacings * self.spacing);
+        let is_hole = interval > few;
+        let continues =
+            interval <= GAP_SECONDS.clamp(few, most) && !(is_hole && self.since_hole < FRAMES_BETWEEN_HOLES);
         self.since_hole = if is_hole && continues { 0 } else { self.since_hole.saturating_add(1) };
         continues
     }
 
-    /// Changes the spacing if all of the recent intervals between the quartiles differ from it: frames at alternating rates
-    /// do not change the spacing back and forth.
+    /// Changes the spacing if most of the recent intervals differ from it.
     fn update_spacing(&mut self) {
         let (sorted, count) = self.sorted();
         // A single interval may be a gap.
         if count < 2 {
             return;
         }
-        let quartile = (count - 1) / 4;
-        let [short, middle, long] =
-            [quartile, (count - 1) / 2, count - 1 - quartile].map(|index| sorted[index]);
+        let beyond = (count - 1) / DISAGREEING;
+        let [short, middle, long] = [beyond, (count - 1) / 2, count - 1 - beyond].map(|index| sorted[index]);
         let is_slower = short > SPACING_RATIO * self.spacing;
         let is_faster = SPACING_RATIO * long < self.spacing && self.spacing > self.initial;
         if is_slower || is_faster {

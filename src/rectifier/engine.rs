@@ -1,6 +1,6 @@
 //! A common interface to the two estimators.
 
-use crate::correspond::{Correspondence, NOISE, certain};
+use crate::correspond::{Correspondence, certain};
 use crate::flow::FlowField;
 use crate::motion::{FrameMotion, MotionPath, Rigid, Twist, image_centre};
 use crate::readout::{Readout, ReadoutPosterior};
@@ -8,6 +8,10 @@ use crate::solve::continuous::{Camera, Continuous};
 use crate::solve::residual::LocalMotions;
 use crate::solve::{FrameSolution, Link, MotionCandidate, Window};
 use nalgebra::Vector2;
+
+/// Standard deviation of a measured coordinate in analysed pixels, for the paper's window, which assumes the
+/// same for all: that of the sampler on compressed footage.
+const NOISE: f64 = 0.1;
 
 /// A frame with the measurements between it and the previous one.
 #[derive(Clone, Copy, Debug)]

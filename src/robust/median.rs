@@ -4,9 +4,6 @@
 /// with 2 degrees of freedom, with the median 2·ln 2.
 pub const MEDIAN_TO_VARIANCE: f64 = 0.5 / std::f64::consts::LN_2;
 
-/// Standard deviations beyond which a coordinate of a residual is not noise: one in 370 of a normal distribution.
-pub const NOISE_LIMIT: f64 = 3.0;
-
 /// The median, of an even number the upper one of the middle two; 0 if empty. Reorders the values.
 pub fn median(values: &mut [f64]) -> f64 {
     let middle = values.len() / 2;

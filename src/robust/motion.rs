@@ -54,8 +54,7 @@ pub enum Scale<T> {
 pub struct Round<T, const N: usize> {
     /// For the weights of the round.
     pub scale: Scale<T>,
-    /// Added to the diagonal of the normal equations: pulls the coefficients of a term towards zero. Infinity makes them
-    /// zero, except those of the first term.
+    /// Added to the diagonal of the normal equations: pulls the coefficients of a term towards zero.
     pub ridge: [f64; N],
 }
 

@@ -3,9 +3,6 @@
 use crate::motion::FrameMotion;
 use nalgebra::Vector2;
 
-/// A pair of frames with fewer correspondences determines no motion.
-pub(super) const MIN_MATCHES: usize = 16;
-
 /// How a frame's motion was obtained.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[non_exhaustive]

@@ -11,7 +11,10 @@
 
 use crate::parallel::*;
 use crate::robust::loss::{GemanMcClure, Loss};
-use crate::robust::median::NOISE_LIMIT;
+
+/// Squared distance of a message from a cell's own estimate, in units of their summed variances, at which its
+/// weight is ¼.
+const QUARTER_WEIGHT_DISTANCE: f32 = 4.0;
 
 /// Information about a vector (xx, xy, yy), and that times the vector.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -47,12 +50,6 @@ impl VelocityEstimate {
     pub(super) fn plus_prior(self, prior: f32) -> Self {
         let [xx, xy, yy] = self.information;
         Self { information: [xx + prior, xy, yy + prior], ..self }
-    }
-
-    /// The same with so much information about zero that the mean is regular: along an edge, the rounding of its own.
-    #[inline(always)]
-    pub(super) fn regular(self) -> Self {
-        self.plus_prior(8.0 * f32::EPSILON * self.trace())
     }
 
     /// Sum of the variances along both axes.
@@ -115,7 +112,7 @@ impl VelocityEstimate {
         let (own, other) = (self.squared_norm(difference), message.squared_norm(difference));
         // The variances of the two along their difference add up.
         let square = own * other / (own + other + f32::MIN_POSITIVE);
-        message.times(GemanMcClure((NOISE_LIMIT * NOISE_LIMIT) as f32).weight(square))
+        message.times(GemanMcClure(QUARTER_WEIGHT_DISTANCE).weight(square))
     }
 }
 

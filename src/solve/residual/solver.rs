@@ -3,7 +3,7 @@
 use super::diffuse::{FieldPrior, VelocityEstimate};
 use super::frame_flow::FrameFlow;
 use super::path::Path;
-use super::velocity::{LARGEST, NeighbourFlow, combine};
+use super::velocity::{MAX_SPEED, NeighbourFlow, combine};
 use crate::flow::FlowField;
 use crate::readout::Readout;
 use nalgebra::Vector2;
@@ -12,6 +12,9 @@ use nalgebra::Vector2;
 /// for cells of eight pixels. Five times as much or a fifth of it changes no figure of the evaluation by more
 /// than a tenth.
 const STEP_VARIANCE: f32 = 0.0016;
+
+/// Noise floor: least variance of residual velocities, in squared cells per readout².
+const MIN_VARIANCE: f32 = 0.00016;
 
 /// Columns and rows of the regions of a frame for which an expected error is reported.
 pub const REGIONS: [usize; 2] = [6, 5];
@@ -75,9 +78,8 @@ impl ResidualSolver {
         let sides = sides.get(..flows.len()).unwrap_or_default();
         combine(readout, first.field, sides, own);
         let area = (cells.side * cells.side) as f32;
-        let step = STEP_VARIANCE * area;
-        let prior = 1.0 / variance(own, step);
-        FieldPrior { columns: cells.columns, step, prior }.posterior(own, posterior);
+        let prior = 1.0 / (variance(own, STEP_VARIANCE * area) + MIN_VARIANCE * area);
+        FieldPrior { columns: cells.columns, step: STEP_VARIANCE * area, prior }.posterior(own, posterior);
         cells.velocities.extend(posterior.iter().map(VelocityEstimate::value));
         self.find_regions(readout, first.field, flows.len(), prior);
         &self.cells
@@ -110,7 +112,7 @@ impl ResidualSolver {
             // At most the prior variance: rounding loses the prior if the information along one axis is far
             // larger than along the other. NaN becomes the bound, too.
             let variance = posterior.variance().min(2.0 / prior);
-            let square = (variance + sum / f32::max(sources, 1.0)).min(LARGEST * LARGEST);
+            let square = (variance + sum / f32::max(sources, 1.0)).min(MAX_SPEED * MAX_SPEED);
             region.error += elapsed * elapsed * f64::from(square);
             *count += 1.0;
         }
@@ -124,17 +126,19 @@ impl ResidualSolver {
 /// The variance of a coordinate of the velocities; the weight of a velocity of information trace
 /// 1/`half_weight_variance` is ½.
 fn variance(cells: &[VelocityEstimate], half_weight_variance: f32) -> f32 {
-    let (mut square, mut weights) = (0.0, 0.0);
+    let (mut square, mut weights) = (0.0, f32::MIN_POSITIVE);
     for cell in cells {
         let information = cell.trace();
         let weight = information / (information + 1.0 / half_weight_variance);
-        let [x, y] = cell.regular().value();
+        let [x, y] = cell.plus_prior(NEGLIGIBLE_INFORMATION).value();
         square += weight * 0.5 * (x * x + y * y);
         weights += weight;
     }
-    // One cell more, which differs from the path as neighbours do from each other: never 0.
-    (square + half_weight_variance) / (weights + 1.0)
+    square / weights
 }
+
+/// Negligible information in (pixels per readout)⁻², to keep matrices regular.
+const NEGLIGIBLE_INFORMATION: f32 = 1e-6;
 
 #[cfg(test)]
 #[path = "solver_tests.rs"]

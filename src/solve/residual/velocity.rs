@@ -8,9 +8,13 @@ use crate::parallel::*;
 use crate::readout::Readout;
 use nalgebra::{Matrix3, Vector2};
 
-/// Largest residual velocity in pixels per readout, largest interval from a frame to a neighbour in readouts, and inverse
-/// of the smallest: information times the squares of both stays in the range of `f32`.
-pub(super) const LARGEST: f32 = 1e6;
+/// Largest residual velocity in pixels per readout: larger values are outliers, and their weighted squares
+/// overflow `f32`.
+pub(super) const MAX_SPEED: f32 = 1e6;
+
+/// Largest interval from a frame to a neighbour in readouts, and inverse of the smallest, for the same
+/// reason.
+const MAX_INTERVAL: f32 = 1e6;
 
 /// Residual velocities from the flow to one neighbour.
 #[derive(Debug, Default)]
@@ -32,25 +36,26 @@ struct ArrivalPath {
 }
 
 impl ArrivalPath {
-    /// Intervals between the samples of a readout.
-    const STEPS: usize = 128;
+    /// Samples per readout.
+    const SAMPLES_PER_READOUT: f64 = 128.0;
+    /// Margin before the first line's exposure and after the last one's, in readouts, for points that leave
+    /// the frame.
+    const MARGIN: f64 = 0.25;
 
-    fn new(first: f64, readout: f64, until: impl Fn(f64) -> Matrix3<f64> + Sync) -> Self {
-        let step = readout / Self::STEPS as f64;
-        let homographies = (0..Self::STEPS + 1)
-            .into_par_iter()
-            .with_min_len(32)
-            .map(|index| until(first + index as f64 * step));
+    fn new(interval: f64, readout: f64, until: impl Fn(f64) -> Matrix3<f64> + Sync) -> Self {
+        let (first, step) = (interval - Self::MARGIN * readout, readout / Self::SAMPLES_PER_READOUT);
+        let count = (Self::SAMPLES_PER_READOUT * (1.0 + 2.0 * Self::MARGIN)) as usize + 2;
+        let homographies =
+            (0..count).into_par_iter().with_min_len(32).map(|index| until(first + index as f64 * step));
         Self { first, step, homographies: homographies.collect() }
     }
 
-    /// The homography from the first instant to a time; constant beyond the outermost samples, as flow that leaves the
-    /// neighbour has no confidence.
+    /// The homography from the first instant to a time; constant beyond the outermost samples.
     fn at(&self, time: f64) -> Option<Matrix3<f64>> {
-        let last = self.homographies.len().checked_sub(1)?;
+        let last = self.homographies.len().checked_sub(2)?;
         let at = ((time - self.first) / self.step).clamp(0.0, last as f64);
         // NaN becomes 0.
-        let index = (at as usize).min(last.checked_sub(1)?);
+        let index = at as usize;
         let [a, b] = self.homographies.get(index..)?.first_chunk()?;
         let share = at - index as f64;
         Some(a * (1.0 - share) + b * share)
@@ -65,7 +70,7 @@ impl NeighbourFlow {
         self.ahead = (flow.interval / readout.time) as f32;
         self.cells.clear();
         self.cells.resize(columns * rows, Default::default());
-        if !(self.ahead.abs() < LARGEST && self.ahead.abs() > LARGEST.recip()) {
+        if !(self.ahead.abs() < MAX_INTERVAL && self.ahead.abs() > MAX_INTERVAL.recip()) {
             return;
         }
         let arrivals = ArrivalPath::new(flow.interval, readout.time, |time| path.until(time));
@@ -89,7 +94,7 @@ impl NeighbourFlow {
             let interval = ((to - from) / readout.time) as f32;
             let velocity = (there - carried.xy() / carried.z).cast::<f32>() / interval;
             let weight = cell.confidence * interval * interval;
-            let is_valid = velocity.x.abs() < LARGEST && velocity.y.abs() < LARGEST && weight.is_finite();
+            let is_valid = velocity.x.abs() < MAX_SPEED && velocity.y.abs() < MAX_SPEED && weight.is_finite();
             is_valid.then(|| (velocity.into(), cell.information.map(|value| value * weight)))
         };
         self.cells.par_chunks_mut(columns.max(1)).enumerate().for_each(|(row, cells)| {
@@ -140,7 +145,7 @@ pub(super) fn combine(
         let share = readout.share(x, y) as f32;
         let along = ((0.5 - share - first.ahead) / (second.ahead - first.ahead)).clamp(-0.5, 1.5);
         let balance = (4.0 * least / both.trace()).min(1.0);
-        let mean = both.regular().value();
+        let mean = both.plus_prior(1e-6 * both.trace()).value();
         let interpolated = [0, 1].map(|axis| {
             let line = velocity[axis] + (other_velocity[axis] - velocity[axis]) * along;
             mean[axis] + balance * (line - mean[axis])

@@ -28,9 +28,12 @@ impl TimedMatch {
     }
 }
 
-/// Most steps of the minimisation, and rounds of reweighting before it: a coherent third of the matches that moves by
-/// itself is let go after about ten.
-pub(super) const ITERATIONS: usize = 20;
+/// Steps after which the minimisation ends in any case.
+const MAX_STEPS: usize = 20;
+/// The minimisation ends when a step lowers the cost by less than this share.
+const ENOUGH: f64 = 1e-7;
+/// Damping beyond which no step helps any more.
+const MAX_DAMPING: f64 = 1e8;
 
 /// Minimises the measurement constraint; keeps its buffers.
 #[derive(Debug, Default)]
@@ -60,12 +63,8 @@ impl Minimiser {
         let mut twist = start;
         let mut cost = total_cost(matches, &self.corrected, twist, loss);
         let mut damping = 1e-4;
-        // A step that lowers the cost by less than this share is as small as the rounding of the cost allows to see.
-        let enough = f64::EPSILON.sqrt();
-        let mut is_determined = false;
-        for _ in 0..ITERATIONS {
+        for _ in 0..MAX_STEPS {
             let step = self.step(matches, twist, loss, damping);
-            is_determined |= step.is_some();
             let next = step.map(|step| Twist::from_vector(twist.to_vector() + step));
             let next_cost = next.map_or(f64::INFINITY, |next| total_cost(matches, &self.trial, next, loss));
             match next {
@@ -74,14 +73,21 @@ impl Minimiser {
                     std::mem::swap(&mut self.corrected, &mut self.trial);
                     (twist, cost) = (next, next_cost);
                     damping *= 0.1;
-                    if gain <= enough * cost {
+                    if gain <= ENOUGH * cost {
                         break;
                     }
                 }
-                _ => damping *= 10.0,
+                _ => {
+                    damping *= 10.0;
+                    if damping > MAX_DAMPING {
+                        // No step from here helps: a minimum, unless no step could be solved at all.
+                        step?;
+                        break;
+                    }
+                }
             }
         }
-        (is_determined && twist.is_finite()).then_some(twist)
+        twist.is_finite().then_some(twist)
     }
 
     /// The corrected points o of the last minimisation, in centred pixels, one a match.

@@ -5,11 +5,18 @@
 //! to c. Reweighted least squares from all points towards the tight loss then lets go of a third
 //! of the points even where they agree on a motion of their own.
 
-use super::measurement::{ITERATIONS, TimedMatch, solve_scaled};
+use super::measurement::{TimedMatch, solve_scaled};
 use crate::motion::Twist;
 use crate::robust::loss::{GemanMcClure, Loss};
-use crate::robust::median::{NOISE_LIMIT, variance_of};
+use crate::robust::median::variance_of;
 use nalgebra::{Matrix2x3, Matrix3, Vector2, Vector3};
+
+/// Rounds of reweighting: a coherent third at distance d is let go after about ten.
+const ROUNDS: usize = 12;
+/// The reweighting ends when the spread changes by less than this share.
+const SETTLED: f64 = 1e-3;
+/// The loss reaches this many standard deviations of the inliers.
+const REACH: f64 = 3.0;
 
 /// A robust start and the reach, in px², of the loss that fits the spread found.
 #[derive(Clone, Copy, Debug)]
@@ -22,8 +29,15 @@ pub(super) struct Start {
 /// below which the spread is not believed; `errors` is a buffer.
 pub(super) fn robust_start(matches: &[TimedMatch], noise: f64, errors: &mut Vec<f64>) -> Option<Start> {
     let mut twist = weighted_twist(matches, |_| 1.0)?;
-    for _ in 0..ITERATIONS {
-        let loss = GemanMcClure(reach_of(errors, matches.iter().map(|m| linear_error(m, twist)), noise));
+    let mut reach = f64::INFINITY;
+    for _ in 0..ROUNDS {
+        let next = reach_of(errors, matches.iter().map(|m| linear_error(m, twist)), noise);
+        let settled = (next - reach).abs() < SETTLED * next;
+        reach = next;
+        if settled {
+            break;
+        }
+        let loss = GemanMcClure(reach);
         twist = weighted_twist(matches, |m| loss.weight(linear_error(m, twist)))?;
     }
     let reach = reach_of(errors, matches.iter().map(|m| m.error(twist)), noise);
@@ -34,7 +48,7 @@ pub(super) fn robust_start(matches: &[TimedMatch], noise: f64, errors: &mut Vec<
 fn reach_of(buffer: &mut Vec<f64>, errors: impl Iterator<Item = f64>, noise: f64) -> f64 {
     buffer.clear();
     buffer.extend(errors);
-    NOISE_LIMIT * NOISE_LIMIT * variance_of(buffer, noise * noise)
+    REACH * REACH * variance_of(buffer, noise * noise)
 }
 
 /// [`TimedMatch::error`] of the linear model, without its sine and cosine.

@@ -3,13 +3,14 @@
 use super::dominant::DominantMotion;
 use super::matches::Match;
 use crate::correspond::Correspondence;
-use crate::solve::solution::MIN_MATCHES;
 use nalgebra::Vector2;
 
 /// Prior probability of the scene for an inlier of the dominant motion, and of an object for an outlier.
 const SCENE_PRIOR: f64 = 0.9;
 /// More matches than this are thinned out.
 const MAX_MATCHES: usize = 400;
+/// A pair with fewer is not used.
+const MIN_MATCHES: usize = 16;
 /// Points further from the centre, in radii, are invalid.
 const MAX_COORDINATE: f64 = 1e3;
 /// Greatest distance between the ends of matches that a track joins, in mean spacings of points.
