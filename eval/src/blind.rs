@@ -12,7 +12,7 @@ use rayon::prelude::*;
 use rsrectify::readout::Readout;
 use rsrectify::rectifier::Estimator;
 
-/// Frames of a run.
+/// Frames of a run, or more where the sequence is longer.
 const FRAMES: usize = 50;
 /// Frames of a sequence at which runs start.
 const STARTS: [usize; 5] = [0, 2, 5, 8, 12];
@@ -180,9 +180,14 @@ impl Run {
     }
 }
 
+/// Frames of each run: as many as there are from the last start on.
+fn length(footage: &Footage) -> usize {
+    FRAMES.max(footage.frames.len().saturating_sub(STARTS[STARTS.len() - 1]))
+}
+
 fn run(footage: &Footage, start: usize, lookahead: usize) -> Result<Run> {
     let told = product::settings(footage.settings(), Delay::Unknown, Estimator::Continuous, lookahead);
-    let solutions = product::solve_frames(footage, start..start + FRAMES, told)?;
+    let solutions = product::solve_frames(footage, start..start + length(footage), told)?;
     let stated = solutions.iter().map(|solution| Stated {
         readout: *solution.motion.readout(),
         readout_deviation: solution.readout_deviation,
@@ -194,7 +199,7 @@ fn run(footage: &Footage, start: usize, lookahead: usize) -> Result<Run> {
 
 fn replay(footage: &Footage, recording: &Recording, start: usize, lookahead: usize) -> Result<Run> {
     let told = product::settings(footage.settings(), Delay::Unknown, Estimator::Continuous, lookahead);
-    let estimates = recording.estimate(start..start + FRAMES, &told)?;
+    let estimates = recording.estimate(start..start + length(footage), &told)?;
     let stated = estimates.iter().map(|estimate| Stated {
         readout: estimate.readout,
         readout_deviation: estimate.readout_deviation,
@@ -212,13 +217,15 @@ fn judged(
     stated: Vec<Stated>,
     corrections: &Corrections,
 ) -> Result<Run> {
-    let truths = footage.truth.get(start..start + FRAMES).context("a sequence is shorter than its runs")?;
+    let truths =
+        footage.truth.get(start..start + length(footage)).context("a sequence is shorter than its runs")?;
     let period = 1.0 / footage.settings().delivered_fps();
     let truth = footage.readout();
     let is_covered =
         |stated: &&Stated| error(&stated.readout, &truth, period) <= INTERVAL * stated.readout_deviation;
     let covered = stated.iter().filter(is_covered).count() as f64 / stated.len().max(1) as f64;
     let frames = stated.iter().zip(truths).zip(corrections);
+    let frames = frames.filter(|((_, truth), _)| !truth.samples.is_empty());
     let normalised = frames.filter_map(|((stated, truth), correction)| {
         let left = displacement::left(std::slice::from_ref(truth), std::slice::from_ref(correction)).rms;
         stated.expected_error.filter(|expected| *expected > 0.0).map(|expected| (left / expected).powi(2))

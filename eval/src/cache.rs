@@ -320,6 +320,15 @@ mod tests {
     }
 
     #[test]
+    fn blended_footage_comes_back() {
+        let folder = tempfile::tempdir().unwrap();
+        let cache = Cache::new(folder.path());
+        let settings = Settings { fps: 25.0, frames: 7, timeline: Timeline::Blended(30.0), ..settings() };
+        let rendered = cache.footage(&settings, None).unwrap();
+        assert_same(&cache.footage(&settings, None).unwrap(), &rendered);
+    }
+
+    #[test]
     fn what_is_kept_comes_back_and_damage_is_repaired() {
         let folder = tempfile::tempdir().unwrap();
         let cache = Cache::new(folder.path().join("deep").join("cache"));

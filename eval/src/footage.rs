@@ -28,7 +28,8 @@ pub struct Footage {
 /// What is known of one frame.
 #[derive(Clone, Debug, PartialEq)]
 pub struct FrameTruth {
-    /// Where every [`STEP`]th pixel belongs at the reference instant, where that can be judged.
+    /// Where every [`STEP`]th pixel belongs at the reference instant, where that can be judged. There are none of a
+    /// frame that shows two instants at once: it is to be left as it is.
     pub samples: Vec<Sample>,
     /// The frame that a global shutter sees at the reference instant.
     pub global: Frame,
@@ -76,7 +77,7 @@ impl Footage {
     /// Where the settings ask for H.264 and it is not to be had.
     pub fn render(sequence: Sequence) -> Result<Self> {
         let frames = sequence.frames()?.collect();
-        let mut footage = Self::of(sequence, frames, Vec::new());
+        let footage = Self::of(sequence, frames, Vec::new());
         let (sequence, captures) = (&footage.sequence, &footage.captures);
         let mut truth: BTreeMap<usize, FrameTruth> = BTreeMap::new();
         for run in footage.runs() {
@@ -86,15 +87,18 @@ impl Footage {
                 truth.insert(captures[*index], FrameTruth::of(sequence, captures[*index], before, after));
             }
         }
-        footage.truth = captures.iter().map(|capture| truth[capture].clone()).collect();
-        Ok(footage)
+        let truth = captures.iter().map(|capture| truth[capture].clone()).collect();
+        Ok(Self::of(footage.sequence, footage.frames, truth))
     }
 
     /// Puts together frames and their truth, which are there already.
     pub(crate) fn of(sequence: Sequence, frames: Vec<Frame>, truth: Vec<FrameTruth>) -> Self {
-        let (captures, stamps) =
-            sequence.deliveries().iter().map(|delivery| (delivery.capture, delivery.stamp)).unzip();
-        Self { sequence, frames, stamps, captures, truth }
+        let deliveries = sequence.deliveries();
+        let (captures, stamps) = deliveries.iter().map(|delivery| (delivery.capture, delivery.stamp)).unzip();
+        let mut footage = Self { sequence, frames, stamps, captures, truth };
+        let blended = footage.truth.iter_mut().zip(deliveries).filter(|(_, delivery)| delivery.blend > 0.0);
+        blended.for_each(|(truth, _)| truth.samples.clear());
+        footage
     }
 
     /// The truth of frame `index`, computed from the geometry on demand.
@@ -110,7 +114,7 @@ impl Footage {
     /// The true shutter.
     pub fn readout(&self) -> Readout {
         let settings = self.settings();
-        let time = ReadoutTime::Seconds(settings.readout_time());
+        let time = ReadoutTime::Seconds(settings.delivered_readout_time());
         let direction = direction(settings.first);
         Readout::new(settings.width, settings.height, direction, time, 1.0 / settings.delivered_fps())
             .expect("a readout ratio of at least 0 and a frame rate")
@@ -171,6 +175,43 @@ mod tests {
         assert_eq!((&footage.frames[2], &footage.truth[2]), (&footage.frames[1], &footage.truth[1]));
         assert_ne!(footage.frames[2], footage.frames[3]);
         assert_eq!(footage.capture(2).start, footage.stamps[1]);
+    }
+
+    #[test]
+    fn a_repeated_frame_equals_its_source_at_the_instant_of_its_capture() {
+        let repeated = footage(Settings { frames: 6, bitrate: None, ..named("duplicated_30_walk").unwrap() });
+        assert_eq!(repeated.captures, [0, 1, 2, 3, 3, 4, 5]);
+        assert_eq!((&repeated.frames[4], &repeated.truth[4]), (&repeated.frames[3], &repeated.truth[3]));
+        assert_ne!(repeated.frames[4], repeated.frames[5]);
+        // Stamped 4/30 s, captured at 3/25 s with the camera's own readout.
+        assert_eq!((repeated.stamps[4], repeated.capture(4).start), (4.0 / 30.0, 3.0 / 25.0));
+        assert!((repeated.readout().time() - 0.8 / 25.0).abs() < 1e-12);
+    }
+
+    #[test]
+    fn blended_frames_are_to_be_left_as_they_are() {
+        let settings = Settings { frames: 7, bitrate: None, ..named("blended_30_walk").unwrap() };
+        let whole = footage(Settings { timeline: Timeline::Whole, ..settings.clone() });
+        let blended = footage(settings);
+        let judged: Vec<bool> = blended.truth.iter().map(|truth| !truth.samples.is_empty()).collect();
+        assert_eq!(judged, [true, false, false, false, false, false, true, false]);
+        assert_eq!(
+            (&blended.frames[6], &blended.truth[6].samples),
+            (&whole.frames[5], &whole.truth[5].samples)
+        );
+        // Frame 3 lies half-way between captures 2 and 3.
+        let halves = whole.frames[2].rgb.iter().zip(&whole.frames[3].rgb);
+        let is_mean = |(half, (a, b)): (&u8, (&u8, &u8))| {
+            (2 * i16::from(*half) - i16::from(*a) - i16::from(*b)).abs() <= 1
+        };
+        assert!(blended.frames[3].rgb.iter().zip(halves).all(is_mean));
+    }
+
+    #[test]
+    fn a_crop_leaves_its_share_of_the_readout() {
+        let settings = named("eis_sim_walk").unwrap();
+        let readout = footage(Settings { frames: 2, bitrate: None, ..settings }).readout();
+        assert!((readout.time() - 0.8 / 30.0 / 1.22).abs() < 1e-12);
     }
 
     #[test]

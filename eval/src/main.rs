@@ -120,7 +120,7 @@ enum Command {
         /// How many scenes: seeds 1, 2, and so on.
         #[arg(long, default_value_t = 3)]
         scenes: u64,
-        /// Names of sequences; all without it.
+        /// Names of sequences, beginnings as `eis_*`, or `processed`; all without it.
         #[arg(long)]
         sequence: Vec<String>,
         /// Number of frames of each.
@@ -194,7 +194,8 @@ struct Place {
 /// Which sequences, and how.
 #[derive(Args)]
 struct Chosen {
-    /// Names of sequences; all without it.
+    /// Names of sequences, beginnings as `eis_*`, or `processed`: all that were stabilised or re-timed after their
+    /// readout. All of the report without it.
     #[arg(long)]
     sequence: Vec<String>,
     #[command(flatten)]
@@ -204,13 +205,9 @@ struct Chosen {
 }
 
 impl Chosen {
-    /// The sequences of these names; all without names.
+    /// The sequences that [`sequence::chosen`] finds; those of the report without names.
     fn settings(&self) -> Result<Vec<Settings>> {
-        if self.sequence.is_empty() {
-            Ok(sequence::catalogue())
-        } else {
-            self.sequence.iter().map(|name| find(name)).collect()
-        }
+        if self.sequence.is_empty() { Ok(sequence::catalogue()) } else { sequence::chosen(&self.sequence) }
     }
 
     fn footage(&self, settings: Settings) -> Result<Footage> {
@@ -288,6 +285,7 @@ fn main() -> Result<()> {
             sequence::catalogue()
                 .iter()
                 .chain(&sequence::hard())
+                .chain(&sequence::processed())
                 .for_each(|settings| println!("{}", settings.name));
             Ok(())
         }
@@ -310,7 +308,7 @@ fn blind(chosen: &Chosen, recorded: bool, extent: Extent) -> Result<()> {
     println!("{}", blind::HEADING);
     let mut table = format!("{}\n", blind::HEADING);
     for settings in if chosen.sequence.is_empty() { distorted() } else { chosen.settings()? } {
-        let frames = settings.timeline.captures(blind::NEEDED_FRAMES, settings.fps);
+        let frames = settings.timeline.captures(blind::NEEDED_FRAMES, settings.fps).max(settings.frames);
         let recorded = recorded && !settings.timeline.repeats_frames();
         let footage = chosen.footage(Settings { frames, ..settings })?;
         let blind = if recorded { Blind::recorded(&footage, extent)? } else { Blind::of(&footage, extent)? };

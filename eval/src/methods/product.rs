@@ -33,7 +33,7 @@ pub fn settings(
     let readout_time = match delay {
         Delay::Unknown => ReadoutTime::Unknown,
         Delay::Zero => ReadoutTime::WholePeriod,
-        Delay::True => ReadoutTime::Seconds(sequence.readout_time()),
+        Delay::True => ReadoutTime::Seconds(sequence.delivered_readout_time()),
     };
     let direction = (delay != Delay::Unknown).then(|| direction(sequence.first));
     let mut settings = Settings::default();

@@ -1,5 +1,6 @@
 //! Displacement that is left.
 
+use super::harm;
 use super::stats::{Stats, distances, uncorrected};
 use crate::footage::FrameTruth;
 use crate::methods::Correction;
@@ -11,11 +12,36 @@ pub fn left(truth: &[FrameTruth], corrections: &[Box<dyn Correction>]) -> Stats 
     Stats::of(left.collect())
 }
 
-/// By how much the RMS displacement of a frame is above that of its input, in pixels, in the frame where it is most.
+/// By how much the RMS displacement of a frame is above that of its input, in pixels, in the frame where it is most. In a
+/// frame without samples, which is to be left as it is, any displacement is above.
 pub fn worst_above_input(truth: &[FrameTruth], corrections: &[Box<dyn Correction>]) -> f64 {
     let above = |(truth, correction): (&FrameTruth, _)| {
+        if truth.samples.is_empty() {
+            let size = [truth.global.width, truth.global.height];
+            return harm::added(size, std::slice::from_ref(correction)).rms;
+        }
         let left = left(std::slice::from_ref(truth), std::slice::from_ref(correction));
         left.rms - uncorrected(truth.samples.iter().copied()).rms
     };
     truth.iter().zip(corrections).map(above).fold(f64::NEG_INFINITY, f64::max)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::footage::Footage;
+    use crate::sequence::{Settings, named};
+    use nalgebra::Vector2;
+
+    #[test]
+    fn moving_a_blended_frame_is_harm_and_nothing_is_left_in_it() {
+        let settings =
+            Settings { width: 96, height: 72, frames: 4, bitrate: None, ..named("blended_30_walk").unwrap() };
+        let footage = Footage::of_settings(&settings).unwrap();
+        let shift = |pixel: Vector2<f64>| pixel.add_scalar(1.0);
+        let moved: Vec<Box<dyn Correction>> = vec![Box::new(shift)];
+        let blended = &footage.truth[3..];
+        assert_eq!(left(blended, &moved).count, 0);
+        assert!((worst_above_input(blended, &moved) - 2f64.sqrt()).abs() < 1e-12);
+    }
 }

@@ -126,11 +126,7 @@ fn tasks(options: &Options) -> Result<Vec<Task>> {
     let catalogue: Vec<Settings> = if options.sequences.is_empty() {
         sequence::catalogue()
     } else {
-        let find = |name: &String| {
-            sequence::named(name)
-                .with_context(|| format!("no sequence is named {name}; `list` prints the names"))
-        };
-        options.sequences.iter().map(find).collect::<Result<_>>()?
+        sequence::chosen(&options.sequences)?
     };
     let task = |settings: &Settings, seed: u64| {
         let frames = options.frames.unwrap_or(settings.frames);

@@ -22,7 +22,7 @@ pub struct Results {
 pub struct SequenceInfo {
     /// Its name.
     pub name: String,
-    /// Readout ratio γ.
+    /// Readout ratio γ of what is visible, in periods of the captures.
     pub readout_ratio: f64,
     /// Number of frames.
     pub frames: usize,

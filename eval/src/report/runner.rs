@@ -56,7 +56,7 @@ pub fn run(
 fn info(settings: &Settings) -> SequenceInfo {
     SequenceInfo {
         name: settings.name.clone(),
-        readout_ratio: settings.readout_ratio,
+        readout_ratio: settings.delivered_readout_time() * settings.fps,
         frames: settings.frames,
     }
 }

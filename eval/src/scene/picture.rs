@@ -96,6 +96,12 @@ impl Frame {
         Picture::new(self.width, self.height, colours.collect())
     }
 
+    /// The mean with another frame of the same size, which has the weight `share`.
+    pub fn blended(&self, other: &Self, share: f64) -> Self {
+        let mean = |(a, b): (&u8, &u8)| (f64::from(*a) * (1.0 - share) + f64::from(*b) * share).round() as u8;
+        Self { rgb: self.rgb.iter().zip(&other.rgb).map(mean).collect(), ..*self }
+    }
+
     /// The luma that video carries: 16 to 235.
     pub fn luma(&self) -> Vec<u8> {
         let luma = |rgb: &[u8]| {

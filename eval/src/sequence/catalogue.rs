@@ -1,9 +1,11 @@
 //! The named sequences.
 
+use super::processed::processed;
 use super::settings::{Settings, Strength};
-use super::{Gain, Stabilisation, Timeline};
+use super::{Gain, Move, Stabilisation, Timeline};
 use crate::scene::path::Motion;
 use crate::scene::{FirstEdge, SceneKind};
+use anyhow::{Result, ensure};
 
 /// The settings of all named sequences.
 ///
@@ -82,11 +84,22 @@ pub fn hard() -> Vec<Settings> {
             ..of("zoom", SceneKind::Room, Motion::Zoom { factor: 1.4 })
         },
         Settings { width: 1920, height: 1080, frames: 8, ..held("thin_1080", SceneKind::Thin, 2.0 * SWAY) },
+        // Long enough for a right readout to be lost to a rival that is tried later.
+        Settings {
+            width: 360,
+            height: 240,
+            frames: 212,
+            readout_ratio: 0.89,
+            first: FirstEdge::Bottom,
+            noise: 6.0,
+            bitrate: Some(150),
+            ..phone("small_noisy", Strength::Displacement(2.0))
+        },
     ]
 }
 
 /// Takes most of a hand's shake out of the frame's middle.
-const STABILISATION: Stabilisation = Stabilisation { smoothing: 5.0, zoom: 1.25 };
+const STABILISATION: Stabilisation = Stabilisation { kind: Move::Turn, smoothing: 5.0, zoom: 1.25 };
 
 /// Peak translation of a hand in metres, where it turns by 0.03 radians: it turns about the elbow.
 const SWAY: f64 = 0.01;
@@ -126,7 +139,29 @@ fn shake(lowest: f64, highest: f64, sway: f64) -> Motion {
 
 /// The settings of the sequence with this name.
 pub fn named(name: &str) -> Option<Settings> {
-    catalogue().into_iter().chain(hard()).find(|settings| settings.name == name)
+    all().find(|settings| settings.name == name)
+}
+
+/// The settings of the sequences that are named, that begin as a name that ends in `*`, or that `processed` stands for.
+///
+/// # Errors
+/// If there are none for a name.
+pub fn chosen(names: &[String]) -> Result<Vec<Settings>> {
+    let mut chosen = Vec::new();
+    for name in names {
+        let found: Vec<Settings> = match (name.strip_suffix('*'), name.as_str()) {
+            (None, "processed") => processed(),
+            (None, name) => named(name).into_iter().collect(),
+            (Some(start), _) => all().filter(|settings| settings.name.starts_with(start)).collect(),
+        };
+        ensure!(!found.is_empty(), "no sequence is named {name}; `list` prints the names");
+        chosen.extend(found);
+    }
+    Ok(chosen)
+}
+
+fn all() -> impl Iterator<Item = Settings> {
+    catalogue().into_iter().chain(hard()).chain(processed())
 }
 
 /// The clip that shows what a rolling shutter does: 4.5 s at 1280×720, strongly shaken.
@@ -137,5 +172,22 @@ pub fn demo() -> Settings {
         frames: 135,
         noise: 1.0,
         ..Settings::new("demo", shake(0.05, 0.13, SWAY), Strength::Displacement(13.0))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_are_unique_and_groups_are_chosen() {
+        let mut names: Vec<String> = all().map(|settings| settings.name).collect();
+        names.sort();
+        assert!(names.windows(2).all(|pair| pair[0] != pair[1]));
+        let count = |name: &str| chosen(&[name.into()]).map(|found| found.len()).ok();
+        assert_eq!(
+            ["processed", "eis_sim_*", "eis", "nothing", "no*"].map(count),
+            [Some(32), Some(4), Some(1), None, None]
+        );
     }
 }

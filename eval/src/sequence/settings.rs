@@ -1,6 +1,6 @@
 //! What determines a sequence.
 
-use super::{Gain, Stabilisation, Timeline};
+use super::{Gain, Move, Stabilisation, Timeline};
 use crate::scene::path::Motion;
 use crate::scene::{FirstEdge, SceneKind};
 use serde::Serialize;
@@ -93,8 +93,18 @@ impl Settings {
         self.timeline.fps(self.fps)
     }
 
-    /// Readout time T in seconds.
+    /// Readout time T of the camera in seconds.
     pub fn readout_time(&self) -> f64 {
         self.readout_ratio / self.fps
+    }
+
+    /// Readout time in seconds of the rows that a delivered frame shows: a crop by the share c leaves (1 − c)·T, a
+    /// stabiliser that turns each row by itself nothing.
+    pub fn delivered_readout_time(&self) -> f64 {
+        match self.stabilisation {
+            None => self.readout_time(),
+            Some(Stabilisation { kind: Move::TurnByRow, .. }) => 0.0,
+            Some(Stabilisation { zoom, .. }) => self.readout_time() / zoom,
+        }
     }
 }

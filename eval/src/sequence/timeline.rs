@@ -15,6 +15,8 @@ pub enum Timeline {
     /// Converted to so many frames a second by showing the nearest capture, as a frame-rate converter
     /// does. The timestamps are regular again: they no longer tell when a frame was captured.
     Resampled(f64),
+    /// Converted to so many frames a second by blending the two captures around each instant.
+    Blended(f64),
 }
 
 /// A frame as it is delivered.
@@ -24,12 +26,14 @@ pub struct Delivery {
     pub capture: usize,
     /// Its timestamp in seconds: the start of its readout, unless the clip was resampled.
     pub stamp: f64,
+    /// The share of the capture after it that is blended in.
+    pub blend: f64,
 }
 
 impl Timeline {
     /// The frames made of `captures` captures, `fps` of which are taken a second.
     pub fn deliveries(&self, captures: usize, fps: f64) -> Vec<Delivery> {
-        let own = |capture: usize| Delivery { capture, stamp: capture as f64 / fps };
+        let own = |capture: usize| Delivery { capture, stamp: capture as f64 / fps, blend: 0.0 };
         match self {
             Self::Whole => (0..captures).map(own).collect(),
             Self::Drops(lost) => (0..captures).filter(|k| !lost.contains(k)).map(own).collect(),
@@ -39,8 +43,19 @@ impl Timeline {
             }
             Self::Resampled(rate) => {
                 let stamps = (0..).map(|frame| f64::from(frame) / rate);
-                let nearest = stamps.map(|stamp| Delivery { capture: (stamp * fps).round() as usize, stamp });
-                nearest.take_while(|delivery| delivery.capture < captures).collect()
+                let nearest =
+                    |stamp: f64| Delivery { capture: (stamp * fps).round() as usize, stamp, blend: 0.0 };
+                stamps.map(nearest).take_while(|delivery| delivery.capture < captures).collect()
+            }
+            Self::Blended(rate) => {
+                let blended = |frame| {
+                    let stamp = f64::from(frame) / rate;
+                    // To a millionth, so that an instant of a capture is that capture alone.
+                    let place = (stamp * fps * 1e6).round() / 1e6;
+                    Delivery { capture: place as usize, stamp, blend: place.fract() }
+                };
+                let last = |delivery: &Delivery| delivery.capture + usize::from(delivery.blend > 0.0);
+                (0..).map(blended).take_while(|delivery| last(delivery) < captures).collect()
             }
         }
     }
@@ -59,7 +74,7 @@ impl Timeline {
     /// Frames a second of the clip, where `fps` are captured.
     pub fn fps(&self, fps: f64) -> f64 {
         match self {
-            Self::Resampled(rate) => *rate,
+            Self::Resampled(rate) | Self::Blended(rate) => *rate,
             _ => fps,
         }
     }
@@ -101,6 +116,30 @@ mod tests {
         assert_eq!(stamps(&timeline, 4, 25.0), [0.0, 1.0, 2.0]);
         assert_eq!(timeline.fps(30.0), 25.0);
         assert_eq!(timeline.captures(10, 30.0), 12);
+    }
+
+    #[test]
+    fn every_fifth_capture_is_shown_twice_from_25_to_30() {
+        let repeated = Timeline::Resampled(30.0).deliveries(8, 25.0);
+        let captures: Vec<usize> = repeated.iter().map(|delivery| delivery.capture).collect();
+        assert_eq!(captures, [0, 1, 2, 3, 3, 4, 5, 6, 7]);
+    }
+
+    #[test]
+    fn one_of_five_captures_is_lost_at_24_frames_a_second() {
+        let timeline = Timeline::Resampled(24.0);
+        assert_eq!(captures(&timeline, 11), [0, 1, 3, 4, 5, 6, 8, 9, 10]);
+        assert_eq!(stamps(&timeline, 4, 24.0), [0.0, 1.0, 2.0]);
+    }
+
+    #[test]
+    fn one_frame_of_six_is_a_capture_alone_where_25_are_blended_to_30() {
+        let blended = Timeline::Blended(30.0).deliveries(8, 25.0);
+        let shown: Vec<(usize, f64)> =
+            blended.iter().map(|delivery| (delivery.capture, (delivery.blend * 6.0).round())).collect();
+        let expected =
+            [(0, 0.0), (0, 5.0), (1, 4.0), (2, 3.0), (3, 2.0), (4, 1.0), (5, 0.0), (5, 5.0), (6, 4.0)];
+        assert_eq!(shown, expected);
     }
 
     #[test]

@@ -20,7 +20,8 @@ pub struct Sample {
 
 /// One readout of a take's camera: the truth of a frame, computed from the geometry on demand.
 ///
-/// The reference instant is start + T/2: half of the readout, by time.
+/// The reference instant is that at which the middle of the delivered frame was exposed: start + T/2, half of the
+/// readout by time, unless the frame was moved by a stabiliser.
 #[derive(Clone, Copy)]
 pub struct Capture<'a> {
     /// What is seen, and who sees it.
@@ -34,7 +35,9 @@ pub struct Capture<'a> {
 impl Capture<'_> {
     /// The instant that the frame, rectified, shows.
     pub fn reference(&self) -> f64 {
-        self.start + self.take.camera.shutter.readout / 2.0
+        let centre = self.take.camera.lens.centre();
+        let exposure = || self.take.camera.exposure(self.start, self.warp.captured(centre));
+        self.warp.rows_turned_to.unwrap_or_else(exposure)
     }
 
     /// Where the scene point seen at `pixel` is at the reference instant; `None` where it is then
@@ -47,10 +50,10 @@ impl Capture<'_> {
     /// start, ½: the reference instant, 1: its end); `None` where it is then outside or hidden.
     pub fn to_share(&self, pixel: Vector2<f64>, share: f64) -> Option<Vector2<f64>> {
         let Take { scene, camera } = self.take;
-        let instant = self.start + share * camera.shutter.readout;
+        let instant = self.reference() + (share - 0.5) * camera.shutter.readout / self.warp.zoom;
         let point = self.point(pixel)?;
         let truth = camera.project(instant, scene.position(instant, &point))?;
-        self.take.shows(instant, truth, &point).then(|| self.delivered(truth))?
+        self.take.shows(instant, truth, &point).then(|| self.visible(self.warp.delivered(truth)))?
     }
 
     /// The samples of the frame, every `step` pixels in x and y, that can be judged.
@@ -104,9 +107,30 @@ impl Capture<'_> {
         self.take.shows(camera.exposure(self.start, seen), seen, point).then(|| self.delivered(seen))?
     }
 
-    /// The place in the delivered frame; `None` if it was cut off.
+    /// The place in the delivered frame of a place in the rolling one; `None` if it was cut off.
     fn delivered(&self, captured: Vector2<f64>) -> Option<Vector2<f64>> {
-        let delivered = self.warp.delivered(captured);
+        let camera = &self.take.camera;
+        let turned = match self.warp.rows_turned_to {
+            None => captured,
+            Some(t) => {
+                let (_, direction) = camera.ray(camera.exposure(self.start, captured), captured);
+                camera.project(t, camera.path.pose(t).position + direction)?
+            }
+        };
+        self.visible(self.warp.delivered(turned))
+    }
+
+    /// Where a place of the delivered frame was in the rolling one.
+    pub fn captured(&self, delivered: Vector2<f64>) -> Vector2<f64> {
+        let (camera, turned) = (&self.take.camera, self.warp.captured(delivered));
+        let Some(instant) = self.warp.rows_turned_to else { return turned };
+        let (_, direction) = camera.ray(instant, turned);
+        // The rolling frame sees what lies in this direction as if the camera only turned.
+        camera.observe(self.start, |t| camera.path.pose(t).position + direction).unwrap_or(turned)
+    }
+
+    /// A place that is inside the delivered frame.
+    fn visible(&self, delivered: Vector2<f64>) -> Option<Vector2<f64>> {
         self.take.camera.lens.contains(delivered).then_some(delivered)
     }
 
@@ -118,7 +142,7 @@ impl Capture<'_> {
 
     /// The point of an object seen at `pixel`.
     fn point(&self, pixel: Vector2<f64>) -> Option<Hit> {
-        let pixel = self.warp.captured(pixel);
+        let pixel = self.captured(pixel);
         self.take.look(self.take.camera.exposure(self.start, pixel), pixel)
     }
 }
@@ -128,7 +152,8 @@ impl Take {
     pub fn capture(&self, settings: &Settings, k: usize) -> Capture<'_> {
         let start = k as f64 / settings.fps;
         let middle = start + settings.readout_time() / 2.0;
-        let stabilised = settings.stabilisation.map(|s| s.warp(&self.camera, middle, settings.fps));
+        let stabilised =
+            settings.stabilisation.map(|s| s.warp(&self.scene, &self.camera, middle, settings.fps));
         Capture { take: self, start, warp: stabilised.unwrap_or_default() }
     }
 
@@ -150,8 +175,9 @@ impl Take {
 pub(super) mod tests {
     use super::*;
     use crate::scene::path::{Oscillation, Oscillations, uniform};
-    use crate::scene::{CameraPath, FirstEdge, Lens, Mover, RollingCamera, Scene, Shutter, Surface};
-    use nalgebra::Vector3;
+    use crate::scene::{CameraPath, FirstEdge, Lens, Mover, Pose, RollingCamera, Scene, Shutter, Surface};
+    use crate::sequence::{Move, Stabilisation};
+    use nalgebra::{Rotation3, Vector3};
     use std::sync::Arc;
 
     pub const DEPTH: f64 = 3.0;
@@ -218,6 +244,44 @@ pub(super) mod tests {
                 let expected = seen - velocity.xy() * (FOCAL / DEPTH * until_reference(first, seen));
                 assert!((truth - expected).norm() < 1e-9, "{first:?} {seen}");
             }
+        }
+    }
+
+    #[test]
+    fn a_crop_shortens_the_readout_of_what_is_visible() {
+        // A steady move along a wall is not stabilised, only enlarged: the velocity grows by the zoom, the readout of
+        // the visible rows shrinks by it.
+        let (velocity, zoom) = (Vector3::new(1.5, -0.7, 0.0), 1.25);
+        let stabilisation = Stabilisation { kind: Move::Similarity, smoothing: 3.0, zoom };
+        for first in EDGES {
+            let take = wall(first, uniform(0.0, velocity));
+            let plain = frame(&take, 1);
+            let warp = stabilisation.warp(&take.scene, &take.camera, plain.reference(), 1.0 / PERIOD);
+            let capture = Capture { warp, ..plain };
+            assert!((capture.reference() - plain.reference()).abs() < 1e-9);
+            for Sample { seen, truth } in capture.samples(16) {
+                let elapsed = until_reference(first, seen) / zoom;
+                let expected = seen - velocity.xy() * (zoom * FOCAL / DEPTH * elapsed);
+                assert!((truth - expected).norm() < 1e-6, "{first:?} {seen}: {truth} {expected}");
+            }
+        }
+    }
+
+    #[test]
+    fn rows_are_turned_and_turned_back() {
+        let turning = |t: f64| Pose {
+            rotation: Rotation3::from_euler_angles(0.4 * t, -0.9 * t, 0.7 * t),
+            position: Vector3::new(0.3 * t, 0.0, 0.2 * t),
+        };
+        let stabilisation = Stabilisation { kind: Move::TurnByRow, smoothing: 3.0, zoom: 1.2 };
+        let take = wall(FirstEdge::Bottom, turning);
+        let plain = frame(&take, 2);
+        let warp = stabilisation.warp(&take.scene, &take.camera, plain.reference(), 1.0 / PERIOD);
+        let capture = Capture { warp, ..plain };
+        for pixel in [[20.0, 30.0], [159.5, 119.5], [300.0, 220.0]].map(Vector2::from) {
+            let captured = capture.captured(pixel);
+            assert!((captured - warp.captured(pixel)).norm() > 0.1 || pixel.y == 119.5);
+            assert!((capture.delivered(captured).unwrap() - pixel).norm() < 1e-6, "{pixel}");
         }
     }
 
