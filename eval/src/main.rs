@@ -1,6 +1,6 @@
 //! The command line of the evaluation.
 
-use anyhow::{Context, Result};
+use anyhow::Result;
 use clap::{Args, Parser, Subcommand};
 use eval::blind::{self, Blind, Extent};
 use eval::cache::Cache;
@@ -244,7 +244,9 @@ impl Changes {
 
 fn main() -> Result<()> {
     match Cli::parse().command {
-        Command::Render { sequence, out, changes } => render(changes.apply(find(&sequence)?), &out),
+        Command::Render { sequence, out, changes } => {
+            render(changes.apply(sequence::named(&sequence)?), &out)
+        }
         Command::Demo { out, changes } => render(changes.apply(sequence::demo()), &out),
         Command::Measure { lookahead, by_frame: true, chosen } => frames(&chosen, lookahead),
         Command::Measure { lookahead, by_frame: false, chosen } => {
@@ -282,18 +284,10 @@ fn main() -> Result<()> {
             Ok(())
         }
         Command::List => {
-            sequence::catalogue()
-                .iter()
-                .chain(&sequence::hard())
-                .chain(&sequence::processed())
-                .for_each(|settings| println!("{}", settings.name));
+            sequence::all().for_each(|settings| println!("{}", settings.name));
             Ok(())
         }
     }
-}
-
-fn find(name: &str) -> Result<Settings> {
-    sequence::named(name).with_context(|| format!("no sequence is named {name}; `list` prints the names"))
 }
 
 fn render(settings: Settings, out: &std::path::Path) -> Result<()> {

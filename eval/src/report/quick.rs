@@ -79,7 +79,7 @@ fn measure() -> Result<Figures> {
         registry::all().into_iter().filter(|entry| RECORDED_SYSTEMS.contains(&entry.id.as_str())).collect();
     let mut tasks = Vec::new();
     for name in SEQUENCES {
-        let settings = sequence::named(name).with_context(|| format!("no sequence is named {name}"))?;
+        let settings = sequence::named(name)?;
         tasks.push(Task {
             settings: sequence::Settings {
                 seed: SEED,

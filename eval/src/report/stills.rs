@@ -47,7 +47,7 @@ pub fn write_all(
     with_hard: bool,
 ) -> Result<()> {
     let shown = |settings: &Settings| settings.seed == SEED && SEQUENCES.contains(&settings.name.as_str());
-    let hard = HARD.iter().filter(|_| with_hard).filter_map(|name| sequence::named(name));
+    let hard = HARD.iter().filter(|_| with_hard).flat_map(|name| sequence::named(name));
     // As many frames beyond the one that is shown as a lookahead of four takes, and one more.
     let hard = hard.map(|settings| Settings { seed: SEED, frames: FRAME + 6, ..settings });
     let run = tasks.iter().map(|task| task.settings.clone()).filter(shown);

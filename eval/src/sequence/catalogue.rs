@@ -5,7 +5,7 @@ use super::settings::{Settings, Strength};
 use super::{Gain, Move, Stabilisation, Timeline};
 use crate::scene::path::Motion;
 use crate::scene::{FirstEdge, SceneKind};
-use anyhow::{Result, ensure};
+use anyhow::{Context, Result, ensure};
 
 /// The settings of all named sequences.
 ///
@@ -138,8 +138,11 @@ fn shake(lowest: f64, highest: f64, sway: f64) -> Motion {
 }
 
 /// The settings of the sequence with this name.
-pub fn named(name: &str) -> Option<Settings> {
-    all().find(|settings| settings.name == name)
+///
+/// # Errors
+/// If there is none.
+pub fn named(name: &str) -> Result<Settings> {
+    all().find(|settings| settings.name == name).with_context(|| none_named(name))
 }
 
 /// The settings of the sequences that are named, that begin as a name that ends in `*`, or that `processed` stands for.
@@ -151,16 +154,21 @@ pub fn chosen(names: &[String]) -> Result<Vec<Settings>> {
     for name in names {
         let found: Vec<Settings> = match (name.strip_suffix('*'), name.as_str()) {
             (None, "processed") => processed(),
-            (None, name) => named(name).into_iter().collect(),
+            (None, name) => vec![named(name)?],
             (Some(start), _) => all().filter(|settings| settings.name.starts_with(start)).collect(),
         };
-        ensure!(!found.is_empty(), "no sequence is named {name}; `list` prints the names");
+        ensure!(!found.is_empty(), none_named(name));
         chosen.extend(found);
     }
     Ok(chosen)
 }
 
-fn all() -> impl Iterator<Item = Settings> {
+fn none_named(name: &str) -> String {
+    format!("no sequence is named {name}; `list` prints the names")
+}
+
+/// The settings of all sequences, with or without a place in the report.
+pub fn all() -> impl Iterator<Item = Settings> {
     catalogue().into_iter().chain(hard()).chain(processed())
 }
 

@@ -10,9 +10,8 @@ mod stabilisation;
 mod take;
 mod timeline;
 
-pub use catalogue::{catalogue, chosen, demo, hard, named};
+pub use catalogue::{all, catalogue, chosen, demo, hard, named};
 pub use gain::Gain;
-pub use processed::processed;
 pub use settings::{Settings, Strength};
 pub use stabilisation::{Move, Stabilisation, Warp};
 pub use take::Take;
@@ -266,7 +265,7 @@ mod tests {
     #[test]
     fn stabilised_frames_show_no_border() {
         let mut shown = Vec::new();
-        let stabilised = catalogue().into_iter().chain(processed()).filter(|all| all.stabilisation.is_some());
+        let stabilised = all().filter(|settings| settings.stabilisation.is_some());
         for settings in stabilised {
             // As many as the blind runs need.
             let frames = settings.frames.max(62);

@@ -1,4 +1,4 @@
-//! Footage that was stabilised in the camera, by one homography a frame.
+//! Footage that was stabilised in the camera, by one homography a frame or by a turn of each row.
 
 use crate::scene::{Picture, Pose, RollingCamera, Scene};
 use nalgebra::{Matrix3, Rotation3, Vector2, Vector3};
