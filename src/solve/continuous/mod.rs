@@ -11,7 +11,7 @@
 //! | `linear` | whitened residuals and their innovations, robust weights, normal equations, banded Cholesky factor | σ², τ² of a pair |
 //! | `prior` | smoothness of the path, prediction of a vibration, beliefs about γ and κ | variances, weights |
 //! | `fit` | Gauss–Newton over a window → posterior and evidence; fits from several starts | γ, κ |
-//! | `camera` | hypotheses of edge and knot density: their odds, when one is tried, added or dropped | probabilities |
+//! | `camera` | hypotheses of scan axis and knot density: their odds, when one is tried, added or dropped | probabilities |
 //! | `output` | expected error of a correction, share that is applied, inliers | |
 //! | `smoother` | frames in, solutions out, a few frames later | |
 //!
@@ -44,10 +44,11 @@
 //! | inverse inside the band | 0.45 M | 8 M |
 //!
 //! With tracks a pair depends on a third more coefficients; factor and inverse take up to twice as much, spreading twice and
-//! sums three times as much. A hypothesis takes up to four steps a frame (36, six of them a frame, where the prediction of
-//! a vibration is first estimated), and while there are several, one more without the inverse for its evidence. The first
-//! window whose readout is unknown takes up to twenty from each of two starts for each edge, most of them while the lookahead
-//! fills, later ones up to twelve until γ rests.
+//! sums three times as much. Residuals, sums and spreading are due only for pairs whose displacements have moved. A
+//! hypothesis takes up to four steps a frame (36, six of them a frame, where the prediction of a vibration is first
+//! estimated), and while there are several, one more without the inverse for its evidence. The first window whose readout
+//! is unknown takes up to twenty from each of three starts for each axis, most of them while the lookahead fills, later
+//! ones up to twelve until γ has converged.
 
 mod camera;
 mod data;

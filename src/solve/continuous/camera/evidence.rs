@@ -7,12 +7,10 @@
 //! error it is a normal deviate z, and the log odds are ½·z². The scatter starts from that which errors of
 //! the model are expected to cause, by their share in the variance of γ.
 
+use crate::solve::continuous::fit::NOISE_VARIANCE;
 use crate::solve::continuous::prior::MEMORY;
 use std::collections::VecDeque;
 
-/// Variance in nats² of the difference of two log evidences of one pair whose residuals are noise: some 25
-/// independent matches of 1 nat² each.
-const NOISE_VARIANCE: f64 = 25.0;
 /// The difference of a window is clamped to this many standard deviations.
 const MAX_DEVIATIONS: f64 = 10.0;
 

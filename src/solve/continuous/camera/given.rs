@@ -2,19 +2,37 @@
 
 use crate::motion::generators::Model;
 use crate::readout::{ReadoutDirection, ReadoutPrior, ReadoutTime};
+use crate::solve::continuous::prior::READOUT_DEVIATION;
+use std::cmp::Ordering;
 
 /// Mean and standard deviation of the prior of γ. The mean changes no picture.
-pub const READOUT_BELIEF: (f64, f64) = (0.0, 0.5);
+pub const READOUT_BELIEF: (f64, f64) = (0.0, READOUT_DEVIATION);
 /// Mean and standard deviation of the prior of κ = (R/f)², R half the frame's width and f the focal length: f is
 /// about 0.9 frame widths.
 const KAPPA_BELIEF: (f64, f64) = (0.3, 0.3);
 /// Limits of κ: a field of view under 110°.
 pub const KAPPA_LIMITS: [f64; 2] = [0.0, 2.0];
-/// Prior log odds of lines along the longer side of the picture: nearly every sensor has them, and about one
-/// video in sixteen is cropped to the other shape. Half as much again changes little.
-const LONGER_SIDE_LOG_ODDS: f64 = 2.7;
+/// Prior log odds of lines along the longer side of the picture: nearly every sensor has them. About one portrait
+/// clip in sixteen is cropped from a landscape one; one landscape clip in a thousand, from a portrait one.
+const LONGER_SIDE_LOG_ODDS: [f64; 2] = [2.7, 6.9];
 /// Standard deviation of given values.
 pub const GIVEN_DEVIATION: f64 = 1e-6;
+
+/// A component of the prior of γ, the signed readout time: lines along one axis, either edge of which or a known
+/// one is read first.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Scan {
+    /// Whether rows, not columns, are read one after another.
+    pub by_rows: bool,
+    /// Whether the bottom (right) edge is read first; `None`: either may be.
+    pub is_reversed: Option<bool>,
+}
+
+impl From<ReadoutDirection> for Scan {
+    fn from(direction: ReadoutDirection) -> Self {
+        Self { by_rows: direction.is_by_rows(), is_reversed: Some(direction.is_reversed()) }
+    }
+}
 
 /// The givens about a camera.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -37,13 +55,11 @@ impl Camera {
         self.readout_time.is_known()
     }
 
-    /// The directions that are tried; opposite edges are hard to distinguish at first.
-    pub fn directions(&self) -> Vec<ReadoutDirection> {
-        use ReadoutDirection::{BottomToTop, LeftToRight, RightToLeft, TopToBottom};
-        match self.direction {
-            Some(direction) => vec![direction],
-            None => vec![TopToBottom, BottomToTop, LeftToRight, RightToLeft],
-        }
+    /// The components that are tried where nothing is expected of γ: one an axis, as a fit passes from one sign
+    /// of γ to the other.
+    pub fn scans(&self) -> Vec<Scan> {
+        let either = [true, false].map(|by_rows| Scan { by_rows, is_reversed: None });
+        self.direction.map_or_else(|| either.to_vec(), |direction| vec![direction.into()])
     }
 
     /// The prior of the readout, if the readout is unknown and the prior agrees with a given direction.
@@ -52,16 +68,28 @@ impl Camera {
         self.readout_prior.filter(|prior| !self.is_known() && prior.direction().is_none_or(allows))
     }
 
-    /// The directions that are tried first.
-    pub fn first_directions(&self) -> Vec<ReadoutDirection> {
-        let expected = self.expected().and_then(|prior| prior.direction());
-        expected.map_or_else(|| self.directions(), |direction| vec![direction])
+    /// The components that are tried first. Of a readout time that is given or expected, the sign of γ is
+    /// another component, as its prior has two peaks.
+    pub fn first_scans(&self) -> Vec<Scan> {
+        use ReadoutDirection::{BottomToTop, LeftToRight, RightToLeft, TopToBottom};
+        let expected = self.expected();
+        match self.direction.or_else(|| expected.and_then(|prior| prior.direction())) {
+            Some(direction) => vec![direction.into()],
+            None if self.is_known() || expected.is_some() => {
+                [TopToBottom, BottomToTop, LeftToRight, RightToLeft].map(Scan::from).to_vec()
+            }
+            None => self.scans(),
+        }
     }
 
-    /// Log prior probability of a direction, up to a constant, in frames of this size.
-    pub fn log_prior(direction: ReadoutDirection, width: usize, height: usize) -> f64 {
-        let is_usual = if direction.is_by_rows() { width >= height } else { height >= width };
-        if is_usual { 0.0 } else { -LONGER_SIDE_LOG_ODDS }
+    /// Log prior probability of lines along rows, or along columns, up to a constant, in frames of this size.
+    pub fn log_prior(by_rows: bool, width: usize, height: usize) -> f64 {
+        let [portrait, landscape] = LONGER_SIDE_LOG_ODDS;
+        match (by_rows, width.cmp(&height)) {
+            (true, Ordering::Less) => -portrait,
+            (false, Ordering::Greater) => -landscape,
+            _ => 0.0,
+        }
     }
 
     /// Mean and standard deviation of the prior of κ.
@@ -80,11 +108,10 @@ mod tests {
 
     #[test]
     fn lines_lie_along_the_longer_side() {
-        use ReadoutDirection::{RightToLeft, TopToBottom};
         let prior = Camera::log_prior;
-        assert!(prior(TopToBottom, 640, 480) > prior(RightToLeft, 640, 480));
-        assert!(prior(TopToBottom, 480, 640) < prior(RightToLeft, 480, 640));
-        assert_eq!(prior(TopToBottom, 500, 500), prior(RightToLeft, 500, 500));
+        assert!(prior(true, 640, 480) > prior(false, 640, 480));
+        assert!(prior(true, 480, 640) < prior(false, 480, 640));
+        assert_eq!(prior(true, 500, 500), prior(false, 500, 500));
     }
 
     #[test]

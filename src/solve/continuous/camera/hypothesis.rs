@@ -1,11 +1,11 @@
-//! A hypothesis: a scan axis with the edge that is read first, and a knot density, with a fit of its own.
+//! A hypothesis: a scan axis and a knot density, with a fit of its own. The edge that is read first is the sign of γ.
 
 use super::evidence::EvidenceRecord;
+use super::given::Scan;
 use super::schedule::Schedule;
-use crate::readout::ReadoutDirection;
 use crate::solve::continuous::data::{PairWindow, breadth};
 use crate::solve::continuous::fit::{
-    DECISIVE_LOG_BAYES_FACTOR, MAX_READOUT_DEVIATION, Multistart, Posterior, STEPS, Setup, Summary, fit,
+    DECISIVE_LOG_ODDS, MAX_READOUT_DEVIATION, Multistart, Posterior, STEPS, Setup, Summary, fit,
 };
 use crate::solve::continuous::prior::{Belief, Smoothness};
 use crate::solve::continuous::trajectory::KnotDensity;
@@ -21,9 +21,9 @@ const NOISE_LIMIT: f64 = 4.0;
 const EM_STEPS: [usize; 3] = [36, 6, 3];
 /// Least share of the residuals common to the matches of a line for a trial of the vibrating density.
 const MIN_LINE_SHARE: f64 = 0.7;
-/// Magnitudes of γ from which a vibration is fitted if γ is unknown.
+/// Shares of the greatest and of the least γ from which a vibration is fitted if γ is unknown.
 const VIBRATION_STARTS: [f64; 2] = [0.9, 0.5];
-/// Magnitude of γ from which an unknown γ is searched, beside its present value.
+/// Share of the greatest and of the least γ from which an unknown γ is searched, beside its present value.
 const SEARCH_START: f64 = 0.9;
 /// γ is significant with a standard deviation below this, or at this many standard deviations from zero.
 const SIGNIFICANT_DEVIATION: f64 = 0.02;
@@ -38,7 +38,7 @@ const PREPARED_STEPS: [usize; 2] = [4, 1];
 pub enum Phase {
     /// Added in mid-stream; γ has not been searched yet, so that its evidence is not compared.
     AwaitsSearch,
-    /// Compared with one of the other knot density in the same direction. While it leads, none is dropped.
+    /// Compared with one of the other knot density along the same axis. While it leads, none is dropped.
     OnTrial,
     Established,
 }
@@ -57,8 +57,7 @@ struct Searches {
 /// A hypothesis about the camera.
 #[derive(Clone, Debug)]
 pub struct Hypothesis {
-    /// Edge that is read first, or from which γ is searched: γ may change its sign.
-    pub direction: ReadoutDirection,
+    pub scan: Scan,
     /// Limits of γ over the longest readout: −1, 0 or 1.
     signs: [f64; 2],
     pub setup: Setup,
@@ -79,19 +78,15 @@ pub struct Hypothesis {
     /// EM steps so far.
     em_steps: usize,
     searches: Searches,
+    /// Fits with another γ that the last search does not rule out.
+    other_optima: Vec<Posterior>,
 }
 
 impl Hypothesis {
     /// A hypothesis without evidence.
-    pub fn new(
-        direction: ReadoutDirection,
-        signs: [f64; 2],
-        setup: Setup,
-        posterior: Posterior,
-        log_prior: f64,
-    ) -> Self {
+    pub fn new(scan: Scan, signs: [f64; 2], setup: Setup, posterior: Posterior, log_prior: f64) -> Self {
         Self {
-            direction,
+            scan,
             signs,
             setup,
             posterior,
@@ -105,6 +100,7 @@ impl Hypothesis {
             explains_little: false,
             em_steps: 0,
             searches: Searches::default(),
+            other_optima: Vec::new(),
         }
     }
 
@@ -115,6 +111,12 @@ impl Hypothesis {
         self.phase = Phase::AwaitsSearch;
         self.schedule.expect_search();
         self
+    }
+
+    /// A hypothesis for each other γ that the last search does not rule out.
+    pub fn split(&mut self) -> Vec<Self> {
+        let other_optima = std::mem::take(&mut self.other_optima);
+        other_optima.into_iter().map(|posterior| Self { posterior, ..self.clone() }).collect()
     }
 
     /// γ of the last window, the signed readout time in frame periods.
@@ -137,6 +139,19 @@ impl Hypothesis {
         self.density() == KnotDensity::Vibrating || self.searches.density.is_some()
     }
 
+    /// Whether the last window constrains γ. While none does, γ rests.
+    pub fn constrains_gamma(&self) -> bool {
+        self.posterior.observed.gamma.is_some_and(|observed| observed.informs())
+    }
+
+    /// Waits until a window constrains γ; then it is searched for first.
+    pub fn rest(&mut self) {
+        self.posterior.restart();
+        self.drop_searches();
+        self.phase = Phase::AwaitsSearch;
+        self.schedule.expect_search();
+    }
+
     /// Whether γ is too uncertain to be reached from any start.
     pub fn is_vague(&self) -> bool {
         self.setup.camera.gamma_deviation() > MAX_READOUT_DEVIATION
@@ -144,7 +159,7 @@ impl Hypothesis {
 
     /// Whether another hypothesis has the same axis, knot density and γ; never if γ is given.
     pub fn agrees_with(&self, other: &Self) -> bool {
-        let is_same_axis = self.direction.is_by_rows() == other.direction.is_by_rows();
+        let is_same_axis = self.scan.by_rows == other.scan.by_rows;
         let distance = (self.gamma() - other.gamma()).abs();
         let is_same = is_same_axis && distance < MAX_READOUT_DEVIATION && self.density() == other.density();
         is_same && !self.setup.camera.is_gamma_given()
@@ -169,21 +184,27 @@ impl Hypothesis {
         self.posterior.shared.gamma *= factor;
     }
 
-    /// γ from which a fit is begun: the present one and, if it is unknown, the end of its direction. Values
-    /// between and beyond zero are reached from these.
+    /// γ from which a fit is begun: the present one and, if it is unknown, from near its limits. Values between
+    /// are reached from these.
     fn starts(&self, is_vague: bool) -> Vec<f64> {
-        std::iter::once(self.gamma()).chain(is_vague.then_some(self.signed(SEARCH_START))).collect()
+        let far = if is_vague { self.near_limits(&[SEARCH_START]) } else { Vec::new() };
+        std::iter::once(self.gamma()).chain(far).collect()
     }
 
-    /// γ of this magnitude in the direction of the hypothesis.
-    fn signed(&self, size: f64) -> f64 {
-        if self.direction.is_reversed() { -size } else { size }
+    /// These shares of the limits of γ that are not 0.
+    fn near_limits(&self, shares: &[f64]) -> Vec<f64> {
+        let limits = self.setup.camera.limits.gamma.into_iter().filter(|limit| *limit != 0.0);
+        limits.flat_map(|limit| shares.iter().map(move |share| share * limit)).collect()
     }
 
-    /// Takes further steps of the fit; whether γ converged.
-    fn iterate(&mut self, window: PairWindow<'_>, steps: usize) -> bool {
+    /// Takes further steps of the fit, with γ at rest or not; whether γ converged.
+    fn iterate(&mut self, window: PairWindow<'_>, steps: usize, rests: bool) -> bool {
+        let mut setup = self.setup;
+        if rests {
+            setup.camera = setup.camera.at_rest();
+        }
         let start = std::mem::take(&mut self.posterior);
-        let (posterior, Summary { converged, .. }) = fit(window, start, &self.setup, steps);
+        let (posterior, Summary { converged, .. }) = fit(window, start, &setup, steps);
         self.posterior = posterior;
         converged
     }
@@ -238,7 +259,7 @@ impl Hypothesis {
             if window.pairs.len() >= MIN_PAIRS {
                 self.prepare_search(|searches| &mut searches.readout, true, window);
             }
-            self.iterate(window, STEPS[usize::from(!starts)]);
+            self.iterate(window, STEPS[usize::from(!starts)], false);
             return;
         }
         let found = self.search(window, starts);
@@ -284,7 +305,8 @@ impl Hypothesis {
             self.em_steps = 0;
             STEPS[usize::from(self.is_at_rest)]
         };
-        let has_converged = self.iterate(window, steps);
+        let rests = self.posterior.observed.gamma.is_some() && !self.constrains_gamma();
+        let has_converged = self.iterate(window, steps, rests);
         self.is_at_rest |= has_converged;
         has_converged
     }
@@ -305,7 +327,8 @@ impl Hypothesis {
         if let Some(timer) = &mut self.schedule.search {
             timer.tick();
         }
-        let is_due = is_time && self.is_vague() && self.moves(window);
+        let is_new = at_once || self.phase == Phase::AwaitsSearch;
+        let is_due = is_time && self.is_vague() && self.moves(window) && (is_new || self.constrains_gamma());
         if self.searches.readout.is_none() && (starts || is_due) {
             let starts = self.starts(is_due);
             self.searches.readout = Some(Multistart::new(&self.posterior, &self.setup, &starts));
@@ -352,7 +375,8 @@ impl Hypothesis {
         self.posterior.log_evidence(window.pairs, &self.setup)
     }
 
-    /// Continues the fit with the greatest evidence; whether γ converged and no other γ is nearly as likely.
+    /// Continues the fits of a search from the greatest evidence on, but for those that come to a γ found before
+    /// or are ruled out; whether γ converged.
     fn decide(&mut self, search: Multistart, window: PairWindow<'_>) -> bool {
         let steps = search.steps_left();
         if self.moves(window) {
@@ -361,14 +385,26 @@ impl Hypothesis {
         let mut ranked = search.ranked(window, &self.setup).into_iter();
         let Some((_, best)) = ranked.next() else { return false };
         self.posterior = best;
-        self.is_at_rest = self.iterate(window, steps);
+        self.is_at_rest = self.iterate(window, steps, false);
         let Some(evidence) = self.log_evidence(window) else { return false };
-        let gamma = self.gamma();
-        let is_rival = |(log, other): (f64, Posterior)| {
-            (other.shared.gamma - gamma).abs() > MAX_READOUT_DEVIATION
-                && evidence - log <= DECISIVE_LOG_BAYES_FACTOR
-        };
-        self.is_at_rest && !ranked.any(is_rival)
+        let is_near = |log: f64| self.posterior.log_odds(evidence - log, &self.setup) <= DECISIVE_LOG_ODDS;
+        let mut other_optima: Vec<Posterior> = Vec::new();
+        for (log, start) in ranked {
+            let is_new = |one: &Posterior| {
+                other_optima
+                    .iter()
+                    .chain([&self.posterior])
+                    .all(|found| (found.shared.gamma - one.shared.gamma).abs() > MAX_READOUT_DEVIATION)
+            };
+            if is_near(log) && is_new(&start) {
+                let (mut found, _) = fit(window, start, &self.setup, steps);
+                if is_new(&found) && found.log_evidence(window.pairs, &self.setup).is_some_and(is_near) {
+                    other_optima.push(found);
+                }
+            }
+        }
+        self.other_optima = other_optima;
+        self.is_at_rest
     }
 
     /// Ends a trial after as many windows as share no pair with its first; whether it did.
@@ -400,9 +436,8 @@ impl Hypothesis {
             self.schedule.density.restart();
             let density = self.density().other();
             let is_unknown = density == KnotDensity::Vibrating && self.is_vague();
-            let starts = VIBRATION_STARTS.map(|start| self.signed(start));
-            let starts = if is_unknown { &starts[..] } else { &[] };
-            let trial = Multistart::with_density(&self.posterior, &self.setup, density, starts);
+            let starts = if is_unknown { self.near_limits(&VIBRATION_STARTS) } else { Vec::new() };
+            let trial = Multistart::with_density(&self.posterior, &self.setup, density, &starts);
             self.searches.density = Some(trial);
         }
         let trial = self.searches.density.as_mut()?;
@@ -415,7 +450,7 @@ impl Hypothesis {
         posterior.predicts = is_vibrating && window.pairs.len() > window.past;
         let log_odds = if is_vibrating { VIBRATION_LOG_ODDS } else { -VIBRATION_LOG_ODDS };
         let log_prior = self.log_prior + log_odds;
-        let mut other = Self::new(self.direction, self.signs, self.setup, posterior, log_prior);
+        let mut other = Self::new(self.scan, self.signs, self.setup, posterior, log_prior);
         other.phase = Phase::OnTrial;
         other.schedule.search = self.schedule.search;
         other.schedule.density.restart();
@@ -424,7 +459,7 @@ impl Hypothesis {
             (false, true) => EM_STEPS[0],
             (false, false) => STEPS[0],
         };
-        other.has_converged = other.iterate(window, steps);
+        other.has_converged = other.iterate(window, steps, false);
         Some(other)
     }
 }

@@ -1,19 +1,19 @@
-//! The posterior of the camera: hypotheses about the edge of the sensor that is read first and the knot
-//! density, each with a fit of its own.
+//! The posterior of the camera: hypotheses about the axis along which the sensor is read and the knot density,
+//! each with a fit of its own.
 //!
 //! They are a mixture of Gaussians of the signed readout ratio γ along either axis, weighted by the evidence
 //! of the same pairs of frames. The mixture is what is reported and applied: its deviation includes the
 //! rivals, and a correction is applied as far as they agree on it.
 
 use super::evidence::WindowEvidence;
-use super::given::{Camera, GIVEN_DEVIATION, KAPPA_LIMITS, READOUT_BELIEF};
+use super::given::{Camera, GIVEN_DEVIATION, KAPPA_LIMITS, READOUT_BELIEF, Scan};
 use super::hypothesis::{Hypothesis, Phase};
 use super::schedule::{Timer, other_camera};
 use crate::cpu::CpuLevel;
 use crate::parallel::*;
 use crate::readout::{Readout, ReadoutDirection};
 use crate::solve::continuous::data::{PairWindow, ScanAxis};
-use crate::solve::continuous::fit::{DECISIVE_LOG_BAYES_FACTOR, Posterior, Setup};
+use crate::solve::continuous::fit::{DECISIVE_LOG_ODDS, Posterior, Setup};
 use crate::solve::continuous::linear::Shared;
 use crate::solve::continuous::prior::{Belief, CameraBelief, Smoothness};
 use crate::solve::continuous::trajectory::{KnotDensity, Trajectory};
@@ -55,12 +55,13 @@ pub struct CameraPosterior {
     noise: f64,
     /// The likeliest first; never empty.
     pub hypotheses: Vec<Hypothesis>,
-    /// Directions to be tried again, the last first.
-    to_try: Vec<ReadoutDirection>,
+    /// Components of the prior to be tried again, the last first.
+    to_try: Vec<Scan>,
     /// Prior log odds of each of them beside the leading one.
     other_log_odds: f64,
-    /// When all directions are tried again.
+    /// When all are tried again.
     other_camera: Timer,
+    /// Whether there was a window with pairs.
     has_begun: bool,
 }
 
@@ -79,27 +80,26 @@ impl CameraPosterior {
             other_camera: other_camera(),
             has_begun: false,
         };
-        let directions = camera.first_directions();
-        posterior.hypotheses = directions.into_iter().map(|direction| posterior.fresh(direction)).collect();
+        posterior.hypotheses = camera.first_scans().into_iter().map(|scan| posterior.fresh(scan)).collect();
         if camera.expected().is_some() {
-            posterior.retry_directions(OTHER_CAMERA_LOG_ODDS[1]);
+            posterior.retry_all(OTHER_CAMERA_LOG_ODDS[1]);
         }
         posterior
     }
 
     /// A hypothesis without evidence.
-    fn fresh(&self, direction: ReadoutDirection) -> Hypothesis {
+    fn fresh(&self, scan: Scan) -> Hypothesis {
         let [width, height] = self.size;
         let camera = &self.camera;
-        let lines = if direction.is_by_rows() { height } else { width };
+        let lines = if scan.by_rows { height } else { width };
         let length = 2.0 * lines.max(1) as f64 / width.max(1) as f64;
-        let scan_axis = ScanAxis { by_rows: direction.is_by_rows(), length };
+        let scan_axis = ScanAxis { by_rows: scan.by_rows, length };
         let density = KnotDensity::Usual;
         let smoothness = Smoothness::new(camera.model.generators(), density.start_variance());
-        let signs = match (camera.direction, direction.is_reversed()) {
-            (None, _) => [-1.0, 1.0],
-            (Some(_), false) => [0.0, 1.0],
-            (Some(_), true) => [-1.0, 0.0],
+        let signs = match camera.direction.map(ReadoutDirection::is_reversed) {
+            None => [-1.0, 1.0],
+            Some(false) => [0.0, 1.0],
+            Some(true) => [-1.0, 0.0],
         };
         let beliefs = Shared { gamma: READOUT_BELIEF, kappa: camera.kappa_belief() };
         let beliefs = beliefs.map(|(mean, deviation)| Belief::new(mean, deviation));
@@ -107,8 +107,8 @@ impl CameraPosterior {
         let setup = Setup { cpu: CpuLevel::detect(), scan_axis, noise: self.noise, camera: belief };
         let trajectory = Trajectory::new(density, self.radius);
         let posterior = Posterior::new(trajectory, smoothness, beliefs.map(|belief| belief.mean));
-        let log_prior = Camera::log_prior(direction, width, height);
-        Hypothesis::new(direction, signs, setup, posterior, log_prior)
+        let log_prior = Camera::log_prior(scan.by_rows, width, height);
+        Hypothesis::new(scan, signs, setup, posterior, log_prior)
     }
 
     /// Begins a stretch of frames; frame periods of this stretch and the one before, in seconds.
@@ -116,10 +116,12 @@ impl CameraPosterior {
         let [width, height] = self.size;
         let camera = self.camera;
         for hypothesis in &mut self.hypotheses {
-            let sign = if hypothesis.direction.is_reversed() { -1.0 } else { 1.0 };
+            let Scan { by_rows, is_reversed } = hypothesis.scan;
+            let sign = if is_reversed == Some(true) { -1.0 } else { 1.0 };
             let gamma = |time: f64| sign * (time / period).min(MAX_READOUT);
             if camera.is_known() {
-                let direction = hypothesis.direction;
+                let direction =
+                    if by_rows { ReadoutDirection::TopToBottom } else { ReadoutDirection::LeftToRight };
                 let readout = Readout::resolved(width, height, direction, camera.readout_time, period);
                 let gamma = gamma(readout.time);
                 hypothesis.expect_readout(Belief::new(gamma, GIVEN_DEVIATION));
@@ -176,13 +178,34 @@ impl CameraPosterior {
         let starts = before != Break::None;
         let longest = (!self.camera.is_known()).then(|| window.usual_interval());
         let settle = |hypothesis: &mut Hypothesis| hypothesis.settle(window, starts, longest);
-        self.hypotheses.par_iter_mut().for_each(settle);
+        if let Some((leading, rivals)) = self.hypotheses.split_first_mut() {
+            settle(leading);
+            // Without a motion that tells hypotheses apart, the others wait for one.
+            let is_needed = |one: &Hypothesis| one.constrains_gamma() || one.considers_vibration();
+            let rests = !(starts || window.is_short() || self.camera.is_known());
+            if rests && !is_needed(leading) && !rivals.iter().any(is_needed) {
+                rivals.iter_mut().for_each(Hypothesis::rest);
+            } else {
+                rivals.par_iter_mut().for_each(settle);
+            }
+        }
+        self.split();
         self.share_smoothness(window);
         self.challenge(window, starts);
         self.hypotheses.par_iter_mut().for_each(|hypothesis| hypothesis.conclude(window));
         self.weigh(window);
         self.prune();
         self.try_other_cameras(window, before);
+    }
+
+    /// Adds hypotheses for each γ that a search has found beside another one.
+    fn split(&mut self) {
+        let found: Vec<Hypothesis> = self.hypotheses.iter_mut().flat_map(Hypothesis::split).collect();
+        for one in found {
+            if !self.hypotheses.iter().any(|other| other.agrees_with(&one)) {
+                self.hypotheses.push(one);
+            }
+        }
     }
 
     /// The part of a window that all hypotheses are fitted to, so that their evidence is comparable.
@@ -215,7 +238,7 @@ impl CameraPosterior {
             let smoothness = best.posterior.smoothness.clone();
             self.hypotheses.par_iter_mut().zip(&evidence).for_each(|(hypothesis, evidence)| {
                 let evidence = evidence.unwrap_or(f64::NEG_INFINITY);
-                if hypothesis.density() == density && evidence < most - DECISIVE_LOG_BAYES_FACTOR {
+                if hypothesis.density() == density && evidence < most - DECISIVE_LOG_ODDS {
                     hypothesis.try_smoothness(&smoothness, evidence, window);
                 }
             });
@@ -230,19 +253,22 @@ impl CameraPosterior {
 
     /// Adds hypotheses of the other knot density that may explain the residuals.
     fn challenge(&mut self, window: PairWindow<'_>, starts: bool) {
-        let directions: Vec<ReadoutDirection> = self.hypotheses.iter().map(|one| one.direction).collect();
-        let is_alone =
-            |one: &Hypothesis| directions.iter().filter(|other| **other == one.direction).count() == 1;
+        let all: Vec<(Scan, KnotDensity)> =
+            self.hypotheses.iter().map(|one| (one.scan, one.density())).collect();
+        let is_alone = |one: &Hypothesis| {
+            all.iter().all(|(scan, density)| *scan != one.scan || *density == one.density())
+        };
         let alone = self.hypotheses.par_iter_mut().filter(|one| is_alone(one));
         let found: Vec<Hypothesis> = alone.filter_map(|one| one.challenger(window, starts)).collect();
         self.hypotheses.extend(found);
     }
 
-    /// Tries each direction again, from time to time and after a gap or a cut, as the camera may be another
+    /// Tries each component again, from time to time and after a gap or a cut, as the camera may be another
     /// one: one at a time beside the likeliest hypotheses, as each doubles the cost.
     fn try_other_cameras(&mut self, window: PairWindow<'_>, before: Break) {
         self.other_camera.tick();
-        let starts_anew = before != Break::None && std::mem::replace(&mut self.has_begun, true);
+        let starts_anew = before != Break::None && self.has_begun;
+        self.has_begun |= !window.pairs.is_empty();
         if self.camera.is_known() {
             return;
         }
@@ -252,7 +278,7 @@ impl CameraPosterior {
             } else {
                 self.other_camera.back_off();
             }
-            self.retry_directions(OTHER_CAMERA_LOG_ODDS[usize::from(before == Break::Cut)]);
+            self.retry_all(OTHER_CAMERA_LOG_ODDS[usize::from(before == Break::Cut)]);
         }
         if self.is_undecided() || !self.to_try.is_empty() {
             self.other_camera.restart();
@@ -260,21 +286,21 @@ impl CameraPosterior {
         let awaits_search = |one: &Hypothesis| one.phase == Phase::AwaitsSearch;
         if self.hypotheses.len() <= MAX_BESIDE
             && !self.hypotheses.iter().any(awaits_search)
-            && self.leading().moves(window)
-            && let Some(direction) = self.to_try.pop()
+            && self.leading().constrains_gamma()
+            && let Some(scan) = self.to_try.pop()
         {
             let log_odds = self.leading().log_prior + self.other_log_odds;
-            self.hypotheses.push(self.fresh(direction).joining(log_odds));
+            self.hypotheses.push(self.fresh(scan).joining(log_odds));
         }
     }
 
-    /// Has each direction tried again, with these prior log odds beside the leading one.
-    fn retry_directions(&mut self, log_odds: f64) {
+    /// Has each component tried again, with these prior log odds beside the leading one.
+    fn retry_all(&mut self, log_odds: f64) {
         self.other_log_odds = log_odds;
-        let by_rows = self.leading().direction.is_by_rows();
-        self.to_try = self.camera.directions();
+        let by_rows = self.leading().scan.by_rows;
+        self.to_try = self.camera.scans();
         // The last one is tried first.
-        self.to_try.sort_by_key(|direction| direction.is_by_rows() == by_rows);
+        self.to_try.sort_by_key(|scan| scan.by_rows == by_rows);
     }
 
     /// Updates the probabilities by the evidence of the window.
@@ -325,15 +351,15 @@ impl CameraPosterior {
         self.drop_twins();
     }
 
-    /// Drops hypotheses that end their trial less likely than the one of the same direction.
+    /// Drops hypotheses that end their trial less likely than the other one of the same scan.
     fn end_trials(&mut self) {
         for index in (0..self.hypotheses.len()).rev() {
             let tried = &mut self.hypotheses[index];
             if !tried.ends_trial() {
                 continue;
             }
-            let (direction, log_probability) = (tried.direction, tried.log_probability);
-            let mut others = self.hypotheses.iter_mut().filter(|other| other.direction == direction);
+            let (scan, log_probability) = (tried.scan, tried.log_probability);
+            let mut others = self.hypotheses.iter_mut().filter(|other| other.scan == scan);
             if let Some(better) = others.find(|other| other.log_probability > log_probability) {
                 better.schedule.density.back_off();
                 self.hypotheses.remove(index);
@@ -346,10 +372,7 @@ impl CameraPosterior {
         let mut kept: Vec<Hypothesis> = Vec::with_capacity(self.hypotheses.len());
         for hypothesis in self.hypotheses.drain(..) {
             let is_twin = |other: &Hypothesis| {
-                other.has_converged
-                    && hypothesis.has_converged
-                    && !other.is_vague()
-                    && other.agrees_with(&hypothesis)
+                other.has_converged && hypothesis.has_converged && other.agrees_with(&hypothesis)
             };
             if !kept.iter().any(is_twin) {
                 kept.push(hypothesis);
@@ -365,7 +388,7 @@ impl CameraPosterior {
         }
         let vector = |one: &Hypothesis| {
             let gamma = one.gamma();
-            if one.direction.is_by_rows() { Vector2::new(0.0, gamma) } else { Vector2::new(gamma, 0.0) }
+            if one.scan.by_rows { Vector2::new(0.0, gamma) } else { Vector2::new(gamma, 0.0) }
         };
         let own = vector(self.leading());
         let variance = |one: &Hypothesis| {
@@ -393,14 +416,14 @@ mod tests {
     use crate::motion::generators::Model;
     use crate::readout::ReadoutTime;
 
-    /// Two hypotheses of one direction, the second on trial for so many windows and with these log odds.
+    /// Two hypotheses of one scan, the second on trial for so many windows and with these log odds.
     fn posterior_with_trial(windows: usize, odds: f64) -> CameraPosterior {
         let direction = Some(ReadoutDirection::TopToBottom);
         let readout_time = ReadoutTime::Unknown;
         let (model, readout_prior, focal_length) = (Model::Auto, None, None);
         let camera = Camera { model, direction, readout_time, readout_prior, focal_length };
         let mut posterior = CameraPosterior::new(camera, [640, 480], 320.0, 0.03);
-        let mut tried = posterior.fresh(ReadoutDirection::TopToBottom);
+        let mut tried = posterior.fresh(ReadoutDirection::TopToBottom.into());
         (tried.phase, tried.log_probability) = (Phase::OnTrial, odds);
         for _ in 0..windows {
             tried.evidence.add(WindowEvidence { weight: 1.0, design_effect: 1.0, evidence: 0.0, pairs: 8 });

@@ -2,10 +2,11 @@
 //!
 //! | trial | condition | first | next | at most |
 //! |---|---|---|---|---|
-//! | γ from several starts | γ unknown and the picture moves | at once | 15 after the last search | 15 |
+//! | γ from several starts | γ unknown, and the picture moves and constrains it | at once | 15 after the last search | 15 |
 //! | other knot density | it may explain residuals | at once, then 15 | doubled after each failure | 120 |
 //! | the likeliest smoothness | its evidence is greater | at once | 15 after a failure | 15 |
-//! | another camera | up to two hypotheses | 90, or at a gap or cut | doubled each time | 1440 |
+//! | another camera | up to two hypotheses, and γ does not rest | 90, or at a gap or cut | doubled each time | 1440 |
+//! | rivals that rest | a window constrains the γ of any hypothesis | at once | | |
 
 /// Interval of trials of γ, of the smoothness and of the knot density.
 const TRIAL: usize = 15;

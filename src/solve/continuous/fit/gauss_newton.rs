@@ -4,9 +4,9 @@ use super::posterior::Posterior;
 use super::setup::Setup;
 use crate::solve::continuous::data::PairWindow;
 
-/// A step is the last if it changes the displacements in the frame's pairs by less than this share of the
-/// noise floor (root mean square), and γ by less than `GAMMA_TOLERANCE`.
-const TOLERANCE: f64 = 0.3;
+/// A step is the last if it changes the displacements in the frame's pairs by less than this (root mean square, in
+/// standard deviations of a coordinate), and γ by less than that.
+const TOLERANCE: f64 = 0.1;
 const GAMMA_TOLERANCE: f64 = 0.01;
 /// A fit has also converged if its last step changed displacements by less than σ, and γ by less than this
 /// many deviations.
@@ -25,7 +25,7 @@ pub struct Summary {
 
 /// Fits path, γ and κ to a window in at most `steps` steps.
 pub fn fit(window: PairWindow<'_>, start: Posterior, setup: &Setup, steps: usize) -> (Posterior, Summary) {
-    let mut posterior = start;
+    let mut posterior = Posterior { evidence: None, ..start };
     let mut summary = Summary::default();
     for _ in 0..steps {
         summary.steps += 1;
@@ -37,7 +37,7 @@ pub fn fit(window: PairWindow<'_>, start: Posterior, setup: &Setup, steps: usize
         summary.accepted += 1;
         let change = window.beside().map(|index| posterior.moved(index)).fold(0.0, f64::max);
         let moved = (posterior.shared.gamma - before).abs();
-        if change < TOLERANCE * setup.noise && moved < GAMMA_TOLERANCE {
+        if change < TOLERANCE && moved < GAMMA_TOLERANCE {
             summary.converged = true;
             if posterior.is_predicting(setup) {
                 continue;
@@ -45,10 +45,9 @@ pub fn fit(window: PairWindow<'_>, start: Posterior, setup: &Setup, steps: usize
             break;
         }
         // Robust weights may oscillate, by less than the uncertainty.
-        let sigma = window.beside().filter_map(|index| posterior.sigma(index)).fold(0.0, f64::max);
         let deviation = posterior.observed.gamma.map_or(f64::INFINITY, |gamma| gamma.deviation());
         let slack = GAMMA_TOLERANCE_DEVIATIONS * deviation;
-        summary.converged = change < sigma && moved < GAMMA_TOLERANCE.max(slack);
+        summary.converged = change < 1.0 && moved < GAMMA_TOLERANCE.max(slack);
     }
     posterior.cover(window.pairs);
     (posterior, summary)

@@ -10,6 +10,6 @@ mod posterior;
 mod setup;
 
 pub use gauss_newton::{Summary, fit};
-pub use multistart::{DECISIVE_LOG_BAYES_FACTOR, MAX_READOUT_DEVIATION, Multistart, STEPS};
-pub use posterior::{Covariance, Posterior};
+pub use multistart::{DECISIVE_LOG_ODDS, MAX_READOUT_DEVIATION, Multistart, STEPS};
+pub use posterior::{Covariance, NOISE_VARIANCE, Posterior};
 pub use setup::Setup;

@@ -12,13 +12,14 @@ use crate::solve::continuous::trajectory::KnotDensity;
 /// Steps, at most, to the first path and to each later one. The first number holds until γ has converged, as
 /// the splines imitate the shutter while γ is wrong. It is spread over frames, for live streams.
 pub const STEPS: [usize; 2] = [12, 4];
-/// Pairs times steps with a frame. When the first frame is due: the four steps over eight pairs of the
-/// current path. Later, when that one takes none of the first steps, half as many more.
-const PAIR_STEPS: [usize; 2] = [32, 48];
+/// Pairs times steps with a frame, at most: two from each of three starts over ten pairs when the first frame is
+/// due. Later, when the current path takes none of the first steps, half as many more. With half of either, the
+/// variances of the smoothness are not learnt before the starts are compared.
+const PAIR_STEPS: [usize; 2] = [64, 96];
 /// Pairs after which starts of less evidence are dropped.
 const NARROWING_PAIRS: usize = 8;
-/// Log Bayes factor above which a readout ratio, knot density or smoothness is preferred to another.
-pub const DECISIVE_LOG_BAYES_FACTOR: f64 = 5.0;
+/// Log odds above which a readout ratio or smoothness is preferred to another.
+pub const DECISIVE_LOG_ODDS: f64 = 5.0;
 /// Standard deviation of γ above which it counts as unknown. Two values nearer than this count as the same.
 pub const MAX_READOUT_DEVIATION: f64 = 0.2;
 
@@ -110,20 +111,25 @@ impl Multistart {
         });
     }
 
-    /// Keeps the candidate with the greatest evidence, and those with another γ and nearly as much.
+    /// Drops candidates that come to a γ of greater evidence, or are ruled out.
     fn narrow(&mut self, window: PairWindow<'_>, setup: &Setup) {
-        let evidence = |candidate: &mut Candidate| {
-            let evidence = candidate.posterior.log_evidence(window.pairs, setup);
-            (evidence.unwrap_or(f64::NEG_INFINITY), candidate.posterior.shared.gamma)
-        };
-        let found: Vec<(f64, f64)> = self.candidates.par_iter_mut().map(evidence).collect();
-        let Some(best) = (0..found.len()).max_by(|a, b| found[*a].0.total_cmp(&found[*b].0)) else { return };
-        let (most, gamma) = found[best];
-        let is_rival = |(evidence, other): (f64, f64)| {
-            most - evidence <= DECISIVE_LOG_BAYES_FACTOR && (other - gamma).abs() > MAX_READOUT_DEVIATION
-        };
-        let mut is_kept = found.iter().enumerate().map(|(index, one)| index == best || is_rival(*one));
-        self.candidates.retain(|_| is_kept.next().unwrap_or(false));
+        let evidence = |candidate: &mut Candidate| candidate.posterior.log_evidence(window.pairs, setup);
+        let found: Vec<Option<f64>> = self.candidates.par_iter_mut().map(evidence).collect();
+        let found = found.into_iter().map(|one| one.unwrap_or(f64::NEG_INFINITY));
+        let mut ranked: Vec<(f64, Candidate)> = found.zip(self.candidates.drain(..)).collect();
+        ranked.sort_by(|a, b| b.0.total_cmp(&a.0));
+        let mut most = f64::NEG_INFINITY;
+        for (evidence, one) in ranked {
+            let gamma = one.posterior.shared.gamma;
+            let is_new = |other: &Candidate| {
+                (other.posterior.shared.gamma - gamma).abs() > MAX_READOUT_DEVIATION
+                    && one.posterior.log_odds(most - evidence, setup) <= DECISIVE_LOG_ODDS
+            };
+            if self.candidates.iter().all(is_new) {
+                most = most.max(evidence);
+                self.candidates.push(one);
+            }
+        }
     }
 
     /// The posteriors with their log evidence, the greatest first.

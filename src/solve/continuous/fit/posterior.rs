@@ -10,6 +10,9 @@ use crate::solve::continuous::trajectory::{KnotDensity, Trajectory};
 
 /// Correlation of residuals beyond the noise with the derivatives by γ and κ, at most.
 const ERROR_CORRELATION: f64 = 0.12;
+/// Variance in nats² of the difference of two log evidences of one pair whose residuals are noise: some 25
+/// independent matches of 1 nat² each.
+pub const NOISE_VARIANCE: f64 = 25.0;
 /// Greatest order of the prediction of a vibration: one and a half frame periods, or eight sinusoids.
 const MAX_ORDER: usize = 16;
 /// Standard deviation of γ above which no prediction is learnt: with a wrong γ the path imitates the shutter.
@@ -33,6 +36,8 @@ pub struct Posterior {
     pub evaluated: Vec<EvaluatedPair>,
     pub covariance: Covariance,
     pub system: System,
+    /// Log evidence of the window, once computed.
+    pub evidence: Option<f64>,
 }
 
 /// Covariance of the path's coefficients inside the band.
@@ -58,9 +63,10 @@ impl Posterior {
     /// Resets the path, not γ and κ.
     pub fn restart(&mut self) {
         self.trajectory.splines.coefficients.clear();
-        evaluated::invalidate(&mut self.evaluated);
+        self.evaluated.clear();
         self.smoothness.restart();
         self.observed = Shared::default();
+        self.evidence = None;
     }
 
     /// Resets the path and converts to frame periods shorter by `factor`.
@@ -97,7 +103,7 @@ impl Posterior {
         let mut first: Vec<usize> = (0..splines.coefficients.len()).collect();
         self.smoothness.reach(splines, self.order(setup), &mut first);
         self.evaluated.iter().for_each(|pair| pair.normal.equations.reach(&mut first));
-        let shared = self.system.assemble(first, self.evaluated.iter().map(|pair| &pair.normal));
+        let shared = self.system.assemble(first, self.evaluated.iter());
         let System { matrix, right, .. } = &mut self.system;
         self.smoothness.add(splines, variance_share(&self.evaluated), matrix, right);
         shared
@@ -107,7 +113,6 @@ impl Posterior {
     pub fn apply_step(&mut self, setup: &Setup) {
         let splines = &mut self.trajectory.splines;
         splines.coefficients.iter_mut().zip(&self.system.right).for_each(|(value, step)| *value += step);
-        evaluated::invalidate(&mut self.evaluated);
         self.system.matrix.inverse_band(setup.cpu, &mut self.covariance.matrix);
         self.covariance.base = splines.base;
     }
@@ -121,8 +126,13 @@ impl Posterior {
     /// Log evidence up to a constant, by Laplace's method (MacKay, as in [`Smoothness`]): with the path
     /// marginalised, ln p(pairs | path) − ½·cᵀPc + ½·ln|P| − ½·ln|N|, c being the path's coefficients, P the
     /// matrix of the prior and N that of all. A path that bends to imitate another shutter has less. `None`
-    /// if a matrix is not positive definite.
+    /// if a matrix is not positive definite. Computed once after a fit.
     pub fn log_evidence(&mut self, pairs: &[&FramePair], setup: &Setup) -> Option<f64> {
+        self.evidence = self.evidence.or_else(|| self.compute_evidence(pairs, setup));
+        self.evidence
+    }
+
+    fn compute_evidence(&mut self, pairs: &[&FramePair], setup: &Setup) -> Option<f64> {
         self.evaluate(pairs, setup);
         self.assemble(setup);
         let splines = &self.trajectory.splines;
@@ -137,7 +147,7 @@ impl Posterior {
         if !(matrix.factorise(setup.cpu) && prior.factorise(setup.cpu)) {
             return None;
         }
-        let likelihoods = self.evaluated.iter().map(|pair| pair.normal.log_likelihood(&pair.residuals));
+        let likelihoods = self.evaluated.iter_mut().map(EvaluatedPair::log_likelihood);
         let likelihood: f64 = likelihoods.sum();
         // The prior's right side is −Pc.
         let energy: f64 = splines.coefficients.iter().zip(&right).map(|(value, side)| -value * side).sum();
@@ -155,7 +165,7 @@ impl Posterior {
         self.evaluated.get(index).map(|pair| pair.normal.variances.noise.sqrt())
     }
 
-    /// Root mean square change in pixels of the displacements of pair `index` by the last step.
+    /// Root mean square change of the displacements of pair `index` by the last step, in standard deviations.
     pub fn moved(&self, index: usize) -> f64 {
         self.evaluated.get(index).map_or(0.0, |pair| pair.normal.moved(&self.system.right))
     }
@@ -187,6 +197,13 @@ impl Posterior {
             normal.independent * (1.0 - setup.noise * setup.noise / normal.variances.noise)
         };
         1.0 + ERROR_CORRELATION.powi(2) * self.evaluated.iter().map(model_errors).sum::<f64>()
+    }
+
+    /// Log odds by a difference of log evidence in this window: ½·z², the variance of the difference being that of
+    /// noise and as much again for each multiple of it that errors of the model may add.
+    pub fn log_odds(&self, difference: f64, setup: &Setup) -> f64 {
+        let variance = NOISE_VARIANCE * self.evaluated.len() as f64 * self.design_effect(setup);
+        0.5 * difference * difference.abs() / variance
     }
 
     /// Whether the prediction of a vibration is learnt.

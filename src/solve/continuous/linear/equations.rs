@@ -242,24 +242,35 @@ impl Equations {
         self.places.iter().for_each(|place| first[*place] = first[*place].min(least));
     }
 
-    /// Adds these equations to those of the path.
-    pub fn add_to(&self, matrix: &mut Banded, right: &mut [f64], border: &mut Shared<Vec<f64>>) {
+    /// Adds these equations, with another right side, to those of the path.
+    pub fn add_to(
+        &self,
+        own_right: &[f64],
+        matrix: &mut Banded,
+        right: &mut [f64],
+        border: &mut Shared<Vec<f64>>,
+    ) {
         let mut border = border.as_mut().into_array();
-        for (i, row) in self.places.iter().enumerate() {
+        for (i, (row, own)) in self.places.iter().zip(own_right).enumerate() {
             for (j, column) in self.places[..=i].iter().enumerate() {
                 matrix.add(*row, *column, self.entry(i, j));
             }
-            right[*row] += self.sides[0][i];
+            right[*row] += own;
             border.iter_mut().zip(&self.sides[1..]).for_each(|(border, side)| border[*row] += side[i]);
         }
     }
 
-    /// δᵀ·N·δ for a step δ of all coefficients of the path.
-    pub fn square(&self, step: &[f64]) -> f64 {
-        let step: Vec<f64> = self.places.iter().map(|place| step[*place]).collect();
-        let rows = self.half.chunks_exact(step.len().max(1)).zip(&step);
-        let product =
-            |(row, own): (&[f64], &f64)| own * row.iter().zip(&step).map(|(a, b)| a * b).sum::<f64>();
-        2.0 * rows.map(product).sum::<f64>()
+    /// N·δ for a change of the pair's coefficients.
+    pub fn product(&self, change: &[f64]) -> Vec<f64> {
+        let mut product = vec![0.0; change.len()];
+        for (i, (row, own)) in self.half.chunks_exact(change.len().max(1)).zip(change).enumerate() {
+            let mut sum = 0.0;
+            for ((value, other), to) in row.iter().zip(change).zip(&mut product) {
+                sum += value * other;
+                *to += value * own;
+            }
+            product[i] += sum;
+        }
+        product
     }
 }

@@ -1,56 +1,126 @@
-//! The pairs of a window, evaluated against the path.
+//! The pairs of a window, linearised about a path.
 //!
-//! The residuals and normal equations of a pair are kept while their inputs are the same. After the evidence
-//! of a window was computed, the window of the next frame finds all but its first and last pairs evaluated.
+//! A pair keeps its residuals, robust weights and normal equations while the path stays near that about which it
+//! was linearised. With N, g the normal equations there and δ the change since, of the path's coefficients, γ and
+//! κ, the right side is g − N·δ and the log likelihood ℓ + gᵀδ − ½·δᵀNδ. So most pairs of a window are those
+//! of the window before, and a step evaluates only those whose displacements it has changed.
 
 use super::normal::Normal;
 use super::pair_residuals::PairResiduals;
 use super::residual::Evaluator;
+use super::shared::{SHARED, Shared};
 use crate::parallel::*;
 use crate::solve::continuous::data::FramePair;
-use nalgebra::Vector2;
+use nalgebra::{SVector, Vector2};
 
-/// The inputs of the normal equations of a pair, other than the path's coefficients.
+/// A pair is linearised anew if its displacements (root mean square) have changed by more than this share of a
+/// coordinate's standard deviation: with a thousand matches, as much as one deviation of the motion between its
+/// frames. The error of the linearisation is of second order, but robust weights are kept, too.
+const MAX_CHANGE: f64 = 0.03;
+
+/// What a pair was linearised for, other than the path.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Inputs {
     stamps: [f64; 2],
     /// End of the first match, as timestamps may repeat.
     first: Option<Vector2<f64>>,
-    gamma: f64,
-    kappa: f64,
     /// Whether the path covers the pair before.
     tracks: bool,
 }
 
-/// A pair evaluated against the path.
+/// A pair, linearised about a path.
 #[derive(Clone, Debug, Default)]
 pub struct EvaluatedPair {
+    /// There.
     pub residuals: PairResiduals,
     pub normal: Normal,
-    /// `None` once the path has changed.
+    /// `None` before it was linearised.
     inputs: Option<Inputs>,
-    /// First block of the path when this was evaluated.
+    /// The path's coefficients there, in the order of the equations.
+    coefficients: Vec<f64>,
+    /// γ and κ there.
+    shared: Shared<f64>,
+    /// First block of the path to which the indices of the equations belong.
     base: i64,
+    /// δ.
+    change: Change,
+    /// ℓ, once computed.
+    log_likelihood: Option<f64>,
 }
 
-/// Invalidates all, as the path has changed.
-pub fn invalidate(evaluated: &mut [EvaluatedPair]) {
-    evaluated.iter_mut().for_each(|evaluated| evaluated.inputs = None);
+/// A change of the path, and the normal equations after it.
+#[derive(Clone, Debug, Default)]
+struct Change {
+    coefficients: Vec<f64>,
+    shared: SVector<f64, SHARED>,
+    /// Right sides of the equations.
+    right: Vec<f64>,
+    shared_right: SVector<f64, SHARED>,
 }
 
-/// Evaluates successive pairs against a path; those whose inputs are the same are kept.
+impl Change {
+    /// δᵀ·(g − g′), `normal` having the right side g, and g′ being that after the change.
+    fn dot(&self, right: impl Fn(f64, f64) -> f64, normal: &Normal) -> f64 {
+        let path = self.coefficients.iter().zip(normal.equations.sides[0].iter().zip(&self.right));
+        let shared = self.shared.iter().zip(normal.shared_right.iter().zip(&self.shared_right));
+        path.chain(shared).map(|(change, (old, new))| change * right(*old, *new)).sum()
+    }
+}
+
+impl EvaluatedPair {
+    /// Sets the change to that from where it was linearised to an estimate; whether it is then near enough.
+    fn change_to(&mut self, evaluator: &Evaluator<'_>) -> bool {
+        let path = &evaluator.trajectory.splines;
+        let Self { normal, change, .. } = self;
+        change.coefficients.clear();
+        let places = normal.equations.places.iter().zip(&self.coefficients);
+        change.coefficients.extend(places.map(|(place, value)| path.coefficients[*place] - value));
+        let shared = evaluator.shared().zip(self.shared).map(|(now, then)| now - then);
+        change.shared = shared.into_array().into();
+        change.shared_right = normal.expand(&change.coefficients, &change.shared, &mut change.right);
+        let square = change.dot(|old, new| old - new, normal);
+        normal.deviations(square) <= MAX_CHANGE
+    }
+
+    /// Makes an estimate the one about which it is linearised.
+    fn linearise(&mut self, evaluator: &Evaluator<'_>) {
+        let path = &evaluator.trajectory.splines;
+        evaluator.normal(&self.residuals, &mut self.normal);
+        self.coefficients.clear();
+        self.coefficients.extend(self.normal.equations.places.iter().map(|place| path.coefficients[*place]));
+        (self.shared, self.log_likelihood) = (evaluator.shared(), None);
+        self.change_to(evaluator);
+    }
+
+    /// Right side of the equations of the path.
+    pub fn right(&self) -> &[f64] {
+        &self.change.right
+    }
+
+    /// Right side of the equations of γ and κ.
+    pub fn shared_right(&self) -> &SVector<f64, SHARED> {
+        &self.change.shared_right
+    }
+
+    /// Log likelihood of the innovations, up to a constant, for the number of independent matches.
+    pub fn log_likelihood(&mut self) -> f64 {
+        let Self { normal, residuals, change, .. } = self;
+        let then = *self.log_likelihood.get_or_insert_with(|| normal.log_likelihood(residuals));
+        then + 0.5 * change.dot(|old, new| old + new, normal)
+    }
+}
+
+/// Linearises successive pairs about a path, but for those that are linearised about one near it.
 pub fn evaluate(evaluated: &mut Vec<EvaluatedPair>, pairs: &[&FramePair], evaluator: &Evaluator<'_>) {
     let splines = &evaluator.trajectory.splines;
     let wanted = |(index, pair): (usize, &&FramePair)| Inputs {
         stamps: pair.stamps,
         first: pair.matches.first().map(|m| m.to),
-        gamma: evaluator.shutter.gamma,
-        kappa: splines.kappa,
         tracks: index > 0,
     };
     let wanted: Vec<Inputs> = pairs.iter().enumerate().map(wanted).collect();
     for one in evaluated.iter_mut() {
-        if one.base != splines.base && !one.normal.equations.shift(splines.base - one.base, splines) {
+        if !one.normal.equations.shift(splines.base - one.base, splines) {
             one.inputs = None;
         }
         one.base = splines.base;
@@ -63,25 +133,30 @@ pub fn evaluate(evaluated: &mut Vec<EvaluatedPair>, pairs: &[&FramePair], evalua
         }
     }
     evaluated.truncate(pairs.len());
-    let mut changed: Vec<bool> =
-        evaluated.iter().zip(&wanted).map(|(one, wanted)| one.inputs != Some(*wanted)).collect();
-    evaluated.par_iter_mut().zip(pairs).zip(&wanted).zip(&changed).for_each(
-        |(((one, pair), wanted), is_changed)| {
-            if *is_changed {
-                evaluator.residuals(pair, wanted.tracks, &mut one.residuals);
+    let is_far = |(one, wanted): (&mut EvaluatedPair, &Inputs)| {
+        one.inputs != Some(*wanted) || !one.change_to(evaluator)
+    };
+    let mut is_far: Vec<bool> = evaluated.iter_mut().zip(&wanted).map(is_far).collect();
+    // The first pair has no tracks to separate noise from parallax: it takes the second's variances.
+    if let [first, second, ..] = is_far.as_mut_slice() {
+        *first |= *second;
+    }
+    let inputs = pairs.iter().zip(wanted);
+    evaluated.par_iter_mut().zip(inputs.collect::<Vec<_>>()).zip(&is_far).for_each(
+        |((one, (pair, inputs)), is_far)| {
+            if *is_far {
+                evaluator.residuals(pair, inputs.tracks, &mut one.residuals);
                 one.normal.estimate_variances(&one.residuals, evaluator.noise);
-                (one.inputs, one.base) = (Some(*wanted), splines.base);
+                (one.inputs, one.base) = (Some(inputs), splines.base);
             }
         },
     );
-    // The first pair has no tracks to separate noise from parallax: it takes the second's variances.
-    if let ([first, second, ..], [is_changed, ..]) = (evaluated.as_mut_slice(), changed.as_mut_slice()) {
-        *is_changed |= first.normal.variances != second.normal.variances;
+    if let [first, second, ..] = evaluated.as_mut_slice() {
         first.normal.variances = second.normal.variances;
     }
-    evaluated.par_iter_mut().zip(&changed).for_each(|(one, is_changed)| {
-        if *is_changed {
-            evaluator.normal(&one.residuals, &mut one.normal);
+    evaluated.par_iter_mut().zip(&is_far).for_each(|(one, is_far)| {
+        if *is_far {
+            one.linearise(evaluator);
         }
     });
 }
@@ -124,10 +199,14 @@ mod tests {
     }
 
     fn evaluate_against(evaluated: &mut Vec<EvaluatedPair>, pairs: &[&FramePair], path: &Splines) {
+        evaluate_with(0.1, evaluated, pairs, path);
+    }
+
+    fn evaluate_with(noise: f64, evaluated: &mut Vec<EvaluatedPair>, pairs: &[&FramePair], path: &Splines) {
         let blocks = [path.base as f64, path.base as f64 + 6.0];
         let trajectory = &Trajectory::of(path.clone(), KnotDensity::Usual, RADIUS, blocks);
         let shutter = Shutter { scan_axis: ScanAxis { by_rows: true, length: 1.5 }, gamma: 0.7 };
-        let evaluator = Evaluator { cpu: CpuLevel::detect(), trajectory, shutter, noise: 0.1 };
+        let evaluator = Evaluator { cpu: CpuLevel::detect(), trajectory, shutter, noise };
         evaluate(evaluated, pairs, &evaluator);
     }
 
@@ -164,17 +243,36 @@ mod tests {
     }
 
     #[test]
-    fn pairs_are_kept_until_the_path_changes() {
+    fn pairs_are_linearised_anew_where_the_path_is_far() {
         let pairs: Vec<FramePair> = [0.0, 1.0, 2.0].map(pair).into();
         let pairs: Vec<&FramePair> = pairs.iter().collect();
         let (mut evaluated, mut fresh) = (Vec::new(), Vec::new());
         evaluate_against(&mut evaluated, &pairs, &path(-1, 2.0));
         evaluate_against(&mut fresh, &pairs, &path(-1, 5.0));
-        let before: Vec<_> = evaluated.iter().map(sums).collect();
-        evaluate_against(&mut evaluated, &pairs, &path(-1, 5.0));
-        assert_eq!(evaluated.iter().map(sums).collect::<Vec<_>>(), before);
-        invalidate(&mut evaluated);
         evaluate_against(&mut evaluated, &pairs, &path(-1, 5.0));
         assert_same(&evaluated, &fresh);
+    }
+
+    #[test]
+    fn near_it_the_right_side_and_the_likelihood_follow_the_path() {
+        let pairs: Vec<FramePair> = [0.0, 1.0, 2.0].map(pair).into();
+        let pairs: Vec<&FramePair> = pairs.iter().collect();
+        let (mut kept, mut fresh) = (Vec::new(), Vec::new());
+        // Far above all residuals, so that their robust weights are the same.
+        let noise = 50.0;
+        evaluate_with(noise, &mut kept, &pairs, &path(-1, 2.0));
+        let before = kept.clone();
+        evaluate_with(noise, &mut kept, &pairs, &path(-1, 2.2));
+        evaluate_with(noise, &mut fresh, &pairs, &path(-1, 2.2));
+        for ((kept, fresh), mut before) in kept.iter_mut().zip(&mut fresh).zip(before) {
+            assert_eq!(sums(kept), sums(&before), "it is kept");
+            let off = |one: &EvaluatedPair| -> f64 {
+                let square = |(a, b): (&f64, &f64)| (a - b) * (a - b);
+                one.right().iter().zip(fresh.right()).map(square).sum::<f64>().sqrt()
+            };
+            assert!(off(kept) < 0.05 * off(&before), "{} {}", off(kept), off(&before));
+            let [now, then, truth] = [kept, &mut before, fresh].map(EvaluatedPair::log_likelihood);
+            assert!((now - truth).abs() < 0.05 * (then - truth).abs(), "{now} {then} {truth}");
+        }
     }
 }

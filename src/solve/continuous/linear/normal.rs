@@ -49,9 +49,35 @@ pub struct Normal {
 }
 
 impl Normal {
-    /// Root mean square change in pixels of the displacements by a step of all coefficients.
+    /// Root mean square change of the displacements by a step of all coefficients, in standard deviations.
     pub fn moved(&self, step: &[f64]) -> f64 {
-        if self.weight > 0.0 { (self.equations.square(step).max(0.0) / self.weight).sqrt() } else { 0.0 }
+        let step: Vec<f64> = self.equations.places.iter().map(|place| step[*place]).collect();
+        let product = self.equations.product(&step);
+        self.deviations(step.iter().zip(product).map(|(a, b)| a * b).sum())
+    }
+
+    /// Root mean square of changes of the displacements whose weighted sum of squares is `sum`, in standard
+    /// deviations of a coordinate.
+    pub fn deviations(&self, sum: f64) -> f64 {
+        if self.weight > 0.0 { (sum.max(0.0) / (self.weight * self.variances.noise)).sqrt() } else { 0.0 }
+    }
+
+    /// The right side, of the coefficients and of γ and κ, after a change of both.
+    pub fn expand(
+        &self,
+        coefficients: &[f64],
+        shared: &SVector<f64, SHARED>,
+        right: &mut Vec<f64>,
+    ) -> SVector<f64, SHARED> {
+        let [sides, columns @ ..] = &self.equations.sides;
+        *right = self.equations.product(coefficients);
+        right.iter_mut().zip(sides).for_each(|(product, side)| *product = side - *product);
+        let mut shared_right = self.shared_right - self.shared * shared;
+        for (p, column) in columns.iter().enumerate() {
+            right.iter_mut().zip(column).for_each(|(right, one)| *right -= one * shared[p]);
+            shared_right[p] -= column.iter().zip(coefficients).map(|(one, change)| one * change).sum::<f64>();
+        }
+        shared_right
     }
 
     /// Estimates the variances of the residuals; `noise` is the least standard deviation in pixels.

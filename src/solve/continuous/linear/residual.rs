@@ -1,5 +1,6 @@
 //! The residual of a match with its derivatives, whitened by the covariance of the match.
 
+use super::shared::Shared;
 use crate::cpu::CpuLevel;
 use crate::motion::generators::{GENERATORS, NON_TURNS, TURNS, fields};
 use crate::solve::continuous::data::{Match, Shutter};
@@ -59,6 +60,11 @@ fn inverse_root(matrix: Matrix2<f64>) -> Matrix2<f64> {
 }
 
 impl Evaluator<'_> {
+    /// γ and κ.
+    pub fn shared(&self) -> Shared<f64> {
+        Shared { gamma: self.shutter.gamma, kappa: self.trajectory.splines.kappa }
+    }
+
     /// Exposure times in blocks of both points of a match.
     pub fn blocks(&self, stamps: [f64; 2], m: &Match) -> [f64; 2] {
         let places = [m.from, m.to].map(|point| self.shutter.scan_axis.place(point));

@@ -4,7 +4,7 @@
 //! by the Schur complement S′ = S − bᵀN⁻¹b; then γ and κ are solved, and the path is substituted back.
 
 use super::banded::Banded;
-use super::normal::Normal;
+use super::evaluated::EvaluatedPair;
 use super::shared::{SHARED, Shared};
 use crate::cpu::CpuLevel;
 use nalgebra::{SMatrix, SVector};
@@ -33,7 +33,7 @@ impl System {
     pub fn assemble<'a>(
         &mut self,
         first: Vec<usize>,
-        pairs: impl Iterator<Item = &'a Normal>,
+        pairs: impl Iterator<Item = &'a EvaluatedPair>,
     ) -> SharedEquations {
         let size = first.len();
         self.matrix.reset(first);
@@ -42,10 +42,11 @@ impl System {
             values.resize(size, 0.0);
         }
         let mut shared = SharedEquations { information: SMatrix::zeros(), right: SVector::zeros() };
-        for normal in pairs {
-            normal.equations.add_to(&mut self.matrix, &mut self.right, &mut self.border);
-            shared.information += normal.shared;
-            shared.right += normal.shared_right;
+        for pair in pairs {
+            let right = pair.right();
+            pair.normal.equations.add_to(right, &mut self.matrix, &mut self.right, &mut self.border);
+            shared.information += pair.normal.shared;
+            shared.right += pair.shared_right();
         }
         shared
     }

@@ -4,6 +4,8 @@ use super::belief::Belief;
 use crate::solve::continuous::linear::{SHARED, Shared, SharedEquations};
 use nalgebra::SVector;
 
+/// Standard deviation of γ among all cameras.
+pub const READOUT_DEVIATION: f64 = 0.5;
 /// Greatest change of γ and κ in a step.
 const MAX_STEP: f64 = 0.1;
 
@@ -16,6 +18,11 @@ pub struct Observation {
 }
 
 impl Observation {
+    /// Whether it says more than that a camera is one of all: if not, what it says may as well be a misfit.
+    pub fn informs(&self) -> bool {
+        self.deviation() < READOUT_DEVIATION
+    }
+
     /// Standard deviation.
     pub fn deviation(&self) -> f64 {
         self.information.sqrt().recip()
@@ -35,6 +42,12 @@ impl CameraBelief {
     pub fn is_gamma_given(&self) -> bool {
         let [low, high] = self.limits.gamma;
         low == high
+    }
+
+    /// With γ held at its mean.
+    pub fn at_rest(mut self) -> Self {
+        self.limits.gamma = [self.beliefs.gamma.mean; 2];
+        self
     }
 
     /// Standard deviation of γ.
@@ -86,7 +99,7 @@ impl CameraBelief {
     pub fn add(&mut self, observed: &Shared<Option<Observation>>, share: f64) {
         let unknowns = self.beliefs.as_mut().zip(self.limits).zip(*observed);
         for ((belief, [low, high]), observed) in unknowns.into_array() {
-            if let Some(observed) = observed {
+            if let Some(observed) = observed.filter(Observation::informs) {
                 belief.add(observed.value.clamp(low, high), observed.information, share);
             }
         }

@@ -6,5 +6,5 @@ mod prediction;
 mod smoothness;
 
 pub use belief::{Belief, MEMORY};
-pub use camera_belief::{CameraBelief, Observation};
+pub use camera_belief::{CameraBelief, Observation, READOUT_DEVIATION};
 pub use smoothness::Smoothness;

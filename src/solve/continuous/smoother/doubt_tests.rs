@@ -2,7 +2,7 @@
 
 use super::film::*;
 use super::*;
-use crate::solve::continuous::fit::DECISIVE_LOG_BAYES_FACTOR;
+use crate::solve::continuous::fit::DECISIVE_LOG_ODDS;
 
 #[test]
 fn a_camera_at_rest_is_not_corrected() {
@@ -75,7 +75,7 @@ fn a_smoothness_of_greater_evidence_is_taken_over() {
     still.posterior.smoothness = still.posterior.smoothness.restarted(1e-7);
     let most = camera.hypotheses[0].log_evidence(window).unwrap();
     let least = still.log_evidence(window).unwrap();
-    assert!(least < most - DECISIVE_LOG_BAYES_FACTOR, "{least} {most}");
+    assert!(least < most - DECISIVE_LOG_ODDS, "{least} {most}");
     let learnt = still.posterior.smoothness.clone();
     camera.hypotheses[0].try_smoothness(&learnt, most, window);
     assert!(camera.hypotheses[0].log_evidence(window).unwrap() >= most);
@@ -85,5 +85,37 @@ fn a_smoothness_of_greater_evidence_is_taken_over() {
         let evidence = camera.hypotheses.iter_mut().map(|one| one.log_evidence(window).unwrap());
         evidence.reduce(of).unwrap()
     });
-    assert!(camera.hypotheses.len() == 2 && least > most - DECISIVE_LOG_BAYES_FACTOR, "{least} of {most}");
+    assert!(camera.hypotheses.len() == 2 && least > most - DECISIVE_LOG_ODDS, "{least} of {most}");
+}
+
+#[test]
+fn rivals_rest_while_nothing_moves() {
+    let film = Film { rest: Some(1.0), ..Film::new(0.8, true) };
+    let (_, continuous) = film.solved(UNKNOWN, &regular(25), 43);
+    let [leading, rivals @ ..] = &continuous.posterior.hypotheses[..] else { panic!("none") };
+    let has_no_path = |one: &Hypothesis| one.posterior.trajectory.splines.coefficients.is_empty();
+    assert!(!rivals.is_empty() && rivals.iter().all(has_no_path));
+    let deviation = leading.setup.camera.gamma_deviation();
+    assert!(!leading.constrains_gamma() && (deviation - 0.5).abs() < 1e-9, "±{deviation} from noise");
+    let (motions, continuous) = film.solved(UNKNOWN, &regular(60), 43);
+    let last = motions[59].as_ref().unwrap();
+    let found = last.motion.readout().time / PERIOD;
+    assert!((found - 0.8).abs() < 0.03 && last.confidence > 0.9, "{found}, {}", last.confidence);
+    assert_eq!(continuous.posterior.hypotheses.len(), 1);
+}
+
+#[test]
+fn each_readout_that_a_window_allows_is_kept_until_it_is_ruled_out() {
+    // A calm hand.
+    let swings = Film::new(0.5, true).swings.map(|swings| swings.map(|(cycles, peak)| (cycles, 0.3 * peak)));
+    let film = Film { swings, ..Film::new(0.5, true) };
+    let by_rows = |frames| -> Vec<f64> {
+        let (_, continuous) = film.solved(UNKNOWN, &regular(frames), 44);
+        let hypotheses = continuous.posterior.hypotheses.iter();
+        hypotheses.filter(|one| one.scan.by_rows).map(Hypothesis::gamma).collect()
+    };
+    let first = by_rows(5);
+    assert!(first.len() == 2 && first[0] > 0.4 && first[1] < -0.1, "{first:?}");
+    let later = by_rows(14);
+    assert!(later.len() == 1 && (later[0] - 0.5).abs() < 0.1, "{later:?}");
 }

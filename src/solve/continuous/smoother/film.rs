@@ -7,6 +7,7 @@ use crate::solve::random::Random;
 use nalgebra::{Matrix2, Rotation3, Vector3};
 use std::f64::consts::TAU;
 
+/// Width and height of a frame whose rows are read one after another; otherwise the frame is turned.
 pub const SIZE: [usize; 2] = [640, 480];
 pub const PERIOD: f64 = 1.0 / 30.0;
 pub const LOOKAHEAD: usize = 4;
@@ -52,6 +53,18 @@ impl Film {
         }
     }
 
+    /// Width and height of a frame: lines lie along its longer side.
+    pub fn size(&self) -> [usize; 2] {
+        let [width, height] = SIZE;
+        if self.by_rows { [width, height] } else { [height, width] }
+    }
+
+    /// Centre of the picture in pixels.
+    fn centre(&self) -> Vector2<f64> {
+        let [width, height] = self.size();
+        image_centre(width, height)
+    }
+
     pub fn direction(&self) -> ReadoutDirection {
         match (self.by_rows, self.gamma < 0.0) {
             (true, false) => ReadoutDirection::TopToBottom,
@@ -63,8 +76,8 @@ impl Film {
 
     pub fn readout(&self) -> Readout {
         Readout {
-            width: SIZE[0],
-            height: SIZE[1],
+            width: self.size()[0],
+            height: self.size()[1],
             direction: self.direction(),
             time: self.gamma.abs() * PERIOD,
         }
@@ -109,7 +122,7 @@ impl Film {
 
     /// Where a point (pixels) seen at time `from` is at time `to`.
     pub fn carry(&self, pixel: Vector2<f64>, from: f64, to: f64) -> Vector2<f64> {
-        let (centre, focal) = (image_centre(SIZE[0], SIZE[1]), self.focal * SIZE[0] as f64);
+        let (centre, focal) = (self.centre(), self.focal * self.size()[0] as f64);
         let ray = self.turn(from).inverse() * (pixel - centre).push(focal).normalize();
         // The scene is this far from the origin in each direction; the ray meets it where both agree.
         let depth = |direction: Vector3<f64>| {
@@ -127,8 +140,9 @@ impl Film {
 
     /// Displacement in pixels of a point by the object's own motion.
     pub fn own(&self, pixel: Vector2<f64>, t: f64) -> Vector2<f64> {
-        let off = (pixel - image_centre(SIZE[0], SIZE[1])).abs();
-        let is_inside = off.x < 0.3 * SIZE[0] as f64 && off.y < 0.3 * SIZE[1] as f64;
+        let off = (pixel - self.centre()).abs();
+        let [width, height] = self.size().map(|side| side as f64);
+        let is_inside = off.x < 0.3 * width && off.y < 0.3 * height;
         let peak = if is_inside { self.own } else { 0.0 };
         Vector2::new((TAU * 2.3 * t).sin(), (TAU * 1.7 * t + 1.0).sin()) * peak
     }
@@ -136,8 +150,9 @@ impl Film {
     /// The correspondences between the frames that start at two instants, in pixels.
     pub fn pair(&self, first: f64, second: f64, random: &mut Random) -> Vec<Correspondence> {
         let readout = self.readout();
-        let cells =
-            (0..768).map(|cell| Vector2::new((cell % 32 * 20) as f64 + 9.5, (cell / 32 * 20) as f64 + 9.5));
+        let [columns, rows] = self.size().map(|side| side / 20);
+        let cell = |cell: usize| [cell % columns, cell / columns].map(|place| (place * 20) as f64 + 9.5);
+        let cells = (0..columns * rows).map(|index| Vector2::from(cell(index)));
         let pair = |(index, from): (usize, Vector2<f64>)| {
             let exposed = first + readout.offset(from.x, from.y);
             // Fixed point: the exposure time depends on the line, and the line on the time.
@@ -146,7 +161,7 @@ impl Film {
                 let arrives = second + readout.offset(to.x, to.y);
                 to = self.carry(from, exposed, arrives) + self.own(from, arrives) - self.own(from, exposed);
             }
-            if from.y > (1.0 - self.fixed) * SIZE[1] as f64 {
+            if from.y > (1.0 - self.fixed) * self.size()[1] as f64 {
                 to = from;
             }
             to += Vector2::new(random.normal(), random.normal()) * self.noise;
@@ -166,7 +181,8 @@ impl Film {
         seed: u64,
     ) -> (Vec<Option<FrameSolution>>, Continuous) {
         let mut random = Random(seed);
-        let mut continuous = Continuous::new(camera, SIZE[0], SIZE[1], 1.0);
+        let [width, height] = self.size();
+        let mut continuous = Continuous::new(camera, width, height, 1.0);
         let mut motions = Vec::new();
         for (k, &stamp) in stamps.iter().enumerate() {
             let found = k.checked_sub(1).map(|before| self.pair(stamps[before], stamp, &mut random));
@@ -182,14 +198,15 @@ impl Film {
     /// Root mean square error in pixels of the points of a frame that a path moves to the middle of the
     /// readout.
     pub fn error(&self, path: &MotionPath, stamp: f64) -> f64 {
-        let (centre, time) = (image_centre(SIZE[0], SIZE[1]), self.readout().time);
+        let (centre, time) = (self.centre(), self.readout().time);
+        let [width, height] = self.size().map(|side| side as f64);
         let mut squares = Vec::new();
         for index in [0, 5, 11, 16, 20, 27, 32] {
             let share = index as f64 / 32.0;
             let line = if self.gamma < 0.0 { 1.0 - share } else { share };
             for across in [0.05, 0.5, 0.95] {
                 let at = if self.by_rows { [across, line] } else { [line, across] };
-                let pixel = Vector2::new(at[0] * SIZE[0] as f64 - 0.5, at[1] * SIZE[1] as f64 - 0.5);
+                let pixel = Vector2::new(at[0] * width - 0.5, at[1] * height - 0.5);
                 let shown = path.carry(pixel - centre, share, 0.5);
                 let truth = self.carry(pixel, stamp + time * share, stamp + time / 2.0);
                 squares.push((shown + centre - truth).norm_squared());

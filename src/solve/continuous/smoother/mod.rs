@@ -223,8 +223,7 @@ impl Continuous {
             deviation: hypothesis.setup.camera.gamma_deviation() * period,
             probability,
         });
-        let [rows, columns] = [ReadoutDirection::TopToBottom, ReadoutDirection::LeftToRight]
-            .map(|direction| Camera::log_prior(direction, width, height).exp());
+        let [rows, columns] = [true, false].map(|by_rows| Camera::log_prior(by_rows, width, height).exp());
         Some(ReadoutPosterior {
             hypotheses: hypotheses.collect(),
             prior_deviation: READOUT_BELIEF.1 * period,
@@ -365,7 +364,7 @@ impl Continuous {
     /// The shutter of a hypothesis.
     fn readout(&self, hypothesis: &Hypothesis) -> Readout {
         let gamma = hypothesis.gamma();
-        let direction = match (hypothesis.direction.is_by_rows(), gamma < 0.0) {
+        let direction = match (hypothesis.scan.by_rows, gamma < 0.0) {
             (true, false) => ReadoutDirection::TopToBottom,
             (true, true) => ReadoutDirection::BottomToTop,
             (false, false) => ReadoutDirection::LeftToRight,
