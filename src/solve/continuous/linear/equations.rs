@@ -261,16 +261,16 @@ impl Equations {
     }
 
     /// N·δ for a change of the pair's coefficients.
-    pub fn product(&self, change: &[f64]) -> Vec<f64> {
-        let mut product = vec![0.0; change.len()];
+    pub fn product(&self, change: &[f64], product: &mut Vec<f64>) {
+        product.clear();
+        product.resize(change.len(), 0.0);
         for (i, (row, own)) in self.half.chunks_exact(change.len().max(1)).zip(change).enumerate() {
             let mut sum = 0.0;
-            for ((value, other), to) in row.iter().zip(change).zip(&mut product) {
+            for ((value, other), to) in row.iter().zip(change).zip(&mut *product) {
                 sum += value * other;
                 *to += value * own;
             }
             product[i] += sum;
         }
-        product
     }
 }

@@ -52,7 +52,8 @@ impl Normal {
     /// Root mean square change of the displacements by a step of all coefficients, in standard deviations.
     pub fn moved(&self, step: &[f64]) -> f64 {
         let step: Vec<f64> = self.equations.places.iter().map(|place| step[*place]).collect();
-        let product = self.equations.product(&step);
+        let mut product = Vec::new();
+        self.equations.product(&step, &mut product);
         self.deviations(step.iter().zip(product).map(|(a, b)| a * b).sum())
     }
 
@@ -70,7 +71,7 @@ impl Normal {
         right: &mut Vec<f64>,
     ) -> SVector<f64, SHARED> {
         let [sides, columns @ ..] = &self.equations.sides;
-        *right = self.equations.product(coefficients);
+        self.equations.product(coefficients, right);
         right.iter_mut().zip(sides).for_each(|(product, side)| *product = side - *product);
         let mut shared_right = self.shared_right - self.shared * shared;
         for (p, column) in columns.iter().enumerate() {
