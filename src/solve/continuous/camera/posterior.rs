@@ -104,7 +104,7 @@ impl CameraPosterior {
         let beliefs = Shared { gamma: READOUT_BELIEF, kappa: camera.kappa_belief() };
         let beliefs = beliefs.map(|(mean, deviation)| Belief::new(mean, deviation));
         let belief = CameraBelief { beliefs, limits: Shared { gamma: signs, kappa: KAPPA_LIMITS } };
-        let setup = Setup { cpu: CpuLevel::detect(), scan_axis, noise: self.noise, camera: belief, placement: std::env::var("PLACED").map_or(0.0, |v| v.parse().unwrap()) };
+        let setup = Setup { cpu: CpuLevel::detect(), scan_axis, noise: self.noise, camera: belief };
         let trajectory = Trajectory::new(density, self.radius);
         let posterior = Posterior::new(trajectory, smoothness, beliefs.map(|belief| belief.mean));
         let log_prior = Camera::log_prior(scan.by_rows, width, height);
@@ -193,15 +193,6 @@ impl CameraPosterior {
         self.share_smoothness(window);
         self.challenge(window, starts);
         self.hypotheses.par_iter_mut().for_each(|hypothesis| hypothesis.conclude(window));
-        if std::env::var("EVID").is_ok() && !window.pairs.is_empty() {
-            let n = window.pairs.len() as f64;
-            let l = &mut self.hypotheses[0];
-            if let Some(e) = l.log_evidence(window) {
-                let o = l.posterior.observed.gamma;
-                let p = l.posterior.evaluated.get(window.own()).map(|e| e.residuals.placement.norm()).unwrap_or(0.0);
-                eprintln!("EVID {:.3} γ {:.3} obs {:?} belief {:.3}±{:.3} σ {:.3} place {p:.2}", e / n, l.gamma(), o.map(|o| (o.value, o.deviation())), l.setup.camera.beliefs.gamma.mean, l.setup.camera.gamma_deviation(), l.posterior.sigma(window.own()).unwrap_or(0.0));
-            }
-        }
         self.weigh(window);
         self.prune();
         self.try_other_cameras(window, before);

@@ -93,7 +93,7 @@ impl Posterior {
         self.cover(pairs);
         let Setup { cpu, scan_axis, noise, .. } = *setup;
         let shutter = Shutter { scan_axis, gamma: self.shared.gamma };
-        let evaluator = Evaluator { cpu, trajectory: &self.trajectory, shutter, noise, placement: setup.placement };
+        let evaluator = Evaluator { cpu, trajectory: &self.trajectory, shutter, noise };
         evaluated::evaluate(&mut self.evaluated, pairs, &evaluator);
     }
 

@@ -12,6 +12,4 @@ pub struct Setup {
     /// Least standard deviation of a coordinate in pixels.
     pub noise: f64,
     pub camera: CameraBelief,
-    /// Variance in px² of each coefficient of a frame's placement; 0 if frames are as exposed.
-    pub placement: f64,
 }

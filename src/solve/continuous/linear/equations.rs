@@ -7,9 +7,7 @@
 
 use super::banded::Banded;
 use super::bands::{Band, Row, SIDES};
-use super::pair_residuals::PLACEMENT;
 use super::shared::Shared;
-use nalgebra::SMatrix;
 use crate::motion::generators::{GENERATORS, NON_TURNS, TURNS};
 use crate::solve::continuous::trajectory::{BLOCK, Splines, ratio, spline};
 
@@ -29,9 +27,6 @@ const END_PAIRS: [([usize; 2], [f64; 3]); 6] = [
 ];
 /// Factors of the sums of the own pair and of the pair before in the right side of each end.
 const SIDE_FACTORS: [[f64; 2]; 3] = [[0.0, -1.0], [-1.0, 1.0], [1.0, 0.0]];
-
-/// Products of the sides by the inverse of the placement's information.
-pub type Eliminated = SMatrix<f64, SIDES, SIDES>;
 
 /// The entries of the matrix for the coefficients of two ends, row by row.
 type Tile = [[f64; SUPPORT]; SUPPORT];
@@ -163,53 +158,6 @@ impl Equations {
             self.add_tiles(bands, &ends, pair, factors);
         }
         self.ends = ends;
-    }
-
-    /// Eliminates the placement; its information, and what it takes from the equations of the shared unknowns.
-    pub fn eliminate_placement(&mut self, bands: &[Band], variance: f64) -> Option<(Eliminated, f64)> {
-        let size = self.places.len();
-        let mut rows = vec![vec![0.0; size]; PLACEMENT];
-        let mut own = SMatrix::<f64, PLACEMENT, PLACEMENT>::identity() / variance;
-        let mut sides = SMatrix::<f64, PLACEMENT, SIDES>::zeros();
-        for (band, ends) in bands.iter().zip(&self.ends) {
-            for j in 0..PLACEMENT {
-                for k in 0..PLACEMENT {
-                    own[(j, k)] += band.own[j][k];
-                }
-                for side in 0..SIDES {
-                    sides[(j, side)] += band.sides[0][side][j];
-                }
-                let sums: [Row; 3] = [
-                    band.across[j].map(|value| -value),
-                    std::array::from_fn(|k| band.across[j][k] - band.own[j][k]),
-                    band.own[j],
-                ];
-                for (end, sums) in ends.iter().zip(&sums) {
-                    if let Some(end) = end {
-                        end.add(&mut rows[j], &end.spread(sums));
-                    }
-                }
-            }
-        }
-        let factor = own.cholesky()?;
-        let inverse = factor.inverse();
-        let log_volume = factor.l().diagonal().iter().map(|d| d.ln()).sum::<f64>() + 0.5 * PLACEMENT as f64 * variance.ln();
-        let solved: Vec<Vec<f64>> = (0..PLACEMENT)
-            .map(|j| (0..size).map(|i| (0..PLACEMENT).map(|k| inverse[(j, k)] * rows[k][i]).sum()).collect())
-            .collect();
-        for (row, solved) in rows.iter().zip(&solved) {
-            for (i, cells) in self.half.chunks_exact_mut(size).enumerate() {
-                let value = 0.5 * row[i];
-                cells.iter_mut().zip(solved).for_each(|(cell, other)| *cell -= value * other);
-            }
-            
-        }
-        for (index, side) in self.sides.iter_mut().enumerate() {
-            for (j, solved) in solved.iter().enumerate() {
-                side.iter_mut().zip(solved).for_each(|(cell, one)| *cell -= sides[(j, index)] * one);
-            }
-        }
-        Some((sides.transpose() * inverse * sides, log_volume))
     }
 
     fn end(&self, block: f64) -> End {

@@ -206,7 +206,7 @@ mod tests {
         let blocks = [path.base as f64, path.base as f64 + 6.0];
         let trajectory = &Trajectory::of(path.clone(), KnotDensity::Usual, RADIUS, blocks);
         let shutter = Shutter { scan_axis: ScanAxis { by_rows: true, length: 1.5 }, gamma: 0.7 };
-        let evaluator = Evaluator { cpu: CpuLevel::detect(), trajectory, shutter, noise, placement: 0.0 };
+        let evaluator = Evaluator { cpu: CpuLevel::detect(), trajectory, shutter, noise };
         evaluate(evaluated, pairs, &evaluator);
     }
 

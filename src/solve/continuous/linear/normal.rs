@@ -42,8 +42,6 @@ pub struct Normal {
     pub variances: ResidualVariances,
     /// Number of independent coordinates.
     pub independent: f64,
-    /// What the placement takes from the log evidence.
-    pub placement_cost: f64,
     /// Sum of the weights of the matches.
     weight: f64,
     bands: Vec<Band>,
@@ -94,7 +92,7 @@ impl Normal {
             let new = self.variances.innovation(own, before.as_ref());
             loss_of(&new, own, residuals.others).log_density(new.square())
         });
-        independent_share(residuals) * terms.filter(|term| term.is_finite()).sum::<f64>() - self.placement_cost
+        independent_share(residuals) * terms.filter(|term| term.is_finite()).sum::<f64>()
     }
 }
 
@@ -148,14 +146,6 @@ impl Evaluator<'_> {
         }
         out.weight = out.bands.iter().map(|band| band.weight).sum();
         out.equations.fill(&out.bands, &self.trajectory.splines);
-        out.placement_cost = 0.0;
-        if self.placement > 0.0
-            && let Some((taken, log_volume)) = out.equations.eliminate_placement(&out.bands, self.placement)
-        {
-            out.shared -= taken.fixed_view::<SHARED, SHARED>(1, 1);
-            out.shared_right -= taken.fixed_view::<SHARED, 1>(1, 0);
-            out.placement_cost = log_volume + 0.5 * residuals.placement.norm_squared() / self.placement;
-        }
     }
 
     /// Adds an innovation to its band; its Jacobian by the shared unknowns.

@@ -3,8 +3,7 @@
 use super::residual::{Evaluator, MatchResidual};
 use crate::robust::median::{MEDIAN_TO_VARIANCE, weighted_median};
 use crate::solve::continuous::data::{FramePair, ScanAxis, Track};
-use crate::motion::generators::fields;
-use nalgebra::{SMatrix, SVector, Vector2};
+use nalgebra::Vector2;
 
 /// Bands of lines whose residuals have a shift and a slope in common if a motion is faster than the path.
 const LINES: usize = 16;
@@ -31,12 +30,7 @@ pub struct PairResiduals {
     /// there are too few tracks or the residuals are noise.
     pub parallax: Option<f64>,
     squares: Vec<(f64, f64)>,
-    /// Placement of the second frame beside the first, in px at the radius.
-    pub placement: SVector<f64, PLACEMENT>,
 }
-
-/// Generators by which a frame may be placed: all but the shears.
-pub const PLACEMENT: usize = 6;
 
 impl PairResiduals {
     /// Variance of a coordinate without the errors of measurement, at least `least`: the fixed point of σ² =
@@ -137,9 +131,6 @@ impl Evaluator<'_> {
         let matches = pair.matches.iter().zip(&pair.prior);
         out.matches.extend(matches.filter_map(|(m, prior)| self.match_residual(pair.stamps, m, *prior)));
         let least = self.noise * self.noise;
-        if self.placement > 0.0 {
-            self.place(least, out);
-        }
         let variance = out.variance(least);
         out.sigma = variance.sqrt();
         out.others = variance + 0.5 * pair.moved() * self.trajectory.radius * self.trajectory.radius;
@@ -154,35 +145,6 @@ impl Evaluator<'_> {
         } else {
             out.before.clear();
             out.before.resize(out.matches.len(), None);
-        }
-    }
-
-    /// Estimates the placement of the second frame beside the first, and takes it from the residuals.
-    fn place(&self, least: f64, out: &mut PairResiduals) {
-        let kappa = self.trajectory.splines.kappa;
-        let phi = |m: &MatchResidual| {
-            fields((m.measured.from + m.measured.to) / 2.0, kappa).fixed_columns::<PLACEMENT>(0).into_owned()
-        };
-        let mut placement = out.placement;
-        for _ in 0..6 {
-            let square = |m: &MatchResidual| (m.residual - phi(m) * placement).norm_squared();
-            out.squares.clear();
-            out.squares.extend(out.matches.iter().map(|m| (square(m), m.prior)));
-            let variance = (weighted_median(&mut out.squares) * MEDIAN_TO_VARIANCE).max(least);
-            let mut normal = SMatrix::<f64, PLACEMENT, PLACEMENT>::identity() / self.placement;
-            let mut right = SVector::<f64, PLACEMENT>::zeros();
-            for m in &out.matches {
-                let weight = m.prior / variance * 6.0 / (4.0 + square(m) / variance);
-                let phi = phi(m);
-                normal += phi.transpose() * phi * weight;
-                right += phi.transpose() * m.residual * weight;
-            }
-            let Some(found) = normal.cholesky().map(|factor| factor.solve(&right)) else { return };
-            placement = found;
-        }
-        out.placement = placement;
-        for m in &mut out.matches {
-            m.residual -= phi(m) * placement;
         }
     }
 

@@ -14,8 +14,6 @@ pub struct Evaluator<'a> {
     pub shutter: Shutter,
     /// Least standard deviation of a coordinate in pixels.
     pub noise: f64,
-    /// Variance in px² of each coefficient of a frame's placement; 0 if frames are as exposed.
-    pub placement: f64,
 }
 
 /// The residual of a match, in pixels. All but the first three are whitened.
