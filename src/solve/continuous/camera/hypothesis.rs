@@ -108,9 +108,14 @@ impl Hypothesis {
     pub fn joining(mut self, log_odds: f64) -> Self {
         self.log_prior += log_odds;
         self.log_probability = self.log_prior;
+        self.await_search();
+        self
+    }
+
+    /// Has γ searched first, and the evidence compared only then.
+    fn await_search(&mut self) {
         self.phase = Phase::AwaitsSearch;
         self.schedule.expect_search();
-        self
     }
 
     /// A hypothesis for each other γ that the last search does not rule out.
@@ -148,8 +153,12 @@ impl Hypothesis {
     pub fn rest(&mut self) {
         self.posterior.restart();
         self.drop_searches();
-        self.phase = Phase::AwaitsSearch;
-        self.schedule.expect_search();
+        self.await_search();
+    }
+
+    /// Whether it has a path, which it lacks while it rests.
+    pub fn has_path(&self) -> bool {
+        !self.posterior.trajectory.splines.coefficients.is_empty()
     }
 
     /// Whether γ is too uncertain to be reached from any start.

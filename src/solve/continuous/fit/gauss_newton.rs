@@ -5,7 +5,7 @@ use super::setup::Setup;
 use crate::solve::continuous::data::PairWindow;
 
 /// A step is the last if it changes the displacements in the frame's pairs by less than this (root mean square, in
-/// standard deviations of a coordinate), and γ by less than that.
+/// standard deviations of a coordinate), and γ by less than `GAMMA_TOLERANCE`.
 const TOLERANCE: f64 = 0.1;
 const GAMMA_TOLERANCE: f64 = 0.01;
 /// A fit has also converged if its last step changed displacements by less than σ, and γ by less than this

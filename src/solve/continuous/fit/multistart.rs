@@ -118,7 +118,7 @@ impl Multistart {
         let found = found.into_iter().map(|one| one.unwrap_or(f64::NEG_INFINITY));
         let mut ranked: Vec<(f64, Candidate)> = found.zip(self.candidates.drain(..)).collect();
         ranked.sort_by(|a, b| b.0.total_cmp(&a.0));
-        let mut most = f64::NEG_INFINITY;
+        let Some(most) = ranked.first().map(|(evidence, _)| *evidence) else { return };
         for (evidence, one) in ranked {
             let gamma = one.posterior.shared.gamma;
             let is_new = |other: &Candidate| {
@@ -126,7 +126,6 @@ impl Multistart {
                     && one.posterior.log_odds(most - evidence, setup) <= DECISIVE_LOG_ODDS
             };
             if self.candidates.iter().all(is_new) {
-                most = most.max(evidence);
                 self.candidates.push(one);
             }
         }

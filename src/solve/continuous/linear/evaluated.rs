@@ -141,13 +141,12 @@ pub fn evaluate(evaluated: &mut Vec<EvaluatedPair>, pairs: &[&FramePair], evalua
     if let [first, second, ..] = is_far.as_mut_slice() {
         *first |= *second;
     }
-    let inputs = pairs.iter().zip(wanted);
-    evaluated.par_iter_mut().zip(inputs.collect::<Vec<_>>()).zip(&is_far).for_each(
-        |((one, (pair, inputs)), is_far)| {
+    evaluated.par_iter_mut().zip(pairs).zip(&wanted).zip(&is_far).for_each(
+        |(((one, pair), wanted), is_far)| {
             if *is_far {
-                evaluator.residuals(pair, inputs.tracks, &mut one.residuals);
+                evaluator.residuals(pair, wanted.tracks, &mut one.residuals);
                 one.normal.estimate_variances(&one.residuals, evaluator.noise);
-                (one.inputs, one.base) = (Some(inputs), splines.base);
+                (one.inputs, one.base) = (Some(*wanted), splines.base);
             }
         },
     );

@@ -105,10 +105,10 @@ impl<'a> Frame<'a> {
 
     /// The corrections of the points by a hypothesis, in pixels; none while it rests.
     fn corrections(&self, hypothesis: &Hypothesis) -> Vec<Vector2<f64>> {
-        let Trajectory { splines, homographies, radius, .. } = &hypothesis.posterior.trajectory;
-        if splines.coefficients.is_empty() {
+        if !hypothesis.has_path() {
             return vec![Vector2::zeros(); self.points.len()];
         }
+        let Trajectory { homographies, radius, .. } = &hypothesis.posterior.trajectory;
         let correction = |(point, velocity): (&Vector2<f64>, &Vector2<f64>)| {
             let place = hypothesis.setup.scan_axis.place(*point);
             let [seen, middle] = hypothesis.blocks_to_middle(self.stamp, place);

@@ -18,7 +18,8 @@ pub struct Observation {
 }
 
 impl Observation {
-    /// Whether it says more than that a camera is one of all: if not, what it says may as well be a misfit.
+    /// Whether its standard deviation is less than that of γ among all cameras: otherwise errors of the model may
+    /// outweigh it.
     pub fn informs(&self) -> bool {
         self.deviation() < READOUT_DEVIATION
     }

@@ -93,8 +93,7 @@ fn rivals_rest_while_nothing_moves() {
     let film = Film { rest: Some(1.0), ..Film::new(0.8, true) };
     let (_, continuous) = film.solved(UNKNOWN, &regular(25), 43);
     let [leading, rivals @ ..] = &continuous.posterior.hypotheses[..] else { panic!("none") };
-    let has_no_path = |one: &Hypothesis| one.posterior.trajectory.splines.coefficients.is_empty();
-    assert!(!rivals.is_empty() && rivals.iter().all(has_no_path));
+    assert!(!rivals.is_empty() && !rivals.iter().any(Hypothesis::has_path));
     let deviation = leading.setup.camera.gamma_deviation();
     assert!(!leading.constrains_gamma() && (deviation - 0.5).abs() < 1e-9, "±{deviation} from noise");
     let (motions, continuous) = film.solved(UNKNOWN, &regular(60), 43);
