@@ -7,6 +7,7 @@
 //! | folder | object | unknowns |
 //! |---|---|---|
 //! | `data` | pairs of frames: matches, tracks, which matches show the scene | |
+//! | `timing` | whether frames were exposed when their timestamps say so, and stand where the camera saw them | timeline |
 //! | `trajectory` | splines for eight generators of the homographies, and the homographies that they integrate to | coefficients cⱼᵢ, 17 a block |
 //! | `linear` | whitened residuals and their innovations, robust weights, normal equations, banded Cholesky factor | σ², τ² of a pair |
 //! | `prior` | smoothness of the path, prediction of a vibration, beliefs about γ and κ | variances, weights |
@@ -57,6 +58,7 @@ mod linear;
 mod output;
 mod prior;
 mod smoother;
+mod timing;
 mod trajectory;
 
 pub use camera::Camera;

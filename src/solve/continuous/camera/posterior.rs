@@ -144,10 +144,15 @@ impl CameraPosterior {
         if is_kept {
             self.hypotheses.iter_mut().for_each(|hypothesis| hypothesis.scale_time(factor));
         } else {
-            *self = Self::new(self.camera, self.size, self.radius, self.noise);
-            self.begin(period, None);
+            self.forget(period);
         }
         is_kept
+    }
+
+    /// Starts anew with frame periods of so many seconds.
+    pub fn forget(&mut self, period: f64) {
+        *self = Self::new(self.camera, self.size, self.radius, self.noise);
+        self.begin(period, None);
     }
 
     /// The hypotheses with their probabilities, the likeliest first.

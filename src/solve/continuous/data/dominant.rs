@@ -39,13 +39,14 @@ const RIDGE: f64 = 1e-3;
 /// Steps of a low-discrepancy sequence in the unit cube: powers of the root of x⁴ = x + 1 (M. Roberts, 2018).
 const R3_STEPS: [f64; 3] = [0.819_172_513_396_164_4, 0.671_043_606_703_789_2, 0.549_700_477_901_970_2];
 
-type Quadratic = Motion<f64, TERMS>;
+pub type Quadratic = Motion<f64, TERMS>;
 type Draw = Sample<f64, TERMS>;
 
 /// The displacement of the scene as a function of the point, in radii.
 #[derive(Clone, Debug)]
 pub struct DominantMotion {
-    motion: Quadratic,
+    /// Displacement in radii.
+    pub motion: Quadratic,
     /// The greatest squared residual of an inlier.
     max_square: f64,
 }

@@ -1,6 +1,6 @@
 //! One pair of frames: its matches, and the tracks that they continue.
 
-use super::dominant::DominantMotion;
+use super::dominant::{DominantMotion, Quadratic};
 use super::matches::Match;
 use crate::correspond::Correspondence;
 use nalgebra::Vector2;
@@ -109,6 +109,20 @@ impl FramePair {
         let tracks = self.tracks.iter_mut().flatten().map(|track| &mut track.stamps);
         tracks.chain([&mut self.stamps]).flatten().for_each(|stamp| *stamp *= factor);
         are_near(self.stamps).then_some(self)
+    }
+
+    /// The pair with its frames at other times, those of the pair before at `before`.
+    pub fn at(mut self, stamps: [f64; 2], before: Option<[f64; 2]>) -> Option<Self> {
+        self.stamps = stamps;
+        if let Some(before) = before {
+            self.tracks.iter_mut().flatten().for_each(|track| track.stamps = before);
+        }
+        are_near(stamps).then_some(self)
+    }
+
+    /// The displacement that most matches share, in radii.
+    pub fn dominant_motion(&self) -> Quadratic {
+        self.dominant.motion
     }
 
     /// Number of valid matches before thinning.

@@ -50,8 +50,9 @@ struct Frame<'a> {
 
 impl CameraPosterior {
     /// Share and expected error of the correction of a frame with these regions; without flow, `sigma` in
-    /// pixels is the standard deviation of a coordinate's residual. Share 0 if an error is not finite.
-    pub fn expected(&self, stamp: f64, regions: &[Region], sigma: f64) -> Expected {
+    /// pixels is the standard deviation of a coordinate's residual. Share 0 if an error is not finite, and of stabilised
+    /// frames, which no path describes.
+    pub fn expected(&self, stamp: f64, regions: &[Region], sigma: f64, is_stabilised: bool) -> Expected {
         let leading = self.leading();
         let frame = Frame::new(stamp, middles(self.size), regions, sigma, leading.gamma().abs());
         let own = frame.corrections(leading);
@@ -69,7 +70,7 @@ impl CameraPosterior {
         let trust = ((1.0 - error_share) / (1.0 - TOLERATED_ERROR)).clamp(0.0, 1.0);
         let share = agreement.clamp(0.0, 1.0) * trust;
         // 0/0 is the ordinary case of no correction: no motion, or γ = 0.
-        let share = if share.is_finite() { share } else { 0.0 };
+        let share = if share.is_finite() && !is_stabilised { share } else { 0.0 };
         let disagreement = |index: usize| {
             let squares = all.iter().filter_map(|(probability, other)| {
                 Some(probability * (other.get(index)? - own.get(index)? * share).norm_squared())

@@ -9,6 +9,7 @@ use crate::readout::{Readout, ReadoutDirection, ReadoutHypothesis, ReadoutPoster
 use crate::solve::continuous::camera::{Break, Camera, CameraPosterior, Hypothesis, READOUT_BELIEF};
 use crate::solve::continuous::data::{FramePair, PairWindow, StaticOverlay};
 use crate::solve::continuous::output::FittedPair;
+use crate::solve::continuous::timing::{Timeline, Timing};
 use crate::solve::continuous::trajectory::FramePath;
 use crate::solve::residual::{LocalMotion, LocalMotions, Region};
 use crate::solve::solution::{FittedCorrespondence, FocalLength, FrameSolution, Origin, root_mean_square};
@@ -26,8 +27,11 @@ const SAMPLES: usize = 32;
 
 #[derive(Clone, Debug)]
 struct Entry {
-    /// Timestamp in frame periods.
+    /// Number of the frame since the clock was started.
+    index: usize,
+    /// Time of exposure in frame periods, and the timestamp.
     stamp: f64,
+    stated: f64,
     to_next: Option<FramePair>,
     /// Whether it was compared with the frame before and makes no pair with it: too few matches, as at a cut, in
     /// a black frame or where overlays leave few, or too long an interval.
@@ -60,6 +64,7 @@ pub struct Continuous {
     /// Settled frames at the front.
     settled: usize,
     clock: Option<Clock>,
+    timing: Timing,
     /// Seconds to a frame period before the last restart.
     period_before: Option<f64>,
     /// Whether the first waiting frame follows a settled one.
@@ -85,6 +90,7 @@ impl Continuous {
             frames: VecDeque::new(),
             settled: 0,
             clock: None,
+            timing: Timing::new(NOISE * pixel_scale / radius),
             period_before: None,
             continues: false,
             overlay: StaticOverlay::new(width, height, NOISE * pixel_scale),
@@ -107,7 +113,9 @@ impl Continuous {
             Some(clock) => self.change_period(clock, period),
             None => self.start(period, time),
         };
-        let stamp = (time - origin) / period;
+        let stated = (time - origin) / period;
+        let (index, stamp) =
+            self.frames.back().map_or((0, stated), |last| (last.index + 1, self.stamp_after(last, stated)));
         let (centre, radius) = (self.centre, self.radius);
         let mut latest = self.frames.iter_mut().rev();
         let (last, before) = (latest.next(), latest.next());
@@ -126,8 +134,47 @@ impl Continuous {
                 last.found.extend_from_slice(found);
             }
         }
-        self.frames.push_back(Entry { stamp, to_next: None, is_unmatched, found: Vec::new() });
+        self.frames.push_back(Entry { index, stamp, stated, to_next: None, is_unmatched, found: Vec::new() });
+        self.judge_timing();
         self.prepare();
+    }
+
+    /// The time of exposure of the frame after `last` with this timestamp, in frame periods.
+    fn stamp_after(&self, last: &Entry, stated: f64) -> f64 {
+        match self.timing.timeline() {
+            Timeline::Stated => stated,
+            timeline => last.stamp + timeline.interval(last.index, stated - last.stated),
+        }
+    }
+
+    /// Judges the timing with the last pair. If the frames were exposed at other times than was assumed, they get
+    /// these, and the camera is sought anew.
+    fn judge_timing(&mut self) {
+        let axis = self.posterior.leading().setup.scan_axis;
+        let mut latest = self.frames.iter().rev();
+        let (Some(last), Some(before)) = (latest.next(), latest.next()) else { return };
+        let Some(pair) = &before.to_next else { return self.timing.interrupt() };
+        if !self.timing.push(pair, before.index, last.stated - before.stated, axis) {
+            return;
+        }
+        let Some(mut stamp) = self.frames.front().map(|first| first.stated) else { return };
+        let timeline = self.timing.timeline();
+        let mut pair_before = None;
+        for index in 0..self.frames.len() {
+            let next = self.frames.get(index + 1).map(|next| next.stated);
+            let Some(entry) = self.frames.get_mut(index) else { return };
+            entry.stamp = stamp;
+            if let Some(next) = next {
+                stamp += timeline.interval(entry.index, next - entry.stated);
+            }
+            let stamps = [entry.stamp, stamp];
+            entry.to_next = entry.to_next.take().and_then(|pair| pair.at(stamps, pair_before));
+            pair_before = Some(stamps);
+        }
+        if let Some(clock) = self.clock {
+            self.posterior.forget(clock.period);
+        }
+        self.continues = false;
     }
 
     /// Advances the fit to the last frames while none of them is due.
@@ -153,8 +200,10 @@ impl Continuous {
     /// Changes the frame period; the path is reset. The clock's origin.
     fn change_period(&mut self, Clock { period: before, origin }: Clock, period: f64) -> f64 {
         let factor = before / period;
+        self.timing.interrupt();
         for entry in &mut self.frames {
             entry.stamp *= factor;
+            entry.stated *= factor;
             entry.to_next = entry.to_next.take().and_then(|pair| pair.scale_time(factor));
         }
         if !self.posterior.change_period(before, period) {
@@ -218,9 +267,10 @@ impl Continuous {
     pub fn posterior(&self) -> Option<ReadoutPosterior> {
         let period = self.period().filter(|_| !self.camera.is_known())?;
         let [width, height] = self.size;
+        let least = if self.is_stabilised() { READOUT_BELIEF.1 } else { 0.0 };
         let hypotheses = self.posterior.hypotheses().map(|(probability, hypothesis)| ReadoutHypothesis {
             readout: self.readout(hypothesis),
-            deviation: hypothesis.setup.camera.gamma_deviation() * period,
+            deviation: hypothesis.setup.camera.gamma_deviation().max(least) * period,
             probability,
         });
         let [rows, columns] = [true, false].map(|by_rows| Camera::log_prior(by_rows, width, height).exp());
@@ -244,6 +294,7 @@ impl Continuous {
         self.settled = 0;
         self.period_before = self.period();
         self.clock = None;
+        self.timing.restart();
         self.continues = false;
         self.posterior.hypotheses.iter_mut().for_each(Hypothesis::drop_searches);
     }
@@ -271,7 +322,7 @@ impl Continuous {
         let scale = self.pixel_scale;
         let sigma = sigmas.fold(0.0, f64::max) * scale;
         let regions: Vec<Region> = regions.into_iter().map(|region| region.scaled(1.0 / scale)).collect();
-        let expected = self.posterior.expected(stamp, &regions, sigma / scale);
+        let expected = self.posterior.expected(stamp, &regions, sigma / scale, self.is_stabilised());
         let region_errors: Vec<f64> = expected.squares.iter().map(|square| scale * square.sqrt()).collect();
         let path = MotionPath::from(path);
         let path = match field {
@@ -288,7 +339,7 @@ impl Continuous {
             correspondences,
             inliers,
             residual: sigma,
-            readout_deviation: self.posterior.readout_deviation(),
+            readout_deviation: self.readout_deviation(),
             begins_shot: false,
             focal_length: focal_length.map(|(widths, deviation)| FocalLength { widths, deviation }),
             fitted: self.fitted(window, own),
@@ -353,7 +404,18 @@ impl Continuous {
 
     /// The likeliest shutter, and the standard deviation of its readout ratio.
     pub fn belief(&self) -> (Readout, f64) {
-        (self.readout(self.posterior.leading()), self.posterior.readout_deviation())
+        (self.readout(self.posterior.leading()), self.readout_deviation())
+    }
+
+    /// Standard deviation of the readout ratio. Stabilised frames say nothing about it.
+    fn readout_deviation(&self) -> f64 {
+        let least = if self.is_stabilised() && !self.camera.is_known() { READOUT_BELIEF.1 } else { 0.0 };
+        self.posterior.readout_deviation().max(least)
+    }
+
+    /// Whether the frames were moved after their readout, as far as they say so.
+    fn is_stabilised(&self) -> bool {
+        self.timing.is_stabilised() == Some(true)
     }
 
     /// Seconds to a frame period; `None` before the first frame.
