@@ -22,6 +22,24 @@ pub enum Estimator {
     Continuous,
 }
 
+/// Whether the frames were moved after their readout.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum Stabilised {
+    Auto,
+    No,
+    Yes,
+}
+
+impl From<Stabilised> for Option<bool> {
+    fn from(stabilised: Stabilised) -> Self {
+        match stabilised {
+            Stabilised::Auto => None,
+            Stabilised::No => Some(false),
+            Stabilised::Yes => Some(true),
+        }
+    }
+}
+
 /// What motion the picture can have.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum Model {

@@ -9,11 +9,11 @@ use crate::estimate::Estimate;
 use crate::interruption::Interruption;
 use crate::part::Part;
 use crate::progress;
-use crate::property_values::{Direction, name_of};
+use crate::property_values::{Direction, Stabilised, name_of};
 use crate::rectifier_options::AnalysisOptions;
 use anyhow::Result;
 use rsrectify::readout::{ReadoutDirection, ReadoutPosterior, ReadoutPrior};
-use rsrectify::rectifier::{FocalLength, FrameSolution, Settings};
+use rsrectify::rectifier::{FocalLength, FrameSolution, FrameTiming, Settings};
 use std::fmt;
 use std::path::Path;
 
@@ -30,6 +30,10 @@ const FOLLOWED: u32 = 15;
 const NONE: f64 = 1.0;
 /// Standard deviations by which a readout must differ from the expected one to be another one.
 const ANOTHER: f64 = 3.0;
+
+/// What is said of frames that were moved after their readout.
+const STABILISED: &str = "hidden: the frames were moved after they were recorded, as by stabilisation in the camera; they are \
+                          left as they are (--stabilised no rectifies them all the same)";
 
 /// How much of a clip is looked at.
 #[derive(Clone, Debug)]
@@ -67,6 +71,8 @@ pub struct Found {
     pub expected: Option<ReadoutPrior>,
     /// What is believed of the readout, where it was sought.
     pub posterior: Option<ReadoutPosterior>,
+    /// Whether frames were moved after their readout, and when they were exposed.
+    pub timing: FrameTiming,
     /// Frames at which another shot begins; of stretches, frames of them.
     pub cuts: Vec<usize>,
 }
@@ -76,6 +82,8 @@ pub struct Found {
 pub enum Doubt {
     /// There are hardly any frames.
     TooFewFrames,
+    /// The frames were moved after their readout, as by stabilisation in the camera.
+    Stabilised,
     /// Hardly a frame has a motion that most of the picture follows.
     NoMotion,
     /// There is motion, but the deviation is too large.
@@ -87,6 +95,8 @@ impl Found {
     pub fn doubt(&self) -> Option<Doubt> {
         if self.frames < FOLLOWED {
             Some(Doubt::TooFewFrames)
+        } else if self.timing.stabilised == Some(true) {
+            Some(Doubt::Stabilised)
         } else if self.followed < FOLLOWED {
             Some(Doubt::NoMotion)
         } else if self.deviation > SURE {
@@ -99,6 +109,9 @@ impl Found {
     /// Goes on with what was found where it can be relied on, and with what was expected.
     pub fn apply(&self, analysis: &mut AnalysisOptions) {
         analysis.expected = self.expected;
+        if self.doubt() == Some(Doubt::Stabilised) && analysis.stabilised.is_none() {
+            analysis.stabilised = Some(Stabilised::Yes);
+        }
         if self.doubt().is_none() {
             // 0 would leave it to the rectifier again.
             analysis.readout_time = Some(self.milliseconds.max(1e-6));
@@ -136,6 +149,9 @@ impl Found {
 impl fmt::Display for Found {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let (time, share) = (self.milliseconds, 100.0 * self.deviation);
+        if self.doubt() == Some(Doubt::Stabilised) {
+            return write!(f, "{STABILISED}");
+        }
         if self.doubt().is_some() {
             let from = self.expected.map(|expected| format!(" from {:.1} ms on", expected.time() * 1e3));
             return write!(
@@ -168,6 +184,8 @@ pub struct Summary {
     focal_length: Option<FocalLength>,
     frames: u32,
     followed: u32,
+    /// Frames that are said to be stabilised, and not to be.
+    stabilised: [u32; 2],
     cuts: Vec<usize>,
 }
 
@@ -179,8 +197,23 @@ impl Summary {
         }
         self.frames += 1;
         self.followed += u32::from(frame.solution.confidence >= 0.5);
+        if let Some(is_stabilised) = frame.solution.timing.stabilised {
+            self.stabilised[usize::from(!is_stabilised)] += 1;
+        }
         self.focal_length = frame.solution.focal_length.or(self.focal_length);
         self.last = Some(frame.solution.clone());
+    }
+
+    /// The timing after the last frame. A clip is stabilised where no frame says otherwise: shots of several cameras
+    /// may be joined in it.
+    fn timing(&self, mut last: FrameTiming) -> FrameTiming {
+        last.stabilised = match self.stabilised {
+            [0, 0] => None,
+            [_, 0] => Some(true),
+            [0, _] => Some(false),
+            _ => None,
+        };
+        last
     }
 
     /// What was found; `None` of a clip without frames.
@@ -199,6 +232,7 @@ impl Summary {
             followed: self.followed,
             expected: None,
             posterior: analysis.posterior(),
+            timing: self.timing(last.timing),
             cuts: self.cuts.clone(),
         })
     }
@@ -210,7 +244,9 @@ pub fn settle(found: Option<&Found>, analysis: &mut AnalysisOptions) {
         return;
     }
     match found {
-        Some(found) if found.doubt().is_none() => eprintln!("readout: {found}"),
+        Some(found) if matches!(found.doubt(), None | Some(Doubt::Stabilised)) => {
+            eprintln!("readout: {found}");
+        }
         _ => eprintln!(
             "warning: the readout is not certain from this clip; give --readout-time if you know it"
         ),

@@ -1,7 +1,7 @@
 //! What the user may tell the rectifier.
 
 use crate::camera::CameraChoice;
-use crate::property_values::{Direction, Estimator, Model, name_of};
+use crate::property_values::{Direction, Estimator, Model, Stabilised, name_of};
 use anyhow::{Context, Result, anyhow};
 use clap::Args;
 use gst::prelude::*;
@@ -29,6 +29,10 @@ pub struct AnalysisOptions {
     /// What is expected of the readout, once it is known.
     #[arg(skip)]
     pub expected: Option<ReadoutPrior>,
+    /// Whether the frames were moved after their readout, as by stabilisation in the camera: such frames are left as they
+    /// are. Found from the picture where it is not given.
+    #[arg(long, value_enum)]
+    pub stabilised: Option<Stabilised>,
     /// How the motion is estimated.
     #[arg(long, value_enum)]
     pub estimator: Option<Estimator>,
@@ -139,6 +143,7 @@ impl AnalysisOptions {
         };
         settings.direction = self.readout_direction.and_then(Into::into);
         settings.readout_prior = self.expected;
+        settings.stabilised = self.stabilised.and_then(Into::into);
         settings.model = self.model.map(Into::into).unwrap_or_default();
         settings.focal_length = self.focal_length.filter(|widths| *widths > 0.0);
         if self.estimator == Some(Estimator::Sequential) {
@@ -166,6 +171,7 @@ impl RectifierOptions {
             ("expected-readout-direction", direction.as_ref().map(name_of)),
             ("inter-frame-delay", analysis.inter_frame_delay.map(|v| v.to_string())),
             ("readout-direction", analysis.readout_direction.as_ref().map(name_of)),
+            ("stabilised", analysis.stabilised.as_ref().map(name_of)),
             ("estimator", analysis.estimator.as_ref().map(name_of)),
             ("model", analysis.model.as_ref().map(name_of)),
             ("focal-length", analysis.focal_length.map(|v| v.to_string())),

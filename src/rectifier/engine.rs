@@ -1,12 +1,13 @@
 //! A common interface to the two estimators.
 
+use super::settings::Settings;
 use crate::correspond::{Correspondence, certain};
 use crate::flow::FlowField;
 use crate::motion::{FrameMotion, MotionPath, Rigid, Twist, image_centre};
 use crate::readout::{Readout, ReadoutPosterior};
 use crate::solve::continuous::{Camera, Continuous};
 use crate::solve::residual::LocalMotions;
-use crate::solve::{FrameSolution, Link, MotionCandidate, Window};
+use crate::solve::{FrameSolution, FrameTiming, Link, MotionCandidate, Window};
 use nalgebra::Vector2;
 
 /// Standard deviation of a measured coordinate in analysed pixels, for the paper's window, which assumes the
@@ -60,10 +61,15 @@ impl Engine {
         Self::Sequential(Box::default())
     }
 
-    /// `keep`: whether the motions contain the correspondences.
-    pub fn continuous(camera: Camera, (width, height): (usize, usize), pixel_scale: f64, keep: bool) -> Self {
+    pub fn continuous(
+        camera: Camera,
+        (width, height): (usize, usize),
+        pixel_scale: f64,
+        settings: &Settings,
+    ) -> Self {
         let continuous = Continuous::new(camera, width, height, pixel_scale);
-        let path = continuous.with_correspondences(keep);
+        let path = continuous.with_correspondences(settings.keep_correspondences);
+        let path = path.with_stabilised(settings.stabilised);
         Self::Continuous(Box::new(Smoother { path, local: LocalMotions::default() }))
     }
 
@@ -113,6 +119,14 @@ impl Engine {
         match self {
             Self::Sequential(_) => (*stated, 0.0),
             Self::Continuous(continuous) => continuous.path.belief(),
+        }
+    }
+
+    /// What the frames so far say of their timing.
+    pub fn timing(&self) -> FrameTiming {
+        match self {
+            Self::Sequential(_) => FrameTiming::default(),
+            Self::Continuous(continuous) => continuous.path.timing(),
         }
     }
 
@@ -181,6 +195,7 @@ impl Sequential {
             residual: fit.energy.sqrt(),
             readout_deviation: 0.0,
             begins_shot: false,
+            timing: FrameTiming::default(),
             focal_length: None,
             fitted: Vec::new(),
         })

@@ -22,7 +22,7 @@ use std::collections::VecDeque;
 use std::time::{Duration, Instant};
 
 pub use crate::solve::residual::REGIONS;
-pub use crate::solve::{FittedCorrespondence, FocalLength, FrameSolution, Origin};
+pub use crate::solve::{FittedCorrespondence, FocalLength, FrameSolution, FrameTiming, Origin, Timeline};
 pub use error::{PushError, SettingsError};
 pub use settings::{Estimator, Settings};
 
@@ -107,8 +107,7 @@ impl Rectifier {
                     readout_prior: settings.readout_prior,
                     focal_length: settings.focal_length,
                 };
-                let keep = settings.keep_correspondences;
-                Engine::continuous(camera, (width, height), sampler.pixel_scale(), keep)
+                Engine::continuous(camera, (width, height), sampler.pixel_scale(), &settings)
             }
         };
         Ok(Self {
@@ -284,6 +283,7 @@ impl Rectifier {
             confidence: 0.0,
             expected_error: None,
             region_errors: Vec::new(),
+            timing: self.engine.timing(),
             origin: Origin::Untouched,
             correspondences: frame.correspondences,
             inliers: 0,

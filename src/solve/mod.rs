@@ -5,18 +5,21 @@
 //! | [`sequential`] | the paper's estimator, with the readout given |
 //! | [`continuous`] | a path over a window of frames, with its readout |
 //! | [`residual`] | residual velocities of parallax and moving objects beside the path |
+//! | `frame_timing` | whether frames were exposed when their timestamps say so |
 //! | `solution` | what either estimator returns for a frame |
 //!
 //! All times are exposure times t = t_k + T·s, so that any frame rate, dropped frames and reverse
 //! playback are handled without special cases; see [`readout`](crate::readout).
 
 pub mod continuous;
+mod frame_timing;
 #[cfg(test)]
 mod random;
 pub mod residual;
 pub mod sequential;
 mod solution;
 
+pub use frame_timing::{FrameTiming, Timeline};
 pub use sequential::link::{Fit, Link};
 pub use sequential::window::{MotionCandidate, Window};
 pub use solution::{FittedCorrespondence, FocalLength, FrameSolution, Origin, root_mean_square};

@@ -13,6 +13,7 @@ pub(super) fn document() {
         ReadoutDirection::static_type(),
         Estimator::static_type(),
         Model::static_type(),
+        Stabilised::static_type(),
         Interpolation::static_type(),
         BorderMode::static_type(),
     ];
@@ -131,6 +132,33 @@ impl From<Model> for motion::Model {
             Model::Affine => Self::Affine,
             Model::Homography => Self::Homography,
             Model::Rotation3d => Self::Rotation3d,
+        }
+    }
+}
+
+/// Whether the frames were moved after their readout, as by stabilisation in the camera.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, glib::Enum)]
+#[enum_type(name = "GstRsRectifyStabilised")]
+#[repr(i32)]
+pub enum Stabilised {
+    /// Found from the picture.
+    #[default]
+    #[enum_value(name = "Automatic: found from the picture", nick = "auto")]
+    Auto = 0,
+    /// They are rectified in any case.
+    #[enum_value(name = "No: frames are rectified in any case", nick = "no")]
+    No = 1,
+    /// They are left as they are.
+    #[enum_value(name = "Yes: frames are left as they are", nick = "yes")]
+    Yes = 2,
+}
+
+impl From<Stabilised> for Option<bool> {
+    fn from(stabilised: Stabilised) -> Self {
+        match stabilised {
+            Stabilised::Auto => None,
+            Stabilised::No => Some(false),
+            Stabilised::Yes => Some(true),
         }
     }
 }

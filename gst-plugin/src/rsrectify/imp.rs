@@ -4,7 +4,7 @@
 //! with the frames are queued between them; those that end a stretch of the stream first drain the queue.
 
 use super::allocation::raise_minimum;
-use super::enums::{BorderMode, Estimator, Interpolation, Model, ReadoutDirection};
+use super::enums::{BorderMode, Estimator, Interpolation, Model, ReadoutDirection, Stabilised};
 /**
  * SECTION:element-rsrectify
  *
@@ -176,6 +176,11 @@ pub struct RsRectify {
     #[property(name = "expected-readout-direction", get, set, type = ReadoutDirection, member = expected_readout_direction, default,
         nick = "Expected readout direction",
         blurb = "Which edge of the frame, as it arrives here, is expected to be read first; auto: any; not heeded without expected-readout-time or against readout-direction",
+        mutable_playing)]
+    /// Whether the frames were moved after their readout.
+    #[property(name = "stabilised", get, set, type = Stabilised, member = stabilised, default,
+        nick = "Stabilised",
+        blurb = "Whether the frames were moved after their readout, as by stabilisation in the camera; such frames are left as they are; auto: found from the picture (sequential: no)",
         mutable_playing)]
     pub(super) settings: Shared,
     /// `None` until caps are known.

@@ -2,7 +2,7 @@
 //!
 //! Defaults are stored in project files and presets: never change one.
 
-use super::enums::{BorderMode, Estimator, Interpolation, Model, ReadoutDirection};
+use super::enums::{BorderMode, Estimator, Interpolation, Model, ReadoutDirection, Stabilised};
 use gst::glib;
 use gst::prelude::*;
 use rsrectify::motion::FrameMotion;
@@ -38,6 +38,7 @@ pub struct Settings {
     pub expected_readout_time: u64,
     pub expected_readout_deviation: u64,
     pub expected_readout_direction: ReadoutDirection,
+    pub stabilised: Stabilised,
 }
 
 impl Default for Settings {
@@ -71,6 +72,7 @@ impl Settings {
         expected_readout_time: 0,
         expected_readout_deviation: 0,
         expected_readout_direction: ReadoutDirection::Auto,
+        stabilised: Stabilised::Auto,
     };
 
     /// How the stream is analysed.
@@ -94,6 +96,7 @@ impl Settings {
         settings.direction = self.readout_direction.into();
         settings.readout_time = readout_time;
         settings.readout_prior = self.readout_prior();
+        settings.stabilised = self.stabilised.into();
         settings
     }
 

@@ -178,6 +178,8 @@ fn add_solution(structure: &mut gst::StructureRef, solution: &FrameSolution) {
     structure.set("readout-time", (readout.time() * 1e9).round() as u64);
     structure.set("readout-deviation", solution.readout_deviation);
     structure.set("readout-direction", ReadoutDirection::from(readout.direction()));
+    structure.set("stabilised", solution.timing.stabilised_name());
+    structure.set("timeline", solution.timing.timeline.to_string());
 }
 
 /// Name of the custom meta that holds a frame's motion.

@@ -5,6 +5,7 @@ use crate::estimate::{Estimate, combine};
 use crate::property_values::{Direction, name_of};
 use crate::readout::{Doubt, Found};
 use rsrectify::readout::ReadoutPosterior;
+use rsrectify::rectifier::Timeline;
 use serde::Serialize;
 use std::fmt;
 
@@ -24,6 +25,10 @@ pub struct Measurement {
     pub certain: bool,
     /// Why not.
     pub doubts: Vec<String>,
+    /// Whether the frames were moved after their readout, as by stabilisation in the camera: `yes`, `no` or `undecided`.
+    pub stabilised: String,
+    /// When the frames were exposed: `as stated`, or how a conversion of the frame rate has changed it.
+    pub timeline: String,
     /// Frames of the clip at which another shot begins; absent where only stretches of it were analysed.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub cuts: Option<Vec<usize>>,
@@ -192,6 +197,8 @@ impl Measurement {
             frames_with_motion: found.followed,
             certain: found.doubt().is_none(),
             doubts: doubts(found, &readout),
+            stabilised: found.timing.stabilised_name().to_owned(),
+            timeline: found.timing.timeline.to_string(),
             cuts: None,
             stated: None,
             expected: None,
@@ -228,6 +235,9 @@ fn doubts(found: &Found, readout: &Estimate) -> Vec<String> {
         Some(Doubt::TooFewFrames) => {
             doubts.push(format!("there are too few frames to see a motion in, {}", found.frames));
         }
+        Some(Doubt::Stabilised) => doubts.push(
+            "the frames were moved after they were recorded, as by stabilisation in the camera, which hides it".to_owned(),
+        ),
         Some(Doubt::NoMotion) => doubts.push(format!(
             "only {} of {} frames have a motion that most of the picture follows: the camera hardly moved, or there is too \
              little to see",
@@ -351,6 +361,9 @@ impl fmt::Display for Measurement {
         if let Some(stabilisation) = self.stated.as_ref().and_then(|stated| stated.stabilisation.as_ref()) {
             writeln!(f, "  stabilised    {stabilisation}")?;
         }
+        if self.timeline != Timeline::Stated.to_string() {
+            writeln!(f, "  timestamps    not those of the exposure: {}", self.timeline)?;
+        }
         if self.certain {
             write!(f, "  certain       yes")?;
         } else {
@@ -374,6 +387,7 @@ impl fmt::Display for Together {
 mod tests {
     use super::*;
     use rsrectify::readout::ReadoutDirection;
+    use rsrectify::rectifier::FrameTiming;
 
     fn clip(name: &str, direction: ReadoutDirection, milliseconds: f64, deviation: f64) -> Measurement {
         let found = Found {
@@ -388,6 +402,7 @@ mod tests {
             followed: 80,
             expected: None,
             posterior: None,
+            timing: FrameTiming::default(),
             cuts: Vec::new(),
         };
         Measurement::new(name.to_owned(), &found)

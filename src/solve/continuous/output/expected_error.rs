@@ -50,9 +50,10 @@ struct Frame<'a> {
 
 impl CameraPosterior {
     /// Share and expected error of the correction of a frame with these regions; without flow, `sigma` in
-    /// pixels is the standard deviation of a coordinate's residual. Share 0 if an error is not finite, and of stabilised
-    /// frames, which no path describes.
-    pub fn expected(&self, stamp: f64, regions: &[Region], sigma: f64, is_stabilised: bool) -> Expected {
+    /// pixels is the standard deviation of a coordinate's residual. Share 0 if an error is not finite, and of frames that
+    /// were moved after their readout, which no path describes: `moved_lean` is the mean square of their lean, in squared
+    /// radii.
+    pub fn expected(&self, stamp: f64, regions: &[Region], sigma: f64, moved_lean: Option<f64>) -> Expected {
         let leading = self.leading();
         let frame = Frame::new(stamp, middles(self.size), regions, sigma, leading.gamma().abs());
         let own = frame.corrections(leading);
@@ -70,15 +71,20 @@ impl CameraPosterior {
         let trust = ((1.0 - error_share) / (1.0 - TOLERATED_ERROR)).clamp(0.0, 1.0);
         let share = agreement.clamp(0.0, 1.0) * trust;
         // 0/0 is the ordinary case of no correction: no motion, or γ = 0.
-        let share = if share.is_finite() && !is_stabilised { share } else { 0.0 };
+        let share = if share.is_finite() && moved_lean.is_none() { share } else { 0.0 };
         let disagreement = |index: usize| {
             let squares = all.iter().filter_map(|(probability, other)| {
                 Some(probability * (other.get(index)? - own.get(index)? * share).norm_squared())
             });
             squares.sum::<f64>()
         };
+        let by_lean = |point: &Vector2<f64>| {
+            let late = leading.setup.scan_axis.place(*point) - 0.5;
+            moved_lean.map_or(0.0, |lean| lean * (late * leading.posterior.trajectory.radius).powi(2))
+        };
+        let squares = errors.into_iter().zip(&frame.points).enumerate();
         let squares: Vec<f64> =
-            errors.into_iter().enumerate().map(|(index, error)| error + disagreement(index)).collect();
+            squares.map(|(index, (error, point))| by_lean(point).max(error + disagreement(index))).collect();
         let is_finite = squares.iter().all(|square| square.is_finite());
         if is_finite { Expected { share, squares } } else { Expected::default() }
     }

@@ -9,8 +9,9 @@ use crate::readout::{Readout, ReadoutDirection, ReadoutHypothesis, ReadoutPoster
 use crate::solve::continuous::camera::{Break, Camera, CameraPosterior, Hypothesis, READOUT_BELIEF};
 use crate::solve::continuous::data::{FramePair, PairWindow, StaticOverlay};
 use crate::solve::continuous::output::FittedPair;
-use crate::solve::continuous::timing::{Timeline, Timing};
+use crate::solve::continuous::timing::Timing;
 use crate::solve::continuous::trajectory::FramePath;
+use crate::solve::frame_timing::{FrameTiming, Timeline};
 use crate::solve::residual::{LocalMotion, LocalMotions, Region};
 use crate::solve::solution::{FittedCorrespondence, FocalLength, FrameSolution, Origin, root_mean_square};
 use nalgebra::{Matrix3, Vector2};
@@ -90,7 +91,7 @@ impl Continuous {
             frames: VecDeque::new(),
             settled: 0,
             clock: None,
-            timing: Timing::new(NOISE * pixel_scale / radius),
+            timing: Timing::new(NOISE * pixel_scale / radius, None),
             period_before: None,
             continues: false,
             overlay: StaticOverlay::new(width, height, NOISE * pixel_scale),
@@ -103,6 +104,12 @@ impl Continuous {
     #[must_use]
     pub fn with_correspondences(self, keep: bool) -> Self {
         Self { keeps_correspondences: keep, ..self }
+    }
+
+    /// With frames that are stabilised, or are not, where that is known.
+    #[must_use]
+    pub fn with_stabilised(self, stabilised: Option<bool>) -> Self {
+        Self { timing: Timing::new(NOISE * self.pixel_scale / self.radius, stabilised), ..self }
     }
 
     /// Adds the next frame at `time` seconds, with its correspondences to the frame pushed before it: `None`
@@ -141,7 +148,7 @@ impl Continuous {
 
     /// The time of exposure of the frame after `last` with this timestamp, in frame periods.
     fn stamp_after(&self, last: &Entry, stated: f64) -> f64 {
-        match self.timing.timeline() {
+        match self.timing.found().timeline {
             Timeline::Stated => stated,
             timeline => last.stamp + timeline.interval(last.index, stated - last.stated),
         }
@@ -158,7 +165,7 @@ impl Continuous {
             return;
         }
         let Some(mut stamp) = self.frames.front().map(|first| first.stated) else { return };
-        let timeline = self.timing.timeline();
+        let timeline = self.timing.found().timeline;
         let mut pair_before = None;
         for index in 0..self.frames.len() {
             let next = self.frames.get(index + 1).map(|next| next.stated);
@@ -322,7 +329,7 @@ impl Continuous {
         let scale = self.pixel_scale;
         let sigma = sigmas.fold(0.0, f64::max) * scale;
         let regions: Vec<Region> = regions.into_iter().map(|region| region.scaled(1.0 / scale)).collect();
-        let expected = self.posterior.expected(stamp, &regions, sigma / scale, self.is_stabilised());
+        let expected = self.posterior.expected(stamp, &regions, sigma / scale, self.timing.moved_lean());
         let region_errors: Vec<f64> = expected.squares.iter().map(|square| scale * square.sqrt()).collect();
         let path = MotionPath::from(path);
         let path = match field {
@@ -341,6 +348,7 @@ impl Continuous {
             residual: sigma,
             readout_deviation: self.readout_deviation(),
             begins_shot: false,
+            timing: self.timing.found(),
             focal_length: focal_length.map(|(widths, deviation)| FocalLength { widths, deviation }),
             fitted: self.fitted(window, own),
         })
@@ -415,7 +423,12 @@ impl Continuous {
 
     /// Whether the frames were moved after their readout, as far as they say so.
     fn is_stabilised(&self) -> bool {
-        self.timing.is_stabilised() == Some(true)
+        self.timing.found().stabilised == Some(true)
+    }
+
+    /// What the frames so far say of their timing.
+    pub fn timing(&self) -> FrameTiming {
+        self.timing.found()
     }
 
     /// Seconds to a frame period; `None` before the first frame.
@@ -445,3 +458,5 @@ mod film;
 mod prior_tests;
 #[cfg(test)]
 mod tests;
+#[cfg(test)]
+mod timing_tests;

@@ -23,10 +23,10 @@ mod timeline;
 mod velocity;
 
 use crate::solve::continuous::data::{FramePair, ScanAxis};
+use crate::solve::frame_timing::{FrameTiming, Timeline};
 use explained::{Explained, explained};
 use lean::LeanChange;
 use std::collections::VecDeque;
-pub use timeline::Timeline;
 
 /// Pairs that are judged together, and fewest of them. At the ends of fewer the velocities are uncertain.
 const PAIRS: usize = 30;
@@ -50,8 +50,9 @@ pub struct Timing {
     axis: Option<ScanAxis>,
     /// Least variance of the position of a match, in squared radii.
     noise: f64,
-    timeline: Timeline,
-    is_stabilised: Option<bool>,
+    found: FrameTiming,
+    /// Whether it is given that frames are stabilised, or are not.
+    is_given: bool,
 }
 
 #[derive(Clone, Debug)]
@@ -63,21 +64,23 @@ struct TimedPair {
 }
 
 impl Timing {
-    /// `noise`: least standard deviation of the position of a match, in radii.
-    pub fn new(noise: f64) -> Self {
+    /// `noise`: least standard deviation of the position of a match, in radii; `stabilised`: what is given.
+    pub fn new(noise: f64, stabilised: Option<bool>) -> Self {
         let pairs = VecDeque::with_capacity(PAIRS);
-        Self { pairs, axis: None, noise: noise * noise, timeline: Timeline::Stated, is_stabilised: None }
+        let found = FrameTiming { stabilised, timeline: Timeline::Stated };
+        Self { pairs, axis: None, noise: noise * noise, found, is_given: stabilised.is_some() }
     }
 
-    /// When the frames were exposed.
-    pub fn timeline(&self) -> Timeline {
-        self.timeline
+    /// What the frames so far say.
+    pub fn found(&self) -> FrameTiming {
+        self.found
     }
 
-    /// Whether the frames were moved after their readout, other than by what their timestamps explain; `None` if
-    /// the footage does not say.
-    pub fn is_stabilised(&self) -> Option<bool> {
-        self.is_stabilised
+    /// Mean square of the lean of frames that were moved after their readout, in squared radii: at least half of that
+    /// of its changes. `None` for other frames.
+    pub fn moved_lean(&self) -> Option<f64> {
+        let squares: f64 = self.pairs.iter().map(|pair| pair.lean.change.norm_squared()).sum();
+        (self.found.stabilised == Some(true)).then(|| 0.5 * squares / self.pairs.len().max(1) as f64)
     }
 
     /// Forgets the pairs before a break, as at a cut.
@@ -89,8 +92,8 @@ impl Timing {
     pub fn restart(&mut self) {
         self.interrupt();
         // Which of the frames is missing is another one.
-        if matches!(self.timeline, Timeline::Missing { .. }) {
-            self.timeline = Timeline::Stated;
+        if matches!(self.found.timeline, Timeline::Missing { .. }) {
+            self.found.timeline = Timeline::Stated;
         }
     }
 
@@ -109,26 +112,33 @@ impl Timing {
 
     fn judge(&mut self) -> bool {
         let leans: Vec<LeanChange> = self.pairs.iter().map(|pair| pair.lean).collect();
-        let Some(now) = self.explained(&leans, self.timeline).filter(Explained::is_telling) else {
+        let Some(now) = self.explained(&leans, self.found.timeline).filter(Explained::is_telling) else {
             return false;
         };
         let intervals: Vec<f64> = self.pairs.iter().map(|pair| pair.stated).collect();
-        let others = Timeline::candidates(&intervals).filter(|other| *other != self.timeline);
+        let others = Timeline::candidates(&intervals).filter(|other| *other != self.found.timeline);
         let tried = others.filter_map(|other| Some((self.explained(&leans, other)?, other)));
         let best = tried.min_by(|a, b| a.0.unexplained.total_cmp(&b.0.unexplained));
         if let Some((better, timeline)) = best
             && better.unexplained < EXPLAINED
             && better.log_likelihood_over(&now) > DECISIVE
         {
-            (self.timeline, self.is_stabilised) = (timeline, Some(false));
+            self.found.timeline = timeline;
+            self.conclude(false);
             return true;
         }
         if now.unexplained > STABILISED {
-            self.is_stabilised = Some(true);
+            self.conclude(true);
         } else if now.unexplained < AS_RECORDED {
-            self.is_stabilised = Some(false);
+            self.conclude(false);
         }
         false
+    }
+
+    fn conclude(&mut self, is_stabilised: bool) {
+        if !self.is_given {
+            self.found.stabilised = Some(is_stabilised);
+        }
     }
 
     fn explained(&self, leans: &[LeanChange], timeline: Timeline) -> Option<Explained> {
@@ -140,6 +150,3 @@ impl Timing {
         explained(leans, &stamps, SLOPE_NOISE * self.noise)
     }
 }
-
-#[cfg(test)]
-mod tests;

@@ -1,30 +1,11 @@
 //! When frames were exposed, where a conversion of the frame rate has repeated or dropped some.
 
+use crate::solve::frame_timing::Timeline;
+
 /// Frames of which a conversion keeps all but one: to 24 or 25 of 30, to 50 of 60, and what lies between.
 const MISSING: std::ops::RangeInclusive<usize> = 2..=6;
 /// A frame is shown at most this many frame periods from its time when frames are repeated.
 const ROUNDING: f64 = 1.0;
-
-/// The times of the frames relative to their timestamps.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Timeline {
-    /// As stated.
-    Stated,
-    /// Evenly, so many frame periods apart: frames were repeated and the repetitions are not counted, so that the
-    /// stated intervals are uneven.
-    Even {
-        /// Frame periods from one distinct frame to the next.
-        interval: f64,
-    },
-    /// One frame was dropped after every `kept` frames and the rest spread evenly: the pair numbered `longer`, and
-    /// every `kept`th after it, lasts twice as long as the others.
-    Missing {
-        /// Frames kept in a row.
-        kept: usize,
-        /// Number of the first pair over a missing frame, below `kept`.
-        longer: usize,
-    },
-}
 
 impl Timeline {
     /// The timelines to be compared, given the stated intervals of successive pairs in frame periods.

@@ -1,0 +1,115 @@
+//! Frames that were not exposed when their timestamps say so, or moved after their readout.
+
+use super::film::*;
+use super::*;
+use crate::solve::random::Random;
+
+/// The solutions of frames exposed at these times, with these timestamps, and each moved by so many pixels.
+fn solved(
+    film: &Film,
+    exposed: &[f64],
+    stated: &[f64],
+    moved: impl Fn(f64) -> Vector2<f64>,
+) -> (Vec<Option<FrameSolution>>, Continuous) {
+    let mut random = Random(31);
+    let [width, height] = film.size();
+    let mut continuous = Continuous::new(UNKNOWN, width, height, 1.0);
+    let mut solutions = Vec::new();
+    for (k, stamp) in stated.iter().enumerate() {
+        let found = k.checked_sub(1).map(|before| {
+            let [first, second] = [exposed[before], exposed[k]];
+            let mut found = film.pair(first, second, &mut random);
+            for one in &mut found {
+                one.from += moved(first);
+                one.to += moved(second);
+            }
+            found
+        });
+        push(&mut continuous, found.as_deref(), *stamp);
+        if k >= LOOKAHEAD {
+            solutions.push(settle(&mut continuous));
+        }
+    }
+    (solutions, continuous)
+}
+
+fn as_seen(_: f64) -> Vector2<f64> {
+    Vector2::zeros()
+}
+
+/// The readout ratio of the last solution in frame periods, and its deviation.
+fn last_readout(solutions: &[Option<FrameSolution>]) -> [f64; 2] {
+    let last = solutions.last().unwrap().as_ref().unwrap();
+    [last.motion.readout().time / PERIOD, last.readout_deviation]
+}
+
+fn check_readout(film: &Film, solutions: &[Option<FrameSolution>]) {
+    let [found, deviation] = last_readout(solutions);
+    assert!((found - film.gamma).abs() < 0.03 && deviation < 0.03, "{found} ± {deviation}");
+    let last = solutions.last().unwrap().as_ref().unwrap();
+    assert_eq!(last.motion.readout().direction, film.direction());
+}
+
+#[test]
+fn frames_as_recorded_are_known_as_such() {
+    for by_rows in [true, false] {
+        let film = Film::new(0.7, by_rows);
+        let (solutions, continuous) = solved(&film, &regular(30), &regular(30), as_seen);
+        check_readout(&film, &solutions);
+        assert_eq!(continuous.timing().stabilised, Some(false));
+        assert_eq!(continuous.timing().timeline, Timeline::Stated);
+    }
+}
+
+#[test]
+fn of_five_frames_one_is_missing() {
+    let film = Film::new(0.7, true);
+    let exposed: Vec<f64> = (0..50).filter(|k| k % 5 != 3).map(|k| f64::from(k) * PERIOD).collect();
+    let stated: Vec<f64> = (0..exposed.len()).map(|k| 1.25 * k as f64 * PERIOD).collect();
+    let (solutions, continuous) = solved(&film, &exposed, &stated, as_seen);
+    assert_eq!(continuous.timing().timeline, Timeline::Missing { kept: 4, longer: 2 });
+    check_readout(&film, &solutions);
+    let worst = film.worst(&solutions[25..], &exposed[25..], 0);
+    assert!(worst < 0.15, "{worst} px");
+}
+
+#[test]
+fn repeated_frames_were_even() {
+    let film = Film::new(0.7, false);
+    let exposed: Vec<f64> = (0..40).map(|k| 1.2 * f64::from(k) * PERIOD).collect();
+    let stated: Vec<f64> = exposed.iter().map(|time| (time / PERIOD + 0.01).floor() * PERIOD).collect();
+    let (solutions, continuous) = solved(&film, &exposed, &stated, as_seen);
+    assert!(
+        matches!(continuous.timing().timeline, Timeline::Even { interval } if (interval - 1.2).abs() < 0.01)
+    );
+    check_readout(&film, &solutions);
+}
+
+#[test]
+fn stabilised_frames_are_left_and_say_nothing_of_the_readout() {
+    for (gamma, by_rows) in [(0.7, true), (-0.8, false)] {
+        let film = Film::new(gamma, by_rows);
+        let readout = film.readout();
+        let [width, height] = film.size();
+        let centre = image_centre(width, height);
+        let steady = |t: f64| centre - film.carry(centre, 0.0, t + readout.time / 2.0);
+        let (solutions, continuous) = solved(&film, &regular(40), &regular(40), steady);
+        assert_eq!(continuous.timing().stabilised, Some(true));
+        assert!(last_readout(&solutions)[1] >= READOUT_BELIEF.1);
+        for solution in solutions[16..].iter().flatten() {
+            assert_eq!((solution.confidence, solution.motion.weight()), (0.0, 0.0));
+            assert!(solution.expected_error.is_some_and(|error| error > 0.5));
+        }
+    }
+}
+
+#[test]
+fn another_stretch_has_lost_the_count_of_frames() {
+    let film = Film::new(0.7, true);
+    let exposed: Vec<f64> = (0..40).filter(|k| k % 4 != 3).map(|k| f64::from(k) * PERIOD).collect();
+    let stated: Vec<f64> = (0..exposed.len()).map(|k| 4.0 / 3.0 * k as f64 * PERIOD).collect();
+    let (_, mut continuous) = solved(&film, &exposed, &stated, as_seen);
+    assert!(matches!(continuous.timing().timeline, Timeline::Missing { kept: 3, .. }));
+    continuous.restart();
+    assert_eq!(continuous.timing().timeline, Timeline::Stated);
+}
