@@ -182,6 +182,7 @@ fn a_duplicate_is_corrected_as_much_as_its_frame() {
         residual: 1.0,
         readout_deviation: 0.0,
         begins_shot: true,
+        timing: FrameTiming::default(),
         focal_length: None,
         fitted: Vec::new(),
     };

@@ -21,13 +21,19 @@ const MIN_SIGNAL: f64 = 30.0;
 /// frame has π at most; above, frames are too rare to know its velocity.
 const MAX_BEND: f64 = PI;
 
+/// Least share of the changes that parallax could not explain as well: where the shift turns in a circle, its change is
+/// proportional to its other coordinate and 0.01 at most is left; of shake 0.15 and more.
+const MIN_UNSHARED: f64 = 0.1;
+
 /// How the changes of the lean agree with the shifts.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Explained {
     /// Share of the mean square of the changes that is not explained, 0 to 1.
     pub unexplained: f64,
-    /// Mean square of the changes over their variance.
+    /// Mean square over their variance of the changes without what parallax explains, and its share of that of
+    /// the whole changes.
     pub signal: f64,
+    pub unshared: f64,
     /// Root mean square of the changes of curvature over those of the lean.
     pub bend: f64,
     /// Number of changes.
@@ -35,9 +41,9 @@ pub struct Explained {
 }
 
 impl Explained {
-    /// Whether the changes are certain enough, and slow enough, to be compared with the shifts.
+    /// Whether the changes are certain enough, and slow enough, to be compared with the shifts, and no parallax.
     pub fn is_telling(&self) -> bool {
-        self.signal > MIN_SIGNAL && self.bend < MAX_BEND
+        self.signal > MIN_SIGNAL && self.unshared > MIN_UNSHARED && self.bend < MAX_BEND
     }
 
     /// Log likelihood ratio in nats over another explanation of the same changes, of normal errors of unknown
@@ -66,6 +72,7 @@ pub fn explained(pairs: &[LeanChange], stamps: &[f64], noise: f64) -> Option<Exp
     let found = Explained {
         unexplained: rest / all.change,
         signal: all.change / variances.len() as f64,
+        unshared: all.change / all.whole,
         bend: (squares(|pair| pair.bend) / squares(|pair| pair.change.x)).sqrt(),
         count: pairs.len(),
     };
@@ -75,6 +82,8 @@ pub fn explained(pairs: &[LeanChange], stamps: &[f64], noise: f64) -> Option<Exp
 /// Sums of squares and products of changes of lean and velocity without what parallax explains, weighted.
 #[derive(Clone, Copy, Debug, Default)]
 struct Sums {
+    /// Of the changes with what parallax explains.
+    whole: f64,
     change: f64,
     cross: f64,
     velocity: f64,
@@ -82,6 +91,7 @@ struct Sums {
 
 impl std::ops::AddAssign for Sums {
     fn add_assign(&mut self, other: Self) {
+        self.whole += other.whole;
         self.change += other.change;
         self.cross += other.cross;
         self.velocity += other.velocity;
@@ -104,8 +114,10 @@ fn coordinate_sums(
         normal += terms * terms.transpose() * weight;
         by_change += terms * (change * weight);
         by_velocity += terms * (velocity * weight);
+        let square = change * change * weight;
         sums += Sums {
-            change: change * change * weight,
+            whole: square,
+            change: square,
             cross: change * velocity * weight,
             velocity: velocity * velocity * weight,
         };
@@ -115,8 +127,99 @@ fn coordinate_sums(
     let solved = (normal + Matrix4::identity() * ridge).cholesky()?;
     let [of_change, of_velocity] = [solved.solve(&by_change), solved.solve(&by_velocity)];
     Some(Sums {
+        whole: sums.whole,
         change: sums.change - by_change.dot(&of_change),
         cross: sums.cross - by_change.dot(&of_velocity),
         velocity: sums.velocity - by_velocity.dot(&of_velocity),
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::solve::random::Random;
+    use std::f64::consts::TAU;
+
+    const COUNT: usize = 24;
+    const NOISE: f64 = 1e-10;
+    /// Standard deviation of a change.
+    const ERROR: f64 = 3e-4;
+
+    /// Pairs of frames that are exposed at these times, whose picture moves with this velocity, and their lean.
+    fn pairs_at(
+        stamps: &[f64],
+        velocity: impl Fn(f64) -> Vector2<f64>,
+        lean: impl Fn(f64) -> Vector2<f64>,
+    ) -> Vec<LeanChange> {
+        let mut random = Random(5);
+        let pair = |frames: &[f64]| {
+            let [from, to] = [frames[0], frames[1]];
+            let error = Vector2::new(random.normal(), random.normal()) * ERROR;
+            // Simpson's rule.
+            let mean = (velocity(from) + velocity((from + to) / 2.0) * 4.0 + velocity(to)) / 6.0;
+            LeanChange {
+                change: lean(to) - lean(from) + error,
+                variance: Vector2::repeat(ERROR * ERROR),
+                shift: mean * (to - from),
+                stretch: 0.0,
+                bend: 0.0,
+            }
+        };
+        stamps.windows(2).map(pair).collect()
+    }
+
+    fn pairs(velocity: impl Fn(f64) -> Vector2<f64>, lean: impl Fn(f64) -> Vector2<f64>) -> Vec<LeanChange> {
+        pairs_at(&stamps(), velocity, lean)
+    }
+
+    fn swing(t: f64) -> Vector2<f64> {
+        Vector2::new((TAU * 0.11 * t).sin() + 0.5 * (TAU * 0.05 * t).cos(), (TAU * 0.13 * t + 1.0).sin())
+            * 0.02
+    }
+
+    fn stamps() -> Vec<f64> {
+        (0..=COUNT).map(|index| index as f64).collect()
+    }
+
+    #[test]
+    fn the_lean_of_frames_as_recorded_follows_from_their_shifts() {
+        let found = explained(&pairs(swing, |t| swing(t) * -0.7), &stamps(), NOISE).unwrap();
+        assert!(found.is_telling() && found.unexplained < 0.05, "{found:?}");
+    }
+
+    #[test]
+    fn the_lean_of_steadied_frames_does_not() {
+        let found = explained(&pairs(|t| swing(t) * 0.05, |t| swing(t) * 0.7), &stamps(), NOISE).unwrap();
+        assert!(found.is_telling() && found.unexplained > 0.7, "{found:?}");
+    }
+
+    #[test]
+    fn the_right_stamps_explain_more() {
+        // Of the frames at 0, 1, 3, 4, 6, … every third is missing.
+        let exposed: Vec<f64> = (0..=COUNT).map(|index| (index + index / 2) as f64).collect();
+        let seen = pairs_at(&exposed, swing, |t| swing(t) * 0.7);
+        let [right, wrong] = [exposed, stamps()].map(|stamps| explained(&seen, &stamps, NOISE).unwrap());
+        assert!(right.unexplained < 0.1 && right.log_likelihood_over(&wrong) > 20.0, "{right:?}, {wrong:?}");
+    }
+
+    #[test]
+    fn parallax_noise_and_fast_motions_say_nothing() {
+        // The change of a shift that turns in a circle is proportional to its other coordinate.
+        let circle = |t: f64| Vector2::new((TAU * t / 12.0).cos(), (TAU * t / 12.0).sin()) * 0.02;
+        let circular = explained(&pairs(circle, |t| circle(t) * 0.7), &stamps(), NOISE).unwrap();
+        assert!(!circular.is_telling() && circular.unshared < 0.1, "{circular:?}");
+        let slight = explained(&pairs(swing, |t| swing(t) * 0.02), &stamps(), NOISE).unwrap();
+        assert!(!slight.is_telling() && slight.signal < 30.0, "{slight:?}");
+        let mut fast = pairs(swing, |t| swing(t) * 0.7);
+        fast.iter_mut().for_each(|pair| pair.bend = 0.1);
+        assert!(!explained(&fast, &stamps(), NOISE).unwrap().is_telling());
+    }
+
+    #[test]
+    fn nothing_is_said_of_a_still_picture() {
+        let still = |_| Vector2::zeros();
+        let mut pairs = pairs(still, still);
+        pairs.iter_mut().for_each(|pair| pair.variance = Vector2::repeat(f64::INFINITY));
+        assert_eq!(explained(&pairs, &stamps(), NOISE), None);
+    }
 }
