@@ -8,25 +8,24 @@ use super::enums::{BorderMode, Estimator, Interpolation, Model, ReadoutDirection
 /**
  * SECTION:element-rsrectify
  *
- * Takes rolling-shutter distortion (lean, jello, wobble, stretch) out of video from any camera:
- * no gyroscope, no calibration, no metadata.
+ * Takes rolling-shutter distortion (lean, jello, wobble, stretch) out of video: no gyroscope, calibration or metadata.
  *
- * The element holds `lookahead` frames back, which is its latency. Every frame comes out once, in
- * order, with its own timestamps, flags and metas; a frame without motion is the very buffer that
- * came in. Interlaced and multiview video passes through with a warning.
+ * The element holds `lookahead` frames back, which is its latency. Every frame comes out once, in order, with its own
+ * timestamps, flags and metas; a frame without motion is the very buffer that came in. Interlaced and multiview video
+ * passes through with a warning.
  *
  * In a live pipeline a frame is given out before it is held for longer than was reported, or than the pipeline
- * was set to where that is less, with the motion that is known by then. Where the sink tells (QoS) that frames come later and later, the correction fades out
- * and frames go out as they came until there is time again. The `qos` property turns this off.
+ * was set to where that is less, with the motion that is known by then. Where the sink tells (QoS) that frames come later
+ * and later, the correction fades out and frames go out as they came until there is time again, unless `qos` is off.
  *
- * The readout time and direction, and the focal length, are found from the picture while it plays,
- * and known the better the more the camera has moved; until then little is corrected. They are
- * kept over cuts, gaps and seeks, and forgotten with new caps, a new stream and a stop. `stats` tells
- * what was found: give it as `readout-time` and `readout-direction` to have it from the first frame on.
+ * The readout time and direction, and the focal length, are found from the picture while it plays, and known the better
+ * the more the camera has moved; until then little is corrected. They are kept over cuts, gaps and seeks, and forgotten
+ * with new caps, a new stream and a stop. `stats` tells what was found: give it as `readout-time` and
+ * `readout-direction` to have it from the first frame on. Stabilised frames are left as they are: see `stabilised`.
  *
- * Settings of the analysis (readout, `estimator`, `model`, `focal-length`) that change while playing
- * take effect with the next frame: those held are given out and the analysis starts anew, without what
- * it had found. `lookahead` and the grid take effect with the next caps.
+ * Settings of the analysis (readout, `estimator`, `model`, `focal-length`, `stabilised`) that change while playing take
+ * effect with the next frame: those held are given out and the analysis starts anew, without what it had found.
+ * `lookahead` and the grid take effect with the next caps.
  *
  * ## Example pipelines
  * |[
@@ -34,8 +33,7 @@ use super::enums::{BorderMode, Estimator, Interpolation, Model, ReadoutDirection
  *     videoconvert ! x264enc ! mp4mux ! filesink location=out.mp4
  * ]| Rectifies a film.
  * |[
- * gst-launch-1.0 v4l2src ! videoconvert ! rsrectify lookahead=0 readout-time=28000000 ! \
- *     videoconvert ! autovideosink
+ * gst-launch-1.0 v4l2src ! videoconvert ! rsrectify lookahead=0 readout-time=28000000 ! videoconvert ! autovideosink
  * ]| Rectifies a camera whose readout takes 28 ms, without delay.
  *
  * Since: plugins-rsrectify-0.1
@@ -180,8 +178,7 @@ pub struct RsRectify {
     /// Whether the frames were moved after their readout.
     #[property(name = "stabilised", get, set, type = Stabilised, member = stabilised, default,
         nick = "Stabilised",
-        blurb = "Whether the frames were moved after their readout, as by stabilisation in the camera; such frames are left as they are; auto: found from the picture (sequential: no)",
-        mutable_playing)]
+        blurb = "Whether the frames were moved after their readout, as by stabilisation in the camera; such frames are left as they are; auto: found from the picture (sequential: no)", mutable_playing)]
     pub(super) settings: Shared,
     /// `None` until caps are known.
     pub(super) state: Mutex<Option<State>>,
