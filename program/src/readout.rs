@@ -33,7 +33,7 @@ const ANOTHER: f64 = 3.0;
 
 /// What is said of frames that were moved after their readout.
 const STABILISED: &str = "hidden: the frames were moved after they were recorded, as by stabilisation in the camera; they are \
-                          left as they are (--stabilised no rectifies them all the same)";
+                          rectified only as far as the changes of their lean tell it (--stabilised no: by their motion)";
 
 /// How much of a clip is looked at.
 #[derive(Clone, Debug)]

@@ -29,8 +29,8 @@ pub struct AnalysisOptions {
     /// What is expected of the readout, once it is known.
     #[arg(skip)]
     pub expected: Option<ReadoutPrior>,
-    /// Whether the frames were moved after their readout, as by stabilisation in the camera: such frames are left as they
-    /// are. Found from the picture where it is not given.
+    /// Whether the frames were moved after their readout, as by stabilisation in the camera: such frames are rectified only as
+    /// far as the changes of their lean tell it. Found from the picture where it is not given.
     #[arg(long, value_enum)]
     pub stabilised: Option<Stabilised>,
     /// How the motion is estimated.

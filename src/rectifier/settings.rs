@@ -44,8 +44,8 @@ pub struct Settings {
     /// Prior of the readout if it is unknown; ignored if it contradicts `direction`, and by the sequential
     /// estimator.
     pub readout_prior: Option<ReadoutPrior>,
-    /// Whether the frames were moved after their readout, as by stabilisation in the camera, and are left as recorded;
-    /// `None` to find out from the picture. Ignored by the sequential estimator.
+    /// Whether the frames were moved after their readout, as by stabilisation in the camera, so that only the
+    /// changes of their lean are used; `None` to find out from the picture. Ignored by the sequential estimator.
     pub stabilised: Option<bool>,
     /// Whether [`FrameSolution::fitted`](super::FrameSolution::fitted) is filled, which takes memory for each frame.
     pub keep_correspondences: bool,

@@ -6,8 +6,8 @@ use std::fmt;
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[non_exhaustive]
 pub struct FrameTiming {
-    /// Whether the frames were moved after their readout, as by stabilisation in the camera: they are left as
-    /// recorded. `None` if they do not say.
+    /// Whether the frames were moved after their readout, as by stabilisation in the camera: they are rectified
+    /// by the changes of their lean alone, as far as these tell it. `None` if they do not say.
     pub stabilised: Option<bool>,
     /// When the frames were exposed.
     pub timeline: Timeline,

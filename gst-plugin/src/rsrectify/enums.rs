@@ -145,11 +145,11 @@ pub enum Stabilised {
     #[default]
     #[enum_value(name = "Automatic: found from the picture", nick = "auto")]
     Auto = 0,
-    /// They are rectified in any case.
-    #[enum_value(name = "No: frames are rectified in any case", nick = "no")]
+    /// They are rectified by their motion.
+    #[enum_value(name = "No: frames are rectified by their motion", nick = "no")]
     No = 1,
-    /// They are left as they are.
-    #[enum_value(name = "Yes: frames are left as they are", nick = "yes")]
+    /// They are rectified by the changes of their lean alone.
+    #[enum_value(name = "Yes: frames are rectified by the changes of their lean alone", nick = "yes")]
     Yes = 2,
 }
 

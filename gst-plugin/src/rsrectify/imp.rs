@@ -21,7 +21,7 @@ use super::enums::{BorderMode, Estimator, Interpolation, Model, ReadoutDirection
  * The readout time and direction, and the focal length, are found from the picture while it plays, and known the better
  * the more the camera has moved; until then little is corrected. They are kept over cuts, gaps and seeks, and forgotten
  * with new caps, a new stream and a stop. `stats` tells what was found: give it as `readout-time` and
- * `readout-direction` to have it from the first frame on. Stabilised frames are left as they are: see `stabilised`.
+ * `readout-direction` to have it from the first frame on. Of stabilised frames less is corrected: see `stabilised`.
  *
  * Settings of the analysis (readout, `estimator`, `model`, `focal-length`, `stabilised`) that change while playing take
  * effect with the next frame: those held are given out and the analysis starts anew, without what it had found.
@@ -178,7 +178,7 @@ pub struct RsRectify {
     /// Whether the frames were moved after their readout.
     #[property(name = "stabilised", get, set, type = Stabilised, member = stabilised, default,
         nick = "Stabilised",
-        blurb = "Whether the frames were moved after their readout, as by stabilisation in the camera; such frames are left as they are; auto: found from the picture (sequential: no)", mutable_playing)]
+        blurb = "Whether the frames were moved after their readout, as by stabilisation in the camera; such frames are rectified by the changes of their lean alone, as far as these tell it; auto: found from the picture (sequential: no)", mutable_playing)]
     pub(super) settings: Shared,
     /// `None` until caps are known.
     pub(super) state: Mutex<Option<State>>,

@@ -14,6 +14,7 @@
 use crate::motion::generators::{GENERATORS, fields};
 use crate::solve::continuous::camera::{CameraPosterior, Hypothesis};
 use crate::solve::continuous::fit::Covariance;
+use crate::solve::continuous::timing::Lean;
 use crate::solve::continuous::trajectory::{BLOCK, Trajectory, ratio, spline};
 use crate::solve::residual::{REGIONS, Region};
 use nalgebra::{SMatrix, SVector, Vector2};
@@ -48,12 +49,23 @@ struct Frame<'a> {
     sigma: f64,
 }
 
+impl Expected {
+    /// Of a frame of `size` pixels that was moved after its readout; `radius` is half its width in analysed pixels. The mean
+    /// squared error of a point at the place p is (p − ½)²·(v + (1 − w)²·|l|²), v the variance of the lean l at the point.
+    pub fn of_lean(lean: &Lean, size: [usize; 2], radius: f64) -> Self {
+        let share = lean.share();
+        let square = |point: Vector2<f64>| {
+            let late = (lean.axis.place(point) - 0.5) * radius;
+            late * late * (lean.variance_at(point) + (1.0 - share).powi(2) * lean.at(point).norm_squared())
+        };
+        Self { share, squares: middles(size).into_iter().map(square).collect() }
+    }
+}
+
 impl CameraPosterior {
     /// Share and expected error of the correction of a frame with these regions; without flow, `sigma` in
-    /// pixels is the standard deviation of a coordinate's residual. Share 0 if an error is not finite, and of frames that
-    /// were moved after their readout, which no path describes: `moved_lean` is the mean square of their lean, in squared
-    /// radii.
-    pub fn expected(&self, stamp: f64, regions: &[Region], sigma: f64, moved_lean: Option<f64>) -> Expected {
+    /// pixels is the standard deviation of a coordinate's residual. Share 0 if an error is not finite.
+    pub fn expected(&self, stamp: f64, regions: &[Region], sigma: f64) -> Expected {
         let leading = self.leading();
         let frame = Frame::new(stamp, middles(self.size), regions, sigma, leading.gamma().abs());
         let own = frame.corrections(leading);
@@ -71,20 +83,15 @@ impl CameraPosterior {
         let trust = ((1.0 - error_share) / (1.0 - TOLERATED_ERROR)).clamp(0.0, 1.0);
         let share = agreement.clamp(0.0, 1.0) * trust;
         // 0/0 is the ordinary case of no correction: no motion, or γ = 0.
-        let share = if share.is_finite() && moved_lean.is_none() { share } else { 0.0 };
+        let share = if share.is_finite() { share } else { 0.0 };
         let disagreement = |index: usize| {
             let squares = all.iter().filter_map(|(probability, other)| {
                 Some(probability * (other.get(index)? - own.get(index)? * share).norm_squared())
             });
             squares.sum::<f64>()
         };
-        let by_lean = |point: &Vector2<f64>| {
-            let late = leading.setup.scan_axis.place(*point) - 0.5;
-            moved_lean.map_or(0.0, |lean| lean * (late * leading.posterior.trajectory.radius).powi(2))
-        };
-        let squares = errors.into_iter().zip(&frame.points).enumerate();
         let squares: Vec<f64> =
-            squares.map(|(index, (error, point))| by_lean(point).max(error + disagreement(index))).collect();
+            errors.into_iter().enumerate().map(|(index, error)| error + disagreement(index)).collect();
         let is_finite = squares.iter().all(|square| square.is_finite());
         if is_finite { Expected { share, squares } } else { Expected::default() }
     }

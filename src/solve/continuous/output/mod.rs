@@ -3,4 +3,5 @@
 mod expected_error;
 mod fitted;
 
+pub use expected_error::Expected;
 pub use fitted::FittedPair;

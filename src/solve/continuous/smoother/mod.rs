@@ -8,8 +8,8 @@ use crate::motion::{FrameMotion, MotionPath, SampledPath, image_centre};
 use crate::readout::{Readout, ReadoutDirection, ReadoutHypothesis, ReadoutPosterior};
 use crate::solve::continuous::camera::{Break, Camera, CameraPosterior, Hypothesis, READOUT_BELIEF};
 use crate::solve::continuous::data::{FramePair, PairWindow, StaticOverlay};
-use crate::solve::continuous::output::FittedPair;
-use crate::solve::continuous::timing::Timing;
+use crate::solve::continuous::output::{Expected, FittedPair};
+use crate::solve::continuous::timing::{Lean, Timing};
 use crate::solve::continuous::trajectory::FramePath;
 use crate::solve::frame_timing::{FrameTiming, Timeline};
 use crate::solve::residual::{LocalMotion, LocalMotions, Region};
@@ -316,7 +316,6 @@ impl Continuous {
     ) -> Option<FrameSolution> {
         let leading = self.posterior.leading();
         let readout = self.readout(leading);
-        let path = SampledPath::new(&self.homographies(leading, stamp), readout.time).ok()?;
         let evaluated = |index: usize| leading.posterior.evaluated.get(index);
         let counts = |index: usize| {
             let inliers = evaluated(index).map_or(0, |pair| pair.residuals.inliers);
@@ -324,18 +323,23 @@ impl Continuous {
         };
         let (inliers, correspondences) = window.beside().map(counts).max().unwrap_or_default();
         let sigmas = window.beside().filter_map(|index| leading.posterior.sigma(index));
-        let (frame_path, intervals) = self.frame_path(leading, window, own)?;
-        let LocalMotion { field, regions } = local.solve(&readout, intervals, &frame_path);
         let scale = self.pixel_scale;
         let sigma = sigmas.fold(0.0, f64::max) * scale;
-        let regions: Vec<Region> = regions.into_iter().map(|region| region.scaled(1.0 / scale)).collect();
-        let expected = self.posterior.expected(stamp, &regions, sigma / scale, self.timing.moved_lean());
-        let region_errors: Vec<f64> = expected.squares.iter().map(|square| scale * square.sqrt()).collect();
-        let path = MotionPath::from(path);
-        let path = match field {
-            Some(field) => path.with_residual(field),
-            None => path,
+        let index = self.frames.get(own)?.index;
+        let lean = self.timing.lean(index, leading.setup.scan_axis);
+        let sampled = |homographies: &[Matrix3<f64>]| SampledPath::new(homographies, readout.time).ok();
+        let (path, expected) = if let Some(lean) = lean {
+            let path = sampled(&self.leaning(&lean, leading.gamma() < 0.0))?;
+            (MotionPath::from(path), Expected::of_lean(&lean, self.size, self.radius / scale))
+        } else {
+            let path = MotionPath::from(sampled(&self.homographies(leading, stamp))?);
+            let (frame_path, intervals) = self.frame_path(leading, window, own)?;
+            let LocalMotion { field, regions } = local.solve(&readout, intervals, &frame_path);
+            let regions: Vec<Region> = regions.into_iter().map(|region| region.scaled(1.0 / scale)).collect();
+            let expected = self.posterior.expected(stamp, &regions, sigma / scale);
+            (if let Some(field) = field { path.with_residual(field) } else { path }, expected)
         };
+        let region_errors: Vec<f64> = expected.squares.iter().map(|square| scale * square.sqrt()).collect();
         let focal_length = self.posterior.focal_length();
         Some(FrameSolution {
             motion: FrameMotion::new(readout, path).with_weight(expected.share),
@@ -366,6 +370,18 @@ impl Continuous {
             let share = index as f64 / SAMPLES as f64;
             let place = if is_reversed { 1.0 - share } else { share };
             middle * homographies.back(posterior.block(stamp, place)) * unscale
+        };
+        (0..=SAMPLES).map(homography).collect()
+    }
+
+    /// The same of a frame that was moved after its readout: x − (p − ½)·l.
+    fn leaning(&self, lean: &Lean, is_reversed: bool) -> Vec<Matrix3<f64>> {
+        let shift = lean.at(Vector2::zeros()) * self.radius;
+        let homography = |index: usize| {
+            let share = index as f64 / SAMPLES as f64;
+            let late = if is_reversed { 0.5 - share } else { share - 0.5 };
+            let turn = late * lean.roll.value;
+            Matrix3::new(1.0, turn, -late * shift.x, -turn, 1.0, -late * shift.y, 0.0, 0.0, 1.0)
         };
         (0..=SAMPLES).map(homography).collect()
     }

@@ -85,21 +85,60 @@ fn repeated_frames_were_even() {
     check_readout(&film, &solutions);
 }
 
+/// The solutions of frames that are moved so that the middle of the picture stands still, and their times.
+fn stabilised(film: &Film) -> (Vec<f64>, Vec<Option<FrameSolution>>, Continuous) {
+    let [width, height] = film.size();
+    let centre = image_centre(width, height);
+    let late = film.readout().time / 2.0;
+    let steady = |t: f64| centre - film.carry(centre, 0.0, t + late);
+    let (solutions, continuous) = solved(film, &regular(50), &regular(50), steady);
+    (regular(50), solutions, continuous)
+}
+
 #[test]
-fn stabilised_frames_are_left_and_say_nothing_of_the_readout() {
+fn the_lean_of_stabilised_frames_is_told_from_its_changes() {
+    // Shaken at 0.1 to 0.25 cycles a frame: of slower leans the changes say little.
+    let swings = [[(4.1, 0.012), (7.3, 0.004)], [(3.7, 0.015), (6.1, 0.005)], [(3.1, 0.012), (5.3, 0.005)]];
     for (gamma, by_rows) in [(0.7, true), (-0.8, false)] {
-        let film = Film::new(gamma, by_rows);
-        let readout = film.readout();
-        let [width, height] = film.size();
-        let centre = image_centre(width, height);
-        let steady = |t: f64| centre - film.carry(centre, 0.0, t + readout.time / 2.0);
-        let (solutions, continuous) = solved(&film, &regular(40), &regular(40), steady);
+        let film = Film { swings, ..Film::new(gamma, by_rows) };
+        let (stamps, solutions, continuous) = stabilised(&film);
         assert_eq!(continuous.timing().stabilised, Some(true));
-        assert!(last_readout(&solutions)[1] >= READOUT_BELIEF.1);
-        for solution in solutions[16..].iter().flatten() {
-            assert_eq!((solution.confidence, solution.motion.weight()), (0.0, 0.0));
-            assert!(solution.expected_error.is_some_and(|error| error > 0.5));
+        let [mut left, mut whole, mut expected] = [0.0; 3];
+        for (solution, stamp) in solutions.iter().zip(&stamps).skip(16) {
+            let solution = solution.as_ref().unwrap();
+            assert!(solution.confidence > 0.0 && solution.confidence == solution.motion.weight());
+            // The frames are moved by some pixels, and their leans with them.
+            left += film.error(solution.motion.path(), *stamp).powi(2);
+            whole += film.error(&MotionPath::STILL, *stamp).powi(2);
+            expected += solution.expected_error.unwrap().powi(2);
         }
+        assert!(left < 0.25 * whole, "γ = {gamma}: {}", (left / whole).sqrt());
+        assert!(expected > 0.5 * left && expected < whole, "γ = {gamma}: {expected} of {whole}, left {left}");
+    }
+}
+
+#[test]
+fn stabilised_frames_say_nothing_of_the_readout() {
+    let (_, solutions, continuous) = stabilised(&Film::new(0.7, true));
+    assert!(last_readout(&solutions)[1] >= READOUT_BELIEF.1);
+    let hypotheses = continuous.posterior().unwrap().hypotheses;
+    assert!(hypotheses.iter().all(|one| one.deviation >= READOUT_BELIEF.1 * PERIOD));
+}
+
+#[test]
+fn frames_that_are_said_to_be_stabilised_are_left_until_their_lean_is_known() {
+    let film = Film::new(0.7, true);
+    let [width, height] = film.size();
+    let mut continuous = Continuous::new(UNKNOWN, width, height, 1.0).with_stabilised(Some(true));
+    let mut random = Random(3);
+    let stamps = regular(8);
+    for (k, stamp) in stamps.iter().enumerate() {
+        let found = k.checked_sub(1).map(|before| film.pair(stamps[before], *stamp, &mut random));
+        push(&mut continuous, found.as_deref(), *stamp);
+    }
+    for solution in (0..8).filter_map(|_| settle(&mut continuous)) {
+        assert_eq!((solution.confidence, solution.motion.weight()), (0.0, 0.0));
+        assert_eq!(solution.timing.stabilised, Some(true));
     }
 }
 

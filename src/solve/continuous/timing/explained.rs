@@ -162,6 +162,7 @@ mod tests {
                 variance: Vector2::repeat(ERROR * ERROR),
                 shift: mean * (to - from),
                 stretch: 0.0,
+                roll: 0.0,
                 bend: 0.0,
             }
         };

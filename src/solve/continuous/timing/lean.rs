@@ -4,6 +4,9 @@
 //! two terms of the first degree: with y along the scan axis of length s, the shear ∂dₓ/∂y + ∂d_y/∂x and the stretch
 //! ∂d_y/∂y − ∂dₓ/∂x. Times s they are the change of the lean across and along the axis.
 //!
+//! The roll during the readout leans the picture by the place times a turn, which is in two of the second degree: with σ = 1 of a
+//! scan along rows, −1 along columns, −σ·∂²dₓ/2∂y² and σ·(∂²d_y/∂x∂y − ∂²dₓ/2∂x²), times s; the mean of both is taken.
+//!
 //! Its variance is what strips of the picture, side by side along the lines, do not share: misfit and parallax are
 //! correlated between neighbours, which the residuals do not say.
 
@@ -32,6 +35,8 @@ pub struct LeanChange {
     pub shift: Vector2<f64>,
     /// Stretch along the lines, which the shutter does not change.
     pub stretch: f64,
+    /// Change of the roll during the readout, in radians.
+    pub roll: f64,
     /// Change of the curvature within the frame: second derivative, by the place along the axis, of the displacement
     /// across it.
     pub bend: f64,
@@ -47,13 +52,16 @@ impl LeanChange {
         let a = |coordinate: usize, term: usize| motion.0[(coordinate, term)];
         let shear = a(across, 1 + along) + a(along, 1 + across);
         let stretch = a(across, 1 + across);
-        let second_degree = if axis.by_rows { 5 } else { 3 };
+        let [along_twice, across_twice] = if axis.by_rows { [5, 3] } else { [3, 5] };
+        let sign = if axis.by_rows { 1.0 } else { -1.0 };
+        let turns = [-a(across, along_twice), a(along, 4) - a(across, across_twice)];
         Self {
             change: Vector2::new(shear, a(along, 1 + along) - stretch) * axis.length,
             variance: Vector2::new(variance[across], variance[along]),
             shift: Vector2::new(a(across, 0), a(along, 0)),
             stretch,
-            bend: 2.0 * a(across, second_degree) * axis.length * axis.length,
+            roll: 0.5 * sign * turns.iter().sum::<f64>() * axis.length,
+            bend: 2.0 * a(across, along_twice) * axis.length * axis.length,
         }
     }
 }

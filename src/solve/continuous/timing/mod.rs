@@ -15,10 +15,12 @@
 //! | `lean` | the change of the lean in a pair, and its variance |
 //! | `velocity` | velocities at the frames from the shifts between them |
 //! | `explained` | the share of the changes that the shifts do not explain |
+//! | `smoothed` | the leans of frames from their changes, where they do not follow from shifts |
 //! | `timeline` | when frames were exposed: as stated, evenly, or with one of several missing |
 
 mod explained;
 mod lean;
+mod smoothed;
 mod timeline;
 mod velocity;
 
@@ -26,11 +28,15 @@ use crate::solve::continuous::data::{FramePair, ScanAxis};
 use crate::solve::frame_timing::{FrameTiming, Timeline};
 use explained::{Explained, explained};
 use lean::LeanChange;
+use nalgebra::Vector2;
+use smoothed::{Change, Component, smoothed};
 use std::collections::VecDeque;
 
 /// Pairs that are judged together, and fewest of them. At the ends of fewer the velocities are uncertain.
 const PAIRS: usize = 30;
 const MIN_PAIRS: usize = 16;
+/// Fewest pairs from which the lean of a frame is told.
+const MIN_LEANS: usize = 8;
 /// Shares of the changes that the shifts leave unexplained: more from stabilised footage, less from other. Of rendered
 /// clips 0.01 to 0.5 are as recorded, the most where the camera shakes at 0.4 cycles a frame; 0.7 to 1 stabilised.
 const STABILISED: f64 = 0.62;
@@ -38,6 +44,8 @@ const AS_RECORDED: f64 = 0.4;
 /// Another timeline is adopted if it leaves less than this unexplained, and for this log likelihood ratio in nats. On
 /// clips with true timestamps the ratio is 6 at most, with false ones 20 to 100.
 const EXPLAINED: f64 = 0.3;
+/// None is tried where the present one leaves less.
+const WELL_EXPLAINED: f64 = 0.1;
 const DECISIVE: f64 = 20.0;
 /// Variance of the lean over that of a match, for 25 independent matches: Σ (p − ½)² is 25/12.
 const SLOPE_NOISE: f64 = 12.0 / 25.0;
@@ -53,6 +61,41 @@ pub struct Timing {
     found: FrameTiming,
     /// Whether it is given that frames are stabilised, or are not.
     is_given: bool,
+}
+
+/// The lean of a frame that was moved after its readout: a point at the place p along the scan axis is displaced by p − ½
+/// times it. Lengths are in radii.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Lean {
+    pub axis: ScanAxis,
+    /// Across and along the axis.
+    pub across: Component,
+    pub along: Component,
+    /// Turn in radians.
+    pub roll: Component,
+}
+
+impl Lean {
+    /// The displacement of a point by the values, per place along the axis, as x and y.
+    pub fn at(&self, point: Vector2<f64>) -> Vector2<f64> {
+        let [across, along] = [self.across.value, self.along.value];
+        let shift = if self.axis.by_rows { Vector2::new(across, along) } else { Vector2::new(along, across) };
+        shift + Vector2::new(-point.y, point.x) * self.roll.value
+    }
+
+    /// Variance of that, of both coordinates.
+    pub fn variance_at(&self, point: Vector2<f64>) -> f64 {
+        self.across.variance + self.along.variance + self.roll.variance * point.norm_squared()
+    }
+
+    /// The share of the correction that is applied: it falls to 0 where half of the lean's variance is left.
+    pub fn share(&self) -> f64 {
+        let [left, all] =
+            [[self.across.variance, self.along.variance], [self.across.prior, self.along.prior]]
+                .map(|of| of.iter().sum::<f64>());
+        let share = 1.0 - 2.0 * left / all;
+        if share.is_finite() { share.max(0.0) } else { 0.0 }
+    }
 }
 
 #[derive(Clone, Debug)]
@@ -76,11 +119,27 @@ impl Timing {
         self.found
     }
 
-    /// Mean square of the lean of frames that were moved after their readout, in squared radii: at least half of that
-    /// of its changes. `None` for other frames.
-    pub fn moved_lean(&self) -> Option<f64> {
-        let squares: f64 = self.pairs.iter().map(|pair| pair.lean.change.norm_squared()).sum();
-        (self.found.stabilised == Some(true)).then(|| 0.5 * squares / self.pairs.len().max(1) as f64)
+    /// The lean, along this axis, of a frame that was moved after its readout; `None` for other frames.
+    pub fn lean(&self, frame: usize, axis: ScanAxis) -> Option<Lean> {
+        if self.found.stabilised != Some(true) {
+            return None;
+        }
+        let first = self.pairs.front().map_or(0, |pair| pair.index);
+        let is_inside = (first..=first + self.pairs.len()).contains(&frame)
+            && self.pairs.len() >= MIN_LEANS
+            && self.axis == Some(axis);
+        let component = |of: fn(&LeanChange) -> (f64, f64)| {
+            let change = |pair: &TimedPair| {
+                let (value, variance) = of(&pair.lean);
+                Change { value, variance }
+            };
+            let changes: Vec<Change> = self.pairs.iter().map(change).collect();
+            if is_inside { smoothed(&changes, frame - first) } else { Component::unknown(&changes) }
+        };
+        let across = component(|lean| (lean.change.x, lean.variance.x));
+        let along = component(|lean| (lean.change.y, lean.variance.y));
+        let roll = component(|lean| (lean.roll, 0.5 * lean.variance.sum()));
+        Some(Lean { axis, across, along, roll })
     }
 
     /// Forgets the pairs before a break, as at a cut.
@@ -115,6 +174,10 @@ impl Timing {
         let Some(now) = self.explained(&leans, self.found.timeline).filter(Explained::is_telling) else {
             return false;
         };
+        if now.unexplained < WELL_EXPLAINED {
+            self.conclude(false);
+            return false;
+        }
         let intervals: Vec<f64> = self.pairs.iter().map(|pair| pair.stated).collect();
         let others = Timeline::candidates(&intervals).filter(|other| *other != self.found.timeline);
         let tried = others.filter_map(|other| Some((self.explained(&leans, other)?, other)));
@@ -142,7 +205,8 @@ impl Timing {
     }
 
     fn explained(&self, leans: &[LeanChange], timeline: Timeline) -> Option<Explained> {
-        let mut stamps = vec![0.0];
+        let mut stamps = Vec::with_capacity(self.pairs.len() + 1);
+        stamps.push(0.0);
         stamps.extend(self.pairs.iter().scan(0.0, |stamp, pair| {
             *stamp += timeline.interval(pair.index, pair.stated);
             Some(*stamp)
