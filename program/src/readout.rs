@@ -95,7 +95,7 @@ impl Found {
     pub fn doubt(&self) -> Option<Doubt> {
         if self.frames < FOLLOWED {
             Some(Doubt::TooFewFrames)
-        } else if self.timing.stabilised == Some(true) {
+        } else if self.timing.is_stabilised() {
             Some(Doubt::Stabilised)
         } else if self.followed < FOLLOWED {
             Some(Doubt::NoMotion)
@@ -207,12 +207,8 @@ impl Summary {
     /// The timing after the last frame. A clip is stabilised where no frame says otherwise: shots of several cameras
     /// may be joined in it.
     fn timing(&self, mut last: FrameTiming) -> FrameTiming {
-        last.stabilised = match self.stabilised {
-            [0, 0] => None,
-            [_, 0] => Some(true),
-            [0, _] => Some(false),
-            _ => None,
-        };
+        let [stabilised, recorded] = self.stabilised.map(|frames| frames > 0);
+        last.stabilised = (stabilised != recorded).then_some(stabilised);
         last
     }
 

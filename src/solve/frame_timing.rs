@@ -14,6 +14,12 @@ pub struct FrameTiming {
 }
 
 impl FrameTiming {
+    /// Whether the frames are known to be stabilised.
+    #[must_use]
+    pub const fn is_stabilised(&self) -> bool {
+        matches!(self.stabilised, Some(true))
+    }
+
     /// `yes`, `no` or `undecided`.
     #[must_use]
     pub const fn stabilised_name(&self) -> &'static str {

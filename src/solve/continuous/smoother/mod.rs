@@ -91,7 +91,7 @@ impl Continuous {
             frames: VecDeque::new(),
             settled: 0,
             clock: None,
-            timing: Timing::new(NOISE * pixel_scale / radius, None),
+            timing: Timing::new(NOISE * pixel_scale / radius),
             period_before: None,
             continues: false,
             overlay: StaticOverlay::new(width, height, NOISE * pixel_scale),
@@ -109,7 +109,7 @@ impl Continuous {
     /// With frames that are stabilised, or are not, where that is known.
     #[must_use]
     pub fn with_stabilised(self, stabilised: Option<bool>) -> Self {
-        Self { timing: Timing::new(NOISE * self.pixel_scale / self.radius, stabilised), ..self }
+        Self { timing: self.timing.with_stabilised(stabilised), ..self }
     }
 
     /// Adds the next frame at `time` seconds, with its correspondences to the frame pushed before it: `None`
@@ -274,7 +274,7 @@ impl Continuous {
     pub fn posterior(&self) -> Option<ReadoutPosterior> {
         let period = self.period().filter(|_| !self.camera.is_known())?;
         let [width, height] = self.size;
-        let least = if self.is_stabilised() { READOUT_BELIEF.1 } else { 0.0 };
+        let least = self.least_deviation();
         let hypotheses = self.posterior.hypotheses().map(|(probability, hypothesis)| ReadoutHypothesis {
             readout: self.readout(hypothesis),
             deviation: hypothesis.setup.camera.gamma_deviation().max(least) * period,
@@ -327,12 +327,18 @@ impl Continuous {
         let sigma = sigmas.fold(0.0, f64::max) * scale;
         let index = self.frames.get(own)?.index;
         let lean = self.timing.lean(index, leading.setup.scan_axis);
-        let sampled = |homographies: &[Matrix3<f64>]| SampledPath::new(homographies, readout.time).ok();
+        let sampled = |homography: &dyn Fn(f64) -> Matrix3<f64>| {
+            // The places that are exposed at even shares of the readout.
+            let share = |index: usize| index as f64 / SAMPLES as f64;
+            let place = |index| if leading.gamma() < 0.0 { 1.0 - share(index) } else { share(index) };
+            let homographies: Vec<_> = (0..=SAMPLES).map(|index| homography(place(index))).collect();
+            SampledPath::new(&homographies, readout.time).ok().map(MotionPath::from)
+        };
         let (path, expected) = if let Some(lean) = lean {
-            let path = sampled(&self.leaning(&lean, leading.gamma() < 0.0))?;
-            (MotionPath::from(path), Expected::of_lean(&lean, self.size, self.radius / scale))
+            let path = sampled(&|place| self.leaning(&lean, place))?;
+            (path, Expected::of_lean(&lean, self.size, self.radius / scale))
         } else {
-            let path = MotionPath::from(sampled(&self.homographies(leading, stamp))?);
+            let path = sampled(&self.to_middle(leading, stamp))?;
             let (frame_path, intervals) = self.frame_path(leading, window, own)?;
             let LocalMotion { field, regions } = local.solve(&readout, intervals, &frame_path);
             let regions: Vec<Region> = regions.into_iter().map(|region| region.scaled(1.0 / scale)).collect();
@@ -358,32 +364,26 @@ impl Continuous {
         })
     }
 
-    /// Homographies in centred pixels from the exposure at even shares of the readout, 0 to 1, to share ½.
-    fn homographies(&self, hypothesis: &Hypothesis, stamp: f64) -> Vec<Matrix3<f64>> {
+    /// The homography in centred pixels from the exposure of a place along the scan axis to the middle of the readout.
+    fn to_middle<'a>(
+        &self,
+        hypothesis: &'a Hypothesis,
+        stamp: f64,
+    ) -> impl Fn(f64) -> Matrix3<f64> + use<'a> {
         let posterior = &hypothesis.posterior;
         let homographies = &posterior.trajectory.homographies;
-        let is_reversed = hypothesis.gamma() < 0.0;
         let scale = Matrix3::new_nonuniform_scaling(&Vector2::new(self.radius, self.radius));
         let unscale = Matrix3::new_nonuniform_scaling(&Vector2::new(1.0 / self.radius, 1.0 / self.radius));
         let middle = scale * homographies.until(posterior.block(stamp, 0.5));
-        let homography = |index: usize| {
-            let share = index as f64 / SAMPLES as f64;
-            let place = if is_reversed { 1.0 - share } else { share };
-            middle * homographies.back(posterior.block(stamp, place)) * unscale
-        };
-        (0..=SAMPLES).map(homography).collect()
+        move |place| middle * homographies.back(posterior.block(stamp, place)) * unscale
     }
 
     /// The same of a frame that was moved after its readout: x − (p − ½)·l.
-    fn leaning(&self, lean: &Lean, is_reversed: bool) -> Vec<Matrix3<f64>> {
+    fn leaning(&self, lean: &Lean, place: f64) -> Matrix3<f64> {
+        let late = place - 0.5;
         let shift = lean.at(Vector2::zeros()) * self.radius;
-        let homography = |index: usize| {
-            let share = index as f64 / SAMPLES as f64;
-            let late = if is_reversed { 0.5 - share } else { share - 0.5 };
-            let turn = late * lean.roll.value;
-            Matrix3::new(1.0, turn, -late * shift.x, -turn, 1.0, -late * shift.y, 0.0, 0.0, 1.0)
-        };
-        (0..=SAMPLES).map(homography).collect()
+        let turn = late * lean.roll.value;
+        Matrix3::new(1.0, turn, -late * shift.x, -turn, 1.0, -late * shift.y, 0.0, 0.0, 1.0)
     }
 
     /// The path about frame `own` of a window, and the seconds to the frames before and after on it.
@@ -431,15 +431,16 @@ impl Continuous {
         (self.readout(self.posterior.leading()), self.readout_deviation())
     }
 
-    /// Standard deviation of the readout ratio. Stabilised frames say nothing about it.
+    /// Standard deviation of the readout ratio.
     fn readout_deviation(&self) -> f64 {
-        let least = if self.is_stabilised() && !self.camera.is_known() { READOUT_BELIEF.1 } else { 0.0 };
-        self.posterior.readout_deviation().max(least)
+        self.posterior.readout_deviation().max(self.least_deviation())
     }
 
-    /// Whether the frames were moved after their readout, as far as they say so.
-    fn is_stabilised(&self) -> bool {
-        self.timing.found().stabilised == Some(true)
+    /// Least standard deviation of an estimated readout ratio: that of the prior where frames are stabilised, as it cannot
+    /// be estimated from them.
+    fn least_deviation(&self) -> f64 {
+        let is_estimated = !self.camera.is_known();
+        if is_estimated && self.timing.found().is_stabilised() { READOUT_BELIEF.1 } else { 0.0 }
     }
 
     /// What the frames so far say of their timing.

@@ -50,7 +50,7 @@ const DECISIVE: f64 = 20.0;
 /// Variance of the lean over that of a match, for 25 independent matches: Σ (p − ½)² is 25/12.
 const SLOPE_NOISE: f64 = 12.0 / 25.0;
 
-/// What is known of the frames' timing.
+/// Estimates the timing of the frames from successive pairs.
 #[derive(Debug)]
 pub struct Timing {
     /// The last pairs without a break.
@@ -107,11 +107,15 @@ struct TimedPair {
 }
 
 impl Timing {
-    /// `noise`: least standard deviation of the position of a match, in radii; `stabilised`: what is given.
-    pub fn new(noise: f64, stabilised: Option<bool>) -> Self {
+    /// `noise`: least standard deviation of the position of a match, in radii.
+    pub fn new(noise: f64) -> Self {
         let pairs = VecDeque::with_capacity(PAIRS);
-        let found = FrameTiming { stabilised, timeline: Timeline::Stated };
-        Self { pairs, axis: None, noise: noise * noise, found, is_given: stabilised.is_some() }
+        Self { pairs, axis: None, noise: noise * noise, found: FrameTiming::default(), is_given: false }
+    }
+
+    /// With frames that are given to be stabilised, or not to be.
+    pub fn with_stabilised(self, stabilised: Option<bool>) -> Self {
+        Self { found: FrameTiming { stabilised, ..self.found }, is_given: stabilised.is_some(), ..self }
     }
 
     /// What the frames so far say.
@@ -121,7 +125,7 @@ impl Timing {
 
     /// The lean, along this axis, of a frame that was moved after its readout; `None` for other frames.
     pub fn lean(&self, frame: usize, axis: ScanAxis) -> Option<Lean> {
-        if self.found.stabilised != Some(true) {
+        if !self.found.is_stabilised() {
             return None;
         }
         let first = self.pairs.front().map_or(0, |pair| pair.index);
