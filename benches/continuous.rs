@@ -102,7 +102,7 @@ fn estimator(pairs: &[Vec<Correspondence>], readout_time: ReadoutTime) -> (Conti
 
 fn push(estimator: &mut Continuous, pairs: &[Vec<Correspondence>], frame: usize) {
     let found = frame.checked_sub(1).map(|first| pairs[first % CYCLE].as_slice());
-    estimator.push(found, frame as f64 * PERIOD, PERIOD);
+    estimator.push(found, frame as f64 * PERIOD, PERIOD, 100.0);
 }
 
 fn bench(criterion: &mut Criterion) {

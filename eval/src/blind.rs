@@ -45,14 +45,17 @@ pub enum Extent {
     All,
     /// From three frames on with three lookaheads.
     Few,
+    /// From three frames on with this lookahead.
+    Ahead(usize),
 }
 
 impl Extent {
     /// First frame and lookahead of each run.
-    fn cases(self) -> Vec<[usize; 2]> {
+    fn cases(&self) -> Vec<[usize; 2]> {
         let (starts, lookaheads): (&[usize], &[usize]) = match self {
             Self::All => (&STARTS, &LOOKAHEADS),
             Self::Few => (&FEW_STARTS, &FEW_LOOKAHEADS),
+            Self::Ahead(lookahead) => (&FEW_STARTS, std::slice::from_ref(lookahead)),
         };
         starts.iter().flat_map(|start| lookaheads.iter().map(|lookahead| [*start, *lookahead])).collect()
     }

@@ -89,6 +89,9 @@ enum Command {
         /// Does 9 of the 30 runs of each sequence.
         #[arg(long)]
         few: bool,
+        /// Does 3 runs of each sequence, with so many frames looked ahead.
+        #[arg(long, conflicts_with = "few")]
+        lookahead: Option<usize>,
         #[command(flatten)]
         chosen: Chosen,
     },
@@ -257,8 +260,9 @@ fn main() -> Result<()> {
         }
         Command::Readout { clip: Some(file), .. } => readout_of_clip(&file),
         Command::Readout { clip: None, chosen } => chosen.print(readout::HEADING, readout::row),
-        Command::Blind { recorded, few, chosen } => {
-            blind(&chosen, recorded, if few { Extent::Few } else { Extent::All })
+        Command::Blind { recorded, few, lookahead, chosen } => {
+            let usual = if few { Extent::Few } else { Extent::All };
+            blind(&chosen, recorded, lookahead.map_or(usual, Extent::Ahead))
         }
         Command::Flow { export: Some(folder), chosen, .. } => {
             let export = |settings| dense::export(&chosen.footage(settings)?, &folder);

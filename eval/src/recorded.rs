@@ -27,6 +27,8 @@ pub struct Recording {
     period: f64,
     /// Seconds.
     stamps: Vec<f64>,
+    /// Mean square of the gradient of each frame.
+    sharpness: Vec<f64>,
     pairs: Vec<Pair>,
 }
 
@@ -59,6 +61,7 @@ impl Recording {
             pixel_scale,
             period,
             stamps: footage.stamps.clone(),
+            sharpness: Vec::new(),
             pairs: Vec::new(),
         };
         let mut estimator = recording.estimator(&told);
@@ -73,8 +76,9 @@ impl Recording {
                 let flow = sampler.flow();
                 Pair { grid, flow: [flow.forward().clone(), flow.backward().clone()] }
             });
-            estimator.push(pair.as_ref(), *stamp, period);
+            estimator.push(pair.as_ref(), *stamp, period, now.sharpness());
             estimator.settle();
+            recording.sharpness.push(now.sharpness());
             recording.pairs.extend(pair);
             std::mem::swap(&mut before, &mut now);
         }
@@ -101,10 +105,11 @@ impl Recording {
         let mut estimator = self.estimator(settings);
         let mut estimates = Vec::new();
         for index in frames.clone() {
-            let stamp = *self.stamps.get(index).context("too few frames were recorded")?;
+            let frame = self.stamps.get(index).zip(self.sharpness.get(index));
+            let (stamp, sharpness) = frame.context("too few frames were recorded")?;
             let pair = index.checked_sub(1).filter(|before| *before >= frames.start);
             let pair = pair.and_then(|before| self.pairs.get(before));
-            estimator.push(pair, stamp, self.period);
+            estimator.push(pair, *stamp, self.period, *sharpness);
             if index - frames.start >= settings.lookahead {
                 estimates.push(estimator.settle());
             }
@@ -123,8 +128,8 @@ struct Estimator {
 }
 
 impl Estimator {
-    fn push(&mut self, pair: Option<&Pair>, stamp: f64, period: f64) {
-        self.path.push(pair.map(|pair| pair.grid.as_slice()), stamp, period);
+    fn push(&mut self, pair: Option<&Pair>, stamp: f64, period: f64, sharpness: f64) {
+        self.path.push(pair.map(|pair| pair.grid.as_slice()), stamp, period, sharpness);
         self.local.push(pair.map(|pair| pair.flow.each_ref()));
     }
 

@@ -51,7 +51,8 @@ fn window(u: &mut Unstructured<'_>) -> Result<()> {
         let readout = readout([WIDTH, HEIGHT], direction, settings.readout_time, period);
 
         let is_joined = !u.ratio(1, 8)?;
-        continuous.push(is_joined.then_some(pair.as_slice()), time, period);
+        let sharpness = small(u, 1e4)?;
+        continuous.push(is_joined.then_some(pair.as_slice()), time, period, sharpness);
         local.push(is_joined.then_some(fields.each_ref()));
         waiting += 1;
         let expected = continuous.expected(Vector2::new(small(u, 640.0)?, small(u, 480.0)?));

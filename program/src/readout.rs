@@ -13,7 +13,7 @@ use crate::property_values::{Direction, Stabilised, name_of};
 use crate::rectifier_options::AnalysisOptions;
 use anyhow::Result;
 use rsrectify::readout::{ReadoutDirection, ReadoutPosterior, ReadoutPrior};
-use rsrectify::rectifier::{FocalLength, FrameSolution, FrameTiming, Settings};
+use rsrectify::rectifier::{FocalLength, FrameSolution, FrameTiming, Settings, Timeline};
 use std::fmt;
 use std::path::Path;
 
@@ -34,6 +34,10 @@ const ANOTHER: f64 = 3.0;
 /// What is said of frames that were moved after their readout.
 const STABILISED: &str = "hidden: the frames were moved after they were recorded, as by stabilisation in the camera; they are \
                           rectified only as far as the changes of their lean tell it (--stabilised no: by their motion)";
+
+/// What is said of frames that are blends of two.
+const BLENDED: &str = "hidden: the frames are blends of two exposures, as a conversion of the frame rate leaves them; they stay \
+                       as they are";
 
 /// How much of a clip is looked at.
 #[derive(Clone, Debug)]
@@ -82,6 +86,8 @@ pub struct Found {
 pub enum Doubt {
     /// There are hardly any frames.
     TooFewFrames,
+    /// The frames are blends of two exposures.
+    Blended,
     /// The frames were moved after their readout, as by stabilisation in the camera.
     Stabilised,
     /// Hardly a frame has a motion that most of the picture follows.
@@ -95,6 +101,8 @@ impl Found {
     pub fn doubt(&self) -> Option<Doubt> {
         if self.frames < FOLLOWED {
             Some(Doubt::TooFewFrames)
+        } else if self.timing.is_blended() {
+            Some(Doubt::Blended)
         } else if self.timing.is_stabilised() {
             Some(Doubt::Stabilised)
         } else if self.followed < FOLLOWED {
@@ -111,6 +119,10 @@ impl Found {
         analysis.expected = self.expected;
         if self.doubt() == Some(Doubt::Stabilised) && analysis.stabilised.is_none() {
             analysis.stabilised = Some(Stabilised::Yes);
+        }
+        if self.timing.is_stabilised() || self.timing.timeline != Timeline::Stated {
+            // So that it is known again when the first frame is rectified.
+            analysis.lookahead.get_or_insert(FrameTiming::FRAMES as u32);
         }
         if self.doubt().is_none() {
             // 0 would leave it to the rectifier again.
@@ -149,8 +161,10 @@ impl Found {
 impl fmt::Display for Found {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let (time, share) = (self.milliseconds, 100.0 * self.deviation);
-        if self.doubt() == Some(Doubt::Stabilised) {
-            return write!(f, "{STABILISED}");
+        match self.doubt() {
+            Some(Doubt::Stabilised) => return write!(f, "{STABILISED}"),
+            Some(Doubt::Blended) => return write!(f, "{BLENDED}"),
+            _ => {}
         }
         if self.doubt().is_some() {
             let from = self.expected.map(|expected| format!(" from {:.1} ms on", expected.time() * 1e3));
@@ -186,6 +200,8 @@ pub struct Summary {
     followed: u32,
     /// Frames that are said to be stabilised, and not to be.
     stabilised: [u32; 2],
+    /// The last timeline other than the stated one.
+    timeline: Timeline,
     cuts: Vec<usize>,
 }
 
@@ -200,16 +216,20 @@ impl Summary {
         if let Some(is_stabilised) = frame.solution.timing.stabilised {
             self.stabilised[usize::from(!is_stabilised)] += 1;
         }
+        let timeline = frame.solution.timing.timeline;
+        if timeline != Timeline::Stated {
+            self.timeline = timeline;
+        }
         self.focal_length = frame.solution.focal_length.or(self.focal_length);
         self.last = Some(frame.solution.clone());
     }
 
-    /// The timing after the last frame. A clip is stabilised where no frame says otherwise: shots of several cameras
+    /// What the frames say of their timing. A clip is stabilised where no frame says otherwise: shots of several cameras
     /// may be joined in it.
-    fn timing(&self, mut last: FrameTiming) -> FrameTiming {
+    fn timing(&self) -> FrameTiming {
         let [stabilised, recorded] = self.stabilised.map(|frames| frames > 0);
-        last.stabilised = (stabilised != recorded).then_some(stabilised);
-        last
+        let stabilised = (stabilised != recorded).then_some(stabilised);
+        FrameTiming::new(stabilised, self.timeline)
     }
 
     /// What was found; `None` of a clip without frames.
@@ -228,7 +248,7 @@ impl Summary {
             followed: self.followed,
             expected: None,
             posterior: analysis.posterior(),
-            timing: self.timing(last.timing),
+            timing: self.timing(),
             cuts: self.cuts.clone(),
         })
     }
@@ -240,7 +260,7 @@ pub fn settle(found: Option<&Found>, analysis: &mut AnalysisOptions) {
         return;
     }
     match found {
-        Some(found) if matches!(found.doubt(), None | Some(Doubt::Stabilised)) => {
+        Some(found) if matches!(found.doubt(), None | Some(Doubt::Stabilised | Doubt::Blended)) => {
             eprintln!("readout: {found}");
         }
         _ => eprintln!(

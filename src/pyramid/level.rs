@@ -10,6 +10,9 @@ pub(crate) const BORDER: usize = 13;
 /// Rows of a level per task.
 const BAND: usize = 32;
 
+/// Samples that are added side by side.
+const LANES: usize = 8;
+
 /// Grey of one resolution, 0 to 255, row by row, with [`BORDER`] replicated pixels on each side.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Level {
@@ -50,6 +53,30 @@ impl Level {
     #[cfg(test)]
     pub(crate) fn pixel(&self, x: i32, y: i32) -> f32 {
         self.from(x, y).unwrap()[0]
+    }
+
+    /// Mean square of the gradient, by differences of neighbours, of every fourth row.
+    pub(crate) fn mean_square_gradient(&self) -> f64 {
+        let rows = (0..self.height.saturating_sub(1)).step_by(4);
+        let count = rows.len() * (self.width / LANES * LANES);
+        let row_sum = |y: usize| {
+            let (Some(row), Some(below)) = (self.from(0, y as i32), self.from(0, y as i32 + 1)) else {
+                return 0.0;
+            };
+            let right = row.get(1..).unwrap_or(&[]);
+            // As many sums as a register holds: floats are added in the order of the code.
+            let mut sums = [0.0; LANES];
+            let [row, right, below] = [row, right, below].map(|row| row.as_chunks::<LANES>().0);
+            for ((row, right), below) in row.iter().zip(right).zip(below).take(self.width / LANES) {
+                for (lane, sum) in sums.iter_mut().enumerate() {
+                    let (x, y) = (right[lane] - row[lane], below[lane] - row[lane]);
+                    *sum += x * x + y * y;
+                }
+            }
+            sums.iter().sum::<f32>()
+        };
+        let sum: f64 = rows.map(|y| f64::from(row_sum(y))).sum();
+        sum / count.max(1) as f64
     }
 
     /// A level for tests.
@@ -150,6 +177,13 @@ mod tests {
         let mut coarse = Level::default();
         coarse.halve(&stripes);
         assert!((1..31).all(|x| (coarse.pixel(x, 4) - 100.0).abs() < 1e-3));
+    }
+
+    #[test]
+    fn the_gradient_of_a_slope_is_its_steepness() {
+        let slope = Level::of(35, 9, |x, y| 3.0 * x + 4.0 * y);
+        assert!((slope.mean_square_gradient() - 25.0).abs() < 1e-3);
+        assert_eq!(Level::of(5, 1, |x, _| x).mean_square_gradient(), 0.0);
     }
 
     #[test]

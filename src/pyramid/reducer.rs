@@ -38,6 +38,11 @@ impl Pyramid {
         self.levels().first().is_some_and(|level| (level.width(), level.height()) == size)
     }
 
+    /// Mean square of the gradient at the finest level, in squared grey levels per pixel; 0 if it holds no frame.
+    pub fn sharpness(&self) -> f64 {
+        self.levels().first().map_or(0.0, Level::mean_square_gradient)
+    }
+
     /// The levels, finest first; none if it holds no frame.
     pub(crate) fn levels(&self) -> &[Level] {
         if self.filled { &self.levels } else { &[] }

@@ -29,6 +29,8 @@ pub(super) struct Step<'a> {
     pub readout: Readout,
     /// Width of an analysed pixel in full-frame pixels.
     pub pixel_scale: f64,
+    /// Mean square of the frame's gradient.
+    pub sharpness: f64,
 }
 
 /// The estimator of a stream.
@@ -95,7 +97,8 @@ impl Engine {
         match self {
             Self::Sequential(sequential) => sequential.push(step),
             Self::Continuous(continuous) => {
-                continuous.path.push(step.found.map(|(grid, _)| grid), step.time, step.spacing);
+                let found = step.found.map(|(grid, _)| grid);
+                continuous.path.push(found, step.time, step.spacing, step.sharpness);
                 continuous.local.push(step.found.map(|(_, flow)| flow));
             }
         }

@@ -248,6 +248,7 @@ impl Rectifier {
             spacing: self.clock.spacing(),
             readout: *readout,
             pixel_scale: self.sampler.pixel_scale(),
+            sharpness: self.now.sharpness(),
         });
         if let Some(waiting) = self.waiting.back_mut() {
             waiting.begins_shot = self.engine.is_at_cut();

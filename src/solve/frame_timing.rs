@@ -14,10 +14,26 @@ pub struct FrameTiming {
 }
 
 impl FrameTiming {
+    /// Frames that it takes to find out, where they move enough. With as many looked ahead it is known when the first frame
+    /// is rectified.
+    pub const FRAMES: usize = 18;
+
+    /// From whether frames were moved after their readout, and when they were exposed.
+    #[must_use]
+    pub const fn new(stabilised: Option<bool>, timeline: Timeline) -> Self {
+        Self { stabilised, timeline }
+    }
+
     /// Whether the frames are known to be stabilised.
     #[must_use]
     pub const fn is_stabilised(&self) -> bool {
         matches!(self.stabilised, Some(true))
+    }
+
+    /// Whether the frames are blends of two exposures: they are left as they are.
+    #[must_use]
+    pub const fn is_blended(&self) -> bool {
+        matches!(self.timeline, Timeline::Blended { .. })
     }
 
     /// `yes`, `no` or `undecided`.
@@ -52,6 +68,11 @@ pub enum Timeline {
         /// Number of the first pair over a missing frame, below `kept`.
         longer: usize,
     },
+    /// As stated, but the frames are blends of two exposures each, all but one in `period`.
+    Blended {
+        /// Frames to a repetition.
+        period: usize,
+    },
 }
 
 impl fmt::Display for Timeline {
@@ -60,6 +81,7 @@ impl fmt::Display for Timeline {
             Self::Stated => write!(f, "as stated"),
             Self::Even { .. } => write!(f, "frames were repeated"),
             Self::Missing { kept, .. } => write!(f, "one frame of {} is missing", kept + 1),
+            Self::Blended { period } => write!(f, "all frames but one in {period} are blends of two"),
         }
     }
 }

@@ -235,6 +235,9 @@ fn doubts(found: &Found, readout: &Estimate) -> Vec<String> {
         Some(Doubt::TooFewFrames) => {
             doubts.push(format!("there are too few frames to see a motion in, {}", found.frames));
         }
+        Some(Doubt::Blended) => doubts.push(
+            "the frames are blends of two exposures, as a conversion of the frame rate leaves them, which hides it".to_owned(),
+        ),
         Some(Doubt::Stabilised) => doubts.push(
             "the frames were moved after they were recorded, as by stabilisation in the camera, which hides it".to_owned(),
         ),

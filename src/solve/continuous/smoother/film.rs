@@ -11,6 +11,8 @@ use std::f64::consts::TAU;
 pub const SIZE: [usize; 2] = [640, 480];
 pub const PERIOD: f64 = 1.0 / 30.0;
 pub const LOOKAHEAD: usize = 4;
+/// Mean square of the gradient of any frame.
+const SHARPNESS: f64 = 100.0;
 
 /// A camera that turns about its centre, pitch, yaw and roll each a sum of swings.
 pub struct Film {
@@ -239,7 +241,7 @@ impl Film {
 
 /// Adds a frame with its correspondences to the one before, if it has any.
 pub fn push(continuous: &mut Continuous, found: Option<&[Correspondence]>, stamp: f64) {
-    continuous.push(found, stamp, PERIOD);
+    continuous.push(found, stamp, PERIOD, SHARPNESS);
 }
 
 /// Settles a frame without flow.

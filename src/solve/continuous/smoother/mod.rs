@@ -113,8 +113,9 @@ impl Continuous {
     }
 
     /// Adds the next frame at `time` seconds, with its correspondences to the frame pushed before it: `None`
-    /// at a start or a gap; a cut comes as too few. `period` is the present frame period in seconds.
-    pub fn push(&mut self, found: Option<&[Correspondence]>, time: f64, period: f64) {
+    /// at a start or a gap; a cut comes as too few. `period` is the present frame period in seconds, `sharpness`
+    /// the mean square of the frame's gradient.
+    pub fn push(&mut self, found: Option<&[Correspondence]>, time: f64, period: f64, sharpness: f64) {
         let origin = match self.clock {
             Some(clock) if clock.period == period => clock.origin,
             Some(clock) => self.change_period(clock, period),
@@ -143,6 +144,7 @@ impl Continuous {
         }
         self.frames.push_back(Entry { index, stamp, stated, to_next: None, is_unmatched, found: Vec::new() });
         self.judge_timing();
+        self.timing.push_frame(sharpness);
         self.prepare();
     }
 
@@ -314,6 +316,9 @@ impl Continuous {
         stamp: f64,
         local: &mut LocalMotions,
     ) -> Option<FrameSolution> {
+        if self.timing.found().is_blended() {
+            return None;
+        }
         let leading = self.posterior.leading();
         let readout = self.readout(leading);
         let evaluated = |index: usize| leading.posterior.evaluated.get(index);
@@ -436,11 +441,12 @@ impl Continuous {
         self.posterior.readout_deviation().max(self.least_deviation())
     }
 
-    /// Least standard deviation of an estimated readout ratio: that of the prior where frames are stabilised, as it cannot
-    /// be estimated from them.
+    /// Least standard deviation of an estimated readout ratio: that of the prior where frames are stabilised or blends, as it
+    /// cannot be estimated from them.
     fn least_deviation(&self) -> f64 {
-        let is_estimated = !self.camera.is_known();
-        if is_estimated && self.timing.found().is_stabilised() { READOUT_BELIEF.1 } else { 0.0 }
+        let timing = self.timing.found();
+        let is_unseen = timing.is_stabilised() || timing.is_blended();
+        if is_unseen && !self.camera.is_known() { READOUT_BELIEF.1 } else { 0.0 }
     }
 
     /// What the frames so far say of their timing.

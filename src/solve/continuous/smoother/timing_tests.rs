@@ -152,3 +152,26 @@ fn another_stretch_has_lost_the_count_of_frames() {
     continuous.restart();
     assert_eq!(continuous.timing().timeline, Timeline::Stated);
 }
+
+#[test]
+fn blends_stay_as_they_are_and_say_nothing_of_the_readout() {
+    let film = Film::new(0.7, true);
+    let [width, height] = film.size();
+    let (mut continuous, mut random) = (Continuous::new(UNKNOWN, width, height, 1.0), Random(31));
+    let mut solutions = Vec::new();
+    for (k, stamp) in regular(30).into_iter().enumerate() {
+        let found = k.checked_sub(1).map(|_| film.pair(stamp - PERIOD, stamp, &mut random));
+        let share = (k % 6) as f64 / 6.0;
+        let sharpness = 200.0 * (1.0 - 2.0 * share * (1.0 - share));
+        continuous.push(found.as_deref(), stamp, PERIOD, sharpness);
+        solutions.push(settle(&mut continuous));
+    }
+    assert_eq!(continuous.timing().timeline, Timeline::Blended { period: 6 });
+    let known: Vec<bool> = solutions.iter().map(Option::is_some).collect();
+    let first = FrameTiming::FRAMES - 1;
+    assert!(
+        known[1..first].iter().all(|known| *known) && known[first..].iter().all(|known| !known),
+        "{known:?}"
+    );
+    assert_eq!(continuous.belief().1, READOUT_BELIEF.1);
+}

@@ -17,7 +17,9 @@
 //! | `explained` | the share of the changes that the shifts do not explain |
 //! | `smoothed` | the leans of frames from their changes, where they do not follow from shifts |
 //! | `timeline` | when frames were exposed: as stated, evenly, or with one of several missing |
+//! | `blends` | whether frames are blends of two exposures, by their sharpness |
 
+mod blends;
 mod explained;
 mod lean;
 mod smoothed;
@@ -26,6 +28,7 @@ mod velocity;
 
 use crate::solve::continuous::data::{FramePair, ScanAxis};
 use crate::solve::frame_timing::{FrameTiming, Timeline};
+use blends::Blends;
 use explained::{Explained, explained};
 use lean::LeanChange;
 use nalgebra::Vector2;
@@ -55,6 +58,7 @@ const SLOPE_NOISE: f64 = 12.0 / 25.0;
 pub struct Timing {
     /// The last pairs without a break.
     pairs: VecDeque<TimedPair>,
+    blends: Blends,
     axis: Option<ScanAxis>,
     /// Least variance of the position of a match, in squared radii.
     noise: f64,
@@ -109,8 +113,14 @@ struct TimedPair {
 impl Timing {
     /// `noise`: least standard deviation of the position of a match, in radii.
     pub fn new(noise: f64) -> Self {
-        let pairs = VecDeque::with_capacity(PAIRS);
-        Self { pairs, axis: None, noise: noise * noise, found: FrameTiming::default(), is_given: false }
+        Self {
+            pairs: VecDeque::with_capacity(PAIRS),
+            blends: Blends::default(),
+            axis: None,
+            noise: noise * noise,
+            found: FrameTiming::default(),
+            is_given: false,
+        }
     }
 
     /// With frames that are given to be stabilised, or not to be.
@@ -146,9 +156,18 @@ impl Timing {
         Some(Lean { axis, across, along, roll })
     }
 
-    /// Forgets the pairs before a break, as at a cut.
+    /// Forgets the frames before a break, as at a cut.
     pub fn interrupt(&mut self) {
         self.pairs.clear();
+        self.blends.clear();
+    }
+
+    /// Adds a frame by the mean square of its gradient.
+    pub fn push_frame(&mut self, sharpness: f64) {
+        self.blends.push(sharpness);
+        if let Some(timeline) = self.blends.found() {
+            self.found.timeline = timeline;
+        }
     }
 
     /// Begins another stretch of frames, numbered from 0, of the same camera and the same conversion.
@@ -164,13 +183,14 @@ impl Timing {
     /// the likeliest scan axis. Whether the timeline has changed.
     pub fn push(&mut self, pair: &FramePair, index: usize, stated: f64, axis: ScanAxis) -> bool {
         if self.axis.replace(axis) != Some(axis) {
-            self.interrupt();
+            self.pairs.clear();
         }
         if self.pairs.len() == PAIRS {
             self.pairs.pop_front();
         }
         self.pairs.push_back(TimedPair { lean: LeanChange::of(pair, axis, self.noise), index, stated });
-        self.pairs.len() >= MIN_PAIRS && self.judge()
+        // Where frames are blends, correspondences tell nothing of the exposures.
+        self.pairs.len() >= MIN_PAIRS && !self.found.is_blended() && self.judge()
     }
 
     fn judge(&mut self) -> bool {

@@ -17,7 +17,7 @@ impl Timeline {
     /// The interval of a pair in frame periods, from its number and its stated interval.
     pub fn interval(self, index: usize, stated: f64) -> f64 {
         match self {
-            Self::Stated => stated,
+            Self::Stated | Self::Blended { .. } => stated,
             // Other intervals are gaps.
             Self::Even { interval } if (stated - interval).abs() <= ROUNDING => interval,
             Self::Even { .. } => stated,
