@@ -36,6 +36,10 @@ TINY = 1e-300
 # What `rsrectify fix` is told where it is to look for the readout by itself, from what is known of the camera on.
 OPEN = ["--readout-time", "0"]
 
+# Frames that `rsrectify fix` looks ahead where its first pass finds that frames were moved, or exposed at other times than
+# stated: with so many it knows that from the first frame on.
+LOOKAHEAD = "18"
+
 # Axis of each direction (0: along the rows' order, 1: the columns').
 AXES = {"top-to-bottom": 0, "bottom-to-top": 0, "left-to-right": 1, "right-to-left": 1}
 DIRECTIONS = (("top-to-bottom", "bottom-to-top"), ("left-to-right", "right-to-left"))
@@ -51,14 +55,22 @@ class Readout:
     doubt: str | None
     # What was known of the camera before, as `rsrectify measure --json` prints it.
     expected: dict | None = None
+    # Whether all parts that tell it were moved after their readout, and whether any was, or was exposed at other times than stated.
+    is_stabilised: bool = False
+    is_retimed: bool = False
 
-    def options(self) -> list[str]:
-        """What `rsrectify fix` is told."""
-        if self.doubt:
-            return OPEN
+    def options(self, given: list[str] = ()) -> list[str]:
+        """What `rsrectify fix` is told beside the options that are given."""
         # 0 would leave it to the rectifier.
         time = max(self.milliseconds, 1e-6)
-        return ["--readout-time", f"{time:.6f}", "--readout-direction", self.direction]
+        known = ["--readout-time", f"{time:.6f}", "--readout-direction", self.direction]
+        options = list(OPEN if self.doubt else known)
+        timing = {"--lookahead": LOOKAHEAD} if self.is_retimed else {}
+        timing |= {"--stabilised": "yes"} if self.is_stabilised else {}
+        names = {option.split("=")[0] for option in given}
+        for name, value in timing.items():
+            options += [] if name in names else [name, value]
+        return options
 
     def __str__(self) -> str:
         known = self.expected
@@ -104,7 +116,10 @@ def combine(measurements: list[dict]) -> Readout | None:
     near = np.abs(times - mean) <= 2 * SURE * period
     is_sure = posterior[axis][near].sum() >= PROBABLE if is_several else deviation <= SURE * period
     doubt = _doubt(measurements, None if is_sure else deviation / period, tell)
-    return Readout(abs(mean), DIRECTIONS[axis][int(mean < 0)], deviation, doubt, expected)
+    said = {one["stabilised"] for one in measurements} - {"undecided"}
+    is_retimed = "yes" in said or any(one["timeline"] != "as stated" for one in measurements)
+    direction = DIRECTIONS[axis][int(mean < 0)]
+    return Readout(abs(mean), direction, deviation, doubt, expected, said == {"yes"}, is_retimed)
 
 
 def _likelihood(measurement: dict, times: np.ndarray, blur: float) -> np.ndarray:

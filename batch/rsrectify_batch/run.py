@@ -178,7 +178,7 @@ class Run:
 
     def tell(self, clip: Clip, found: readout.Readout | None) -> None:
         """Has all parts of a clip rectified with one readout."""
-        options = found.options() if found else readout.OPEN
+        options = found.options(self.settings.fix_options) if found else readout.OPEN
         told = {"options": options, "said": str(found)}
         if clip.known.get("readout") != told:
             # What was rectified with another one is of no use.

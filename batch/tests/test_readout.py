@@ -12,7 +12,8 @@ def measured(*hypotheses: tuple, frames: int = 100) -> dict:
     """A measurement whose posterior is this mixture of direction, milliseconds, deviation, weight."""
     names = ("direction", "signed_readout_ms", "deviation_ms", "weight")
     listed = [dict(zip(names, one)) for one in hypotheses]
-    return {"hypotheses": listed, "prior": PRIOR, "frames_with_motion": frames}
+    timing = {"stabilised": "undecided", "timeline": "as stated"}
+    return {"hypotheses": listed, "prior": PRIOR, "frames_with_motion": frames, **timing}
 
 
 def told(milliseconds: float, deviation: float, direction: str = "top-to-bottom") -> dict:
@@ -120,3 +121,14 @@ def test_without_motion_it_is_not_certain():
     still = {**told(20.0, 0.5), "frames_with_motion": 3}
     assert "motion" in combine([still]).doubt
     assert combine([still]).options() == ["--readout-time", "0"]
+
+
+def test_where_time_or_place_of_frames_is_not_what_the_file_says_more_frames_are_looked_ahead():
+    usual = {**told(20.0, 0.5), "stabilised": "no"}
+    assert "--lookahead" not in combine([usual, usual]).options()
+    dropped = {**usual, "timeline": "one frame of 5 is missing"}
+    assert combine([usual, dropped]).options()[-2:] == ["--lookahead", "18"]
+    assert "18" not in combine([usual, dropped]).options(["--lookahead=8"])
+    stabilised = {**usual, "stabilised": "yes"}
+    assert combine([stabilised, NOTHING]).options()[-4:] == ["--lookahead", "18", "--stabilised", "yes"]
+    assert "yes" not in combine([stabilised, usual]).options(), "shots of several cameras"
