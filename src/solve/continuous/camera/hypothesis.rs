@@ -36,8 +36,11 @@ const PREPARED_STEPS: [usize; 2] = [4, 1];
 /// The state of a hypothesis.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Phase {
-    /// Added in mid-stream; γ has not been searched yet, so that its evidence is not compared.
-    AwaitsSearch,
+    /// Added in mid-stream; γ has not been searched yet, so that its evidence is not compared. At leisure, the search costs
+    /// no more with a frame than the fit that is in use.
+    AwaitsSearch {
+        at_leisure: bool,
+    },
     /// Compared with one of the other knot density along the same axis. While it leads, none is dropped.
     OnTrial,
     Established,
@@ -105,17 +108,22 @@ impl Hypothesis {
     }
 
     /// The hypothesis added in mid-stream, its log prior changed by `log_odds`.
-    pub fn joining(mut self, log_odds: f64) -> Self {
+    pub fn joining(mut self, log_odds: f64, at_leisure: bool) -> Self {
         self.log_prior += log_odds;
         self.log_probability = self.log_prior;
-        self.await_search();
+        self.await_search(at_leisure);
         self
     }
 
     /// Has γ searched first, and the evidence compared only then.
-    fn await_search(&mut self) {
-        self.phase = Phase::AwaitsSearch;
+    fn await_search(&mut self, at_leisure: bool) {
+        self.phase = Phase::AwaitsSearch { at_leisure };
         self.schedule.expect_search();
+    }
+
+    /// Whether γ has not been searched since it was added or rested.
+    pub fn awaits_search(&self) -> bool {
+        matches!(self.phase, Phase::AwaitsSearch { .. })
     }
 
     /// A hypothesis for each other γ that the last search does not rule out.
@@ -153,7 +161,7 @@ impl Hypothesis {
     pub fn rest(&mut self) {
         self.posterior.restart();
         self.drop_searches();
-        self.await_search();
+        self.await_search(false);
     }
 
     /// Whether it has a path, which it lacks while it rests.
@@ -336,16 +344,20 @@ impl Hypothesis {
         if let Some(timer) = &mut self.schedule.search {
             timer.tick();
         }
-        let is_new = at_once || self.phase == Phase::AwaitsSearch;
+        let is_new = at_once || self.awaits_search();
         let is_due = is_time && self.is_vague() && self.moves(window) && (is_new || self.constrains_gamma());
         if self.searches.readout.is_none() && (starts || is_due) {
             let starts = self.starts(is_due);
             self.searches.readout = Some(Multistart::new(&self.posterior, &self.setup, &starts));
         }
         let search = self.searches.readout.as_mut()?;
-        search.advance(window, search.pace(window, at_once), &self.setup);
+        if self.phase == (Phase::AwaitsSearch { at_leisure: true }) {
+            search.advance_one(window, &self.setup);
+        } else {
+            search.advance(window, search.pace(window, at_once), &self.setup);
+        }
         let search = self.searches.readout.take_if(|search| at_once || search.is_done())?;
-        if self.phase == Phase::AwaitsSearch {
+        if self.awaits_search() {
             self.phase = Phase::Established;
         }
         Some(self.decide(search, window))
@@ -437,7 +449,8 @@ impl Hypothesis {
 
     /// A hypothesis of the other knot density if that may explain the residuals, once it has been fitted.
     pub fn challenger(&mut self, window: PairWindow<'_>, starts: bool) -> Option<Self> {
-        if window.pairs.is_empty() || self.is_too_short(window) {
+        // The residuals of a γ that is yet to be found say nothing of the density.
+        if window.pairs.is_empty() || self.is_too_short(window) || self.awaits_search() {
             return None;
         }
         let is_due = self.searches.density.is_none() && self.schedule.density.is_due();

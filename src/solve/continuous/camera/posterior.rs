@@ -59,6 +59,8 @@ pub struct CameraPosterior {
     to_try: Vec<Scan>,
     /// Prior log odds of each of them beside the leading one.
     other_log_odds: f64,
+    /// Whether they may be fitted slowly, as nothing but time suggests another camera.
+    at_leisure: bool,
     /// When all are tried again.
     other_camera: Timer,
     /// Whether there was a window with pairs.
@@ -77,6 +79,7 @@ impl CameraPosterior {
             hypotheses: Vec::new(),
             to_try: Vec::new(),
             other_log_odds: OTHER_CAMERA_LOG_ODDS[0],
+            at_leisure: false,
             other_camera: other_camera(),
             has_begun: false,
         };
@@ -252,7 +255,7 @@ impl CameraPosterior {
 
     /// Whether there are several hypotheses with comparable evidence of a window.
     fn can_compare(&self, window: PairWindow<'_>) -> bool {
-        let is_new = |one: &Hypothesis| one.phase == Phase::AwaitsSearch || one.is_too_short(window);
+        let is_new = |one: &Hypothesis| one.awaits_search() || one.is_too_short(window);
         self.is_undecided() && !window.pairs.is_empty() && !self.hypotheses.iter().any(is_new)
     }
 
@@ -283,19 +286,19 @@ impl CameraPosterior {
             } else {
                 self.other_camera.back_off();
             }
+            self.at_leisure = !starts_anew;
             self.retry_all(OTHER_CAMERA_LOG_ODDS[usize::from(before == Break::Cut)]);
         }
         if self.is_undecided() || !self.to_try.is_empty() {
             self.other_camera.restart();
         }
-        let awaits_search = |one: &Hypothesis| one.phase == Phase::AwaitsSearch;
         if self.hypotheses.len() <= MAX_BESIDE
-            && !self.hypotheses.iter().any(awaits_search)
+            && !self.hypotheses.iter().any(Hypothesis::awaits_search)
             && self.leading().constrains_gamma()
             && let Some(scan) = self.to_try.pop()
         {
             let log_odds = self.leading().log_prior + self.other_log_odds;
-            self.hypotheses.push(self.fresh(scan).joining(log_odds));
+            self.hypotheses.push(self.fresh(scan).joining(log_odds, self.at_leisure));
         }
     }
 
@@ -349,7 +352,7 @@ impl CameraPosterior {
             let mut is_first = true;
             self.hypotheses.retain(|hypothesis| {
                 std::mem::take(&mut is_first)
-                    || hypothesis.phase == Phase::AwaitsSearch
+                    || hypothesis.awaits_search()
                     || hypothesis.log_probability > least
             });
         }

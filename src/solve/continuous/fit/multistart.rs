@@ -33,6 +33,19 @@ struct Candidate {
     steps: usize,
 }
 
+impl Candidate {
+    /// Takes so many steps.
+    fn advance(&mut self, window: PairWindow<'_>, steps: usize, setup: &Setup) {
+        let mut setup = *setup;
+        if window.is_short() {
+            setup.camera.limits.gamma = [self.start; 2];
+        }
+        let start = std::mem::take(&mut self.posterior);
+        (self.posterior, _) = fit(window, start, &setup, steps);
+        self.steps += if window.is_short() { 0 } else { steps };
+    }
+}
+
 /// Fits from several starts.
 #[derive(Clone, Debug)]
 pub struct Multistart {
@@ -99,16 +112,14 @@ impl Multistart {
 
     /// Advances each by so many steps.
     pub fn advance(&mut self, window: PairWindow<'_>, steps: usize, setup: &Setup) {
-        let is_short = window.is_short();
-        self.candidates.par_iter_mut().for_each(|candidate| {
-            let mut setup = *setup;
-            if is_short {
-                setup.camera.limits.gamma = [candidate.start; 2];
-            }
-            let start = std::mem::take(&mut candidate.posterior);
-            (candidate.posterior, _) = fit(window, start, &setup, steps);
-            candidate.steps += if is_short { 0 } else { steps };
-        });
+        self.candidates.par_iter_mut().for_each(|candidate| candidate.advance(window, steps, setup));
+    }
+
+    /// Advances the one with the fewest steps by a step.
+    pub fn advance_one(&mut self, window: PairWindow<'_>, setup: &Setup) {
+        if let Some(last) = self.candidates.iter_mut().min_by_key(|candidate| candidate.steps) {
+            last.advance(window, 1, setup);
+        }
     }
 
     /// Drops candidates that come to a γ of greater evidence, or are ruled out.
