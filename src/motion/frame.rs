@@ -46,6 +46,18 @@ impl FrameMotion {
         self.weight
     }
 
+    /// The same motion of the frame scaled to `width` × `height` pixels, as of a proxy.
+    #[must_use]
+    pub fn scaled_to(&self, width: usize, height: usize) -> Self {
+        let readout = Readout { width, height, ..self.readout };
+        let (from, to) = ([self.readout.width, self.readout.height], [width, height]);
+        if from == to || from.contains(&0) || to.contains(&0) {
+            return Self { readout, ..self.clone() };
+        }
+        let factors = [0, 1].map(|axis| to[axis] as f64 / from[axis] as f64);
+        Self { readout, path: self.path.scaled(factors), weight: self.weight }
+    }
+
     /// Whether no correction is applied: nothing moved, or the weight is 0.
     #[must_use]
     pub fn is_still(&self) -> bool {
@@ -58,6 +70,33 @@ mod tests {
     use super::*;
     use crate::motion::Twist;
     use crate::readout::{ReadoutDirection, ReadoutTime};
+
+    #[test]
+    fn a_scaled_motion_carries_scaled_points() {
+        use crate::motion::{ResidualField, ResidualMesh};
+        use nalgebra::Vector2;
+        let readout =
+            Readout::new(640, 480, ReadoutDirection::TopToBottom, ReadoutTime::WholePeriod, 0.02).unwrap();
+        let mesh = ResidualMesh { columns: 2, rows: 1, origin: [-300.0, 0.0], spacing: [600.0, 8.0] };
+        let field = ResidualField::new(mesh, vec![[2.0, -3.0], [6.0, 1.0]]).unwrap();
+        let path = MotionPath::uniform(Twist::new(3.0, 400.0, -700.0), 0.02).with_residual(field);
+        let motion = FrameMotion::new(readout, path).with_weight(0.5);
+        let point = Vector2::new(100.0, -70.0);
+        // Half of the size, and a proxy whose pixels are not square.
+        for (size, tolerance) in [([320, 240], 1e-12), ([320, 480], 1e-4)] {
+            let scaled = motion.scaled_to(size[0], size[1]);
+            assert_eq!((scaled.readout().width(), scaled.readout().height()), (size[0], size[1]));
+            assert_eq!((scaled.weight(), scaled.readout().time()), (0.5, 0.02));
+            let by = Vector2::new(size[0] as f64 / 640.0, size[1] as f64 / 480.0);
+            let expected = motion.path().carry(point, 0.1, 0.5).component_mul(&by);
+            let moved = scaled.path().carry(point.component_mul(&by), 0.1, 0.5);
+            assert!((moved - expected).norm() < tolerance, "{size:?}: {moved} for {expected}");
+            // There and back again.
+            let back = scaled.scaled_to(640, 480).path().carry(point, 0.1, 0.5);
+            assert!((back - motion.path().carry(point, 0.1, 0.5)).norm() < 2.0 * tolerance);
+        }
+        assert_eq!(motion.scaled_to(640, 480), motion);
+    }
 
     #[test]
     fn weights_are_shares() {

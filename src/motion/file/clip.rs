@@ -1,0 +1,10 @@
+//! The clip whose motion a file holds.
+
+/// The identity of the clip whose motion a file holds.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Clip {
+    /// Name of its file, without the folder.
+    pub name: String,
+    /// Size of its file in bytes.
+    pub bytes: u64,
+}
