@@ -48,6 +48,14 @@ pub enum MotionFileError {
         /// What is wrong.
         reason: RecordError,
     },
+    /// A frame of another shape than those of the clip.
+    #[error("frames of {} x {} pixels have another shape than those of the motion file, {} x {}", frame[0], frame[1], file[0], file[1])]
+    Shape {
+        /// Width and height of the frame that is to be rectified.
+        frame: [usize; 2],
+        /// Width and height in the file.
+        file: [usize; 2],
+    },
     /// A frame whose time is not after that of the frame before.
     #[error("the frame at {time} ns does not follow the one at {before} ns")]
     Order {

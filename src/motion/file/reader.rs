@@ -5,6 +5,7 @@ use super::error::{MotionFileError, RecordError};
 use super::header::{HEADER_BYTES, Header, hash};
 use super::record::{FIXED_BYTES, MotionRecord};
 use super::source::Source;
+use crate::motion::FrameMotion;
 use std::fs::File;
 use std::path::Path;
 use std::sync::Mutex;
@@ -16,6 +17,9 @@ const ENTRY_BYTES: u64 = 16;
 const TOLERANCE: i64 = 4;
 /// Interval between frames, in nanoseconds, that is assumed of a file with one frame: that of 25 frames a second.
 const LONE_INTERVAL: i64 = 40_000_000;
+/// Ratio by which the shape of a proxy may differ: their sides are rounded to even numbers or to blocks of 16, and 1080 rows may
+/// be coded as 1088.
+const SHAPE_TOLERANCE: f64 = 1.02;
 /// Bytes that are read of a record before its length is known: most are shorter.
 const USUAL_RECORD: u64 = 4096;
 
@@ -94,6 +98,12 @@ impl MotionFile {
         self.index.get(frame).map(|(time, _)| *time)
     }
 
+    /// Median interval between frames in nanoseconds.
+    #[must_use]
+    pub fn interval(&self) -> i64 {
+        self.interval
+    }
+
     /// The frame that is shown at a time, in nanoseconds of the clip: the last one that begins at most a quarter of
     /// the interval between frames after it. `None` before the first frame, and more than an interval after the last.
     #[must_use]
@@ -112,6 +122,27 @@ impl MotionFile {
         let last = next.checked_sub(1)?;
         let age = time.saturating_sub(begin(last)?);
         (age < self.interval - self.interval / TOLERANCE).then_some(last)
+    }
+
+    /// The motion of the frame that is shown at a time (see [`at`](Self::at)), scaled to `width` × `height` pixels;
+    /// `None` where there is none.
+    ///
+    /// # Errors
+    /// If its record cannot be read or is damaged, or is of frames of another shape.
+    pub fn motion(
+        &self,
+        time: i64,
+        [width, height]: [usize; 2],
+    ) -> Result<Option<FrameMotion>, MotionFileError> {
+        let Some(frame) = self.at(time) else { return Ok(None) };
+        let motion = self.record(frame)?.motion;
+        let file = [motion.readout().width(), motion.readout().height()];
+        let ratio = (width * file[1]) as f64 / (height * file[0]) as f64;
+        let is_alike = (1.0 / SHAPE_TOLERANCE..SHAPE_TOLERANCE).contains(&ratio);
+        if !is_alike {
+            return Err(MotionFileError::Shape { frame: [width, height], file });
+        }
+        Ok(Some(motion.scaled_to(width, height)))
     }
 
     /// The record of a frame.

@@ -129,6 +129,20 @@ fn frames_are_found_by_their_time() {
 }
 
 #[test]
+fn proxies_have_scaled_motions_and_other_shapes_none() {
+    let file = MotionFile::from_bytes(written(&records())).unwrap();
+    assert_eq!(file.motion(0, [800, 600]).unwrap(), Some(records()[1].motion.clone()));
+    let half = file.motion(0, [400, 300]).unwrap().unwrap();
+    assert_eq!(half, records()[1].motion.scaled_to(400, 300));
+    assert!(file.motion(1000, [402, 300]).unwrap().is_some());
+    assert!(file.motion(-2 * PERIOD, [400, 300]).unwrap().is_none());
+    for size in [[600, 800], [800, 450], [0, 600], [800, 0], [0, 0]] {
+        let error = file.motion(0, size).unwrap_err();
+        assert!(matches!(error, MotionFileError::Shape { file: [800, 600], .. }), "{error}");
+    }
+}
+
+#[test]
 fn times_must_rise() {
     let mut writer = MotionWriter::new(Cursor::new(Vec::new()), Clip::default()).unwrap();
     writer.push(&records()[2]).unwrap();
