@@ -88,7 +88,8 @@ impl Filter {
     /// for it.
     pub fn update(&self, time: f64, input: &[u8], output: &mut [u8]) {
         let warp = lock(&self.state).values.warp();
-        if !self.motion(time).is_some_and(|motion| self.warp(&motion, &warp, input, output).is_some()) {
+        let warped = self.motion(time).and_then(|motion| self.warp(&motion, &warp, input, output));
+        if warped.is_none() {
             let length = input.len().min(output.len());
             if let Some((input, output)) = input.get(..length).zip(output.get_mut(..length)) {
                 output.copy_from_slice(input);
