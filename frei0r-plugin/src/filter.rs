@@ -111,7 +111,7 @@ impl Filter {
             Position::Frame(frame) => file.time(frame),
             Position::None => None,
         };
-        let reason = match (nanoseconds.map(|time| file.motion(time, self.size)), position) {
+        let reason = match (nanoseconds.map(|time| file.upright_motion(time, self.size)), position) {
             (Some(Ok(Some(motion))), _) => return Some(motion),
             (Some(Err(error)), _) => error.to_string(),
             (_, Position::None) => {

@@ -58,6 +58,14 @@ impl FrameMotion {
         Self { readout, path: self.path.scaled(factors), weight: self.weight }
     }
 
+    /// The same motion of the frame turned clockwise by a quarter.
+    #[must_use]
+    pub fn turned(&self) -> Self {
+        let Readout { width, height, direction, time } = self.readout;
+        let readout = Readout { width: height, height: width, direction: direction.turned(), time };
+        Self { readout, path: self.path.turned(), weight: self.weight }
+    }
+
     /// Whether no correction is applied: nothing moved, or the weight is 0.
     #[must_use]
     pub fn is_still(&self) -> bool {
@@ -96,6 +104,60 @@ mod tests {
             assert!((back - motion.path().carry(point, 0.1, 0.5)).norm() < 2.0 * tolerance);
         }
         assert_eq!(motion.scaled_to(640, 480), motion);
+    }
+
+    #[test]
+    fn a_turned_motion_carries_turned_points() {
+        use crate::motion::{ResidualField, ResidualMesh, SampledPath};
+        use nalgebra::{Matrix3, Vector2};
+        let turned = |point: Vector2<f64>| Vector2::new(-point.y, point.x);
+        let directions = [
+            ReadoutDirection::TopToBottom,
+            ReadoutDirection::RightToLeft,
+            ReadoutDirection::BottomToTop,
+            ReadoutDirection::LeftToRight,
+        ];
+        let mesh = ResidualMesh { columns: 3, rows: 2, origin: [-300.0, -90.0], spacing: [200.0, 150.0] };
+        let velocities = (0..6u8).map(|node| [f32::from(node), f32::from(node * node) - 4.0]).collect();
+        let field = ResidualField::new(mesh, velocities).unwrap();
+        let motions: Vec<_> = (0..9)
+            .map(|index| {
+                let share = f64::from(index) / 8.0;
+                Matrix3::new(
+                    1.0,
+                    -0.02 * share,
+                    9.0 * share,
+                    0.01,
+                    1.0,
+                    -4.0 * share,
+                    1e-5,
+                    2e-5 * share,
+                    1.0,
+                )
+            })
+            .collect();
+        let sampled = MotionPath::from(SampledPath::new(&motions, 0.02).unwrap());
+        let uniform = MotionPath::uniform(Twist::new(3.0, 400.0, -700.0), 0.02);
+        for (direction, next) in directions.into_iter().zip(directions.into_iter().cycle().skip(1)) {
+            let readout = Readout::new(640, 480, direction, ReadoutTime::WholePeriod, 0.02).unwrap();
+            for path in [&sampled, &uniform] {
+                let motion = FrameMotion::new(readout, path.clone().with_residual(field.clone()));
+                let after = motion.turned();
+                assert_eq!(after.readout().direction(), next);
+                // The pixel (30, 50) comes to column 480 − 1 − 50, row 30.
+                let share = readout.share(30.0, 50.0);
+                assert!((after.readout().share(429.0, 30.0) - share).abs() < 1e-12);
+                let point = Vector2::new(30.0 - 319.5, 50.0 - 239.5);
+                let expected = turned(motion.path().carry(point, share, 0.5));
+                let moved = after.path().carry(turned(point), share, 0.5);
+                assert!((moved - expected).norm() < 1e-9, "{moved} for {expected}");
+                let back = after.turned().turned().turned();
+                assert!(
+                    (back.path().carry(point, share, 0.5) - turned(turned(turned(expected)))).norm() < 1e-9
+                );
+                assert_eq!(back.readout(), motion.readout());
+            }
+        }
     }
 
     #[test]

@@ -90,6 +90,19 @@ impl MotionPath {
         Self { global, residual }
     }
 
+    /// The same path in a frame turned clockwise by a quarter: a point at (x, y) comes to (−y, x).
+    pub(super) fn turned(&self) -> Self {
+        let global = match &self.global {
+            Global::Uniform { twist, readout_time } => {
+                let velocity = Vector2::new(-twist.velocity.y, twist.velocity.x);
+                Global::Uniform { twist: Twist { velocity, ..*twist }, readout_time: *readout_time }
+            }
+            Global::Sampled(path) => Global::Sampled(Arc::new(path.turned())),
+        };
+        let residual = self.residual.as_ref().map(|field| Arc::new(field.turned()));
+        Self { global, residual }
+    }
+
     /// The position at share `to` of the point that the frame shows at `point` (centred pixels),
     /// exposed at share `from` of the readout.
     ///

@@ -82,6 +82,20 @@ impl ResidualField {
         Self { mesh, velocities: self.velocities.iter().map(scaled).collect() }
     }
 
+    /// The same field in a frame turned clockwise by a quarter: the nodes of a row, from the left, become those of a
+    /// column, from the top, and the first row the last column.
+    pub(super) fn turned(&self) -> Self {
+        let ResidualMesh { columns, rows, origin: [x, y], spacing: [across, down] } = self.mesh;
+        let last = y + down * (rows - 1) as f64;
+        let mesh = ResidualMesh { columns: rows, rows: columns, origin: [-last, x], spacing: [down, across] };
+        let old = |node: usize| (rows - 1 - node % rows) * columns + node / rows;
+        let velocity = |[vx, vy]: [f32; 2]| [-vy, vx];
+        Self {
+            mesh,
+            velocities: (0..columns * rows).map(|node| velocity(self.velocities[old(node)])).collect(),
+        }
+    }
+
     /// The velocity, in pixels per whole readout, at the position (centred pixels) where the frame shows a
     /// point.
     pub fn velocity(&self, point: Vector2<f64>) -> Vector2<f64> {

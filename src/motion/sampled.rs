@@ -79,6 +79,16 @@ impl SampledPath {
         Self { motions: all(&self.motions), slopes: all(&self.slopes), readout_time: self.readout_time }
     }
 
+    /// The same path in a frame turned clockwise by a quarter.
+    pub(super) fn turned(&self) -> Self {
+        // R·H·R⁻¹ with R: (x, y) → (−y, x), linear in H.
+        let turn = Matrix3::new(0.0, -1.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0);
+        let all = |motions: &[Matrix3<f64>]| {
+            motions.iter().map(|motion| turn * motion * turn.transpose()).collect()
+        };
+        Self { motions: all(&self.motions), slopes: all(&self.slopes), readout_time: self.readout_time }
+    }
+
     /// The homography that maps points exposed at `share` to the common instant.
     fn at(&self, share: f64) -> Matrix3<f64> {
         let steps = self.motions.len() - 1;

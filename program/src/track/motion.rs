@@ -34,7 +34,8 @@ pub fn write<W: Write + Seek + Send + 'static>(
     find_readout(clip, &mut analysis, interruption)?;
     let name = clip.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
     let bytes = std::fs::metadata(clip).context("cannot be read")?.len();
-    let writing: Writing<W> = Arc::new(Mutex::new(MotionWriter::new(output, Clip { name, bytes })));
+    let writing: Writing<W> =
+        Arc::new(Mutex::new(MotionWriter::new(output, Clip { name, bytes, turned: 0 })));
     play(clip, &analysis, &writing, interruption)?;
     // The pipeline is gone, and with it the other one who held this.
     let writer = Arc::into_inner(writing).context("the rectifier has not ended")?;
@@ -77,6 +78,7 @@ fn play<W: Write + Seek + Send + 'static>(
     decoder::link_video(clip, &decoder, &pad(&frames, "sink")?, |decoder| {
         gst::element_error!(decoder, gst::StreamError::WrongType, ("{NO_VIDEO}"));
     })?;
+    note_orientation(&pad(&frames, "sink")?, writing.clone());
     let straightened = times::straighten(&pad(&frames, "src")?);
     times::mend(&pipeline, Picture::of(clip)?.delay);
     let rectifier = named(&pipeline, "rectifier")?;
@@ -120,4 +122,24 @@ fn play<W: Write + Seek + Send + 'static>(
         eprintln!("warning: the times of frames contradict their order: {moved} count as a little later");
     }
     Ok(())
+}
+
+/// Notes by how much players turn frames that come to a pad, as their file states it.
+fn note_orientation<W: Write + Seek + Send + 'static>(frames: &gst::Pad, writing: Writing<W>) {
+    frames.add_probe(gst::PadProbeType::EVENT_DOWNSTREAM, move |_, info| {
+        if let Some(gst::EventView::Tag(tags)) = info.event().map(|event| event.view())
+            && let Some(orientation) = tags.tag().get::<gst::tags::ImageOrientation>()
+        {
+            let turned = match orientation.get() {
+                "rotate-90" => 90,
+                "rotate-180" => 180,
+                "rotate-270" => 270,
+                _ => 0,
+            };
+            if let Ok(writer) = &mut *writing.lock().unwrap_or_else(PoisonError::into_inner) {
+                writer.clip_mut().turned = turned;
+            }
+        }
+        gst::PadProbeReturn::Ok
+    });
 }

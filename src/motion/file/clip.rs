@@ -7,4 +7,7 @@ pub struct Clip {
     pub name: String,
     /// Size of its file in bytes.
     pub bytes: u64,
+    /// Degrees, 0, 90, 180 or 270, by which players turn its frames clockwise to show them upright. The motions are those
+    /// of the frames before.
+    pub turned: u16,
 }

@@ -33,8 +33,8 @@ impl Header {
         }
         let ([major, minor], Self { clip, frames, times, index }) = (VERSION, self);
         let mut text = format!(
-            "{TITLE}{major}.{minor}\nclip: {name}\nclip-bytes: {}\nframes: {frames}\ntimes-fnv1a: {times:016x}\nindex: {index}\n",
-            clip.bytes
+            "{TITLE}{major}.{minor}\nclip: {name}\nclip-bytes: {}\nturned: {}\nframes: {frames}\ntimes-fnv1a: {times:016x}\nindex: {index}\n",
+            clip.bytes, clip.turned
         );
         let padding = HEADER_BYTES.saturating_sub(text.len() + 1);
         text.extend(std::iter::repeat_n(' ', padding));
@@ -61,10 +61,13 @@ impl Header {
             let found = text.lines().find_map(|line| line.strip_prefix(key)?.strip_prefix(": "));
             found.ok_or(MotionFileError::Header(key))
         };
-        let number = |key| value(key)?.parse().map_err(|_| MotionFileError::Header(key));
+        let number = |key| value(key)?.parse::<u64>().map_err(|_| MotionFileError::Header(key));
+        let turned = number("turned")?;
+        let turned = [0, 90, 180, 270].into_iter().find(|degrees| u64::from(*degrees) == turned);
+        let turned = turned.ok_or(MotionFileError::Header("turned"))?;
         let times = u64::from_str_radix(value("times-fnv1a")?, 16);
         Ok(Self {
-            clip: Clip { name: value("clip")?.to_owned(), bytes: number("clip-bytes")? },
+            clip: Clip { name: value("clip")?.to_owned(), bytes: number("clip-bytes")?, turned },
             frames: number("frames")?,
             times: times.map_err(|_| MotionFileError::Header("times-fnv1a"))?,
             index: number("index")?,
@@ -86,7 +89,7 @@ mod tests {
     use super::*;
 
     fn header() -> Header {
-        let clip = Clip { name: "Straße 1.mp4".to_owned(), bytes: 123_456 };
+        let clip = Clip { name: "Straße 1.mp4".to_owned(), bytes: 123_456, turned: 270 };
         Header { clip, frames: 103, times: 0x0123_4567_89ab_cdef, index: 98_765 }
     }
 
@@ -94,11 +97,11 @@ mod tests {
     fn a_header_comes_back() {
         let text = header().text();
         assert_eq!(text.len(), HEADER_BYTES);
-        assert!(
-            text.starts_with("rsrectify motion 1.0\nclip: Straße 1.mp4\nclip-bytes: 123456\nframes: 103\n")
-        );
+        assert!(text.starts_with(
+            "rsrectify motion 1.0\nclip: Straße 1.mp4\nclip-bytes: 123456\nturned: 270\nframes: 103\n"
+        ));
         assert_eq!(Header::parse(text.as_bytes()).unwrap(), header());
-        let clip = Clip { name: "ä\n".repeat(2000), bytes: 0 };
+        let clip = Clip { name: "ä\n".repeat(2000), bytes: 0, turned: 0 };
         let text = Header { clip, ..header() }.text();
         assert_eq!(text.len(), HEADER_BYTES);
         assert_eq!(Header::parse(text.as_bytes()).unwrap().frames, 103);
@@ -121,7 +124,7 @@ mod tests {
 
     #[test]
     fn what_is_missing_is_named() {
-        for key in ["clip", "clip-bytes", "frames", "times-fnv1a", "index"] {
+        for key in ["clip", "clip-bytes", "turned", "frames", "times-fnv1a", "index"] {
             let text = header().text().replace(&format!("\n{key}: "), &format!("\n{}- ", key));
             let error = Header::parse(text.as_bytes()).unwrap_err();
             assert!(error.to_string().ends_with(key), "{error}");

@@ -18,6 +18,7 @@
 //! |---|---|
 //! | `clip` | name of the clip's file; control characters are replaced |
 //! | `clip-bytes` | size of that file |
+//! | `turned` | degrees by which players turn the frames clockwise to show them upright: 0, 90, 180 or 270; the motions are those of the frames before |
 //! | `frames` | number of frames |
 //! | `times-fnv1a` | FNV-1a hash, 64 bits in hexadecimal digits, of the frames' times as they are in the index, 8 bytes each |
 //! | `index` | offset of the index in the file |

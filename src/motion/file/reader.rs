@@ -135,14 +135,23 @@ impl MotionFile {
         [width, height]: [usize; 2],
     ) -> Result<Option<FrameMotion>, MotionFileError> {
         let Some(frame) = self.at(time) else { return Ok(None) };
+        fitted(&self.record(frame)?.motion, [width, height]).map(Some)
+    }
+
+    /// The same of a frame that a program has turned upright, as [`Clip::turned`] states it; a frame of another shape than turned ones
+    /// counts as not turned.
+    ///
+    /// # Errors
+    /// As [`motion`](Self::motion).
+    pub fn upright_motion(
+        &self,
+        time: i64,
+        size: [usize; 2],
+    ) -> Result<Option<FrameMotion>, MotionFileError> {
+        let Some(frame) = self.at(time) else { return Ok(None) };
         let motion = self.record(frame)?.motion;
-        let file = [motion.readout().width(), motion.readout().height()];
-        let ratio = (width * file[1]) as f64 / (height * file[0]) as f64;
-        let is_alike = (1.0 / SHAPE_TOLERANCE..SHAPE_TOLERANCE).contains(&ratio);
-        if !is_alike {
-            return Err(MotionFileError::Shape { frame: [width, height], file });
-        }
-        Ok(Some(motion.scaled_to(width, height)))
+        let turned = (0..self.header.clip.turned / 90).fold(motion.clone(), |motion, _| motion.turned());
+        fitted(&turned, size).or_else(|_| fitted(&motion, size)).map(Some)
     }
 
     /// The record of a frame.
@@ -163,4 +172,15 @@ impl MotionFile {
         }
         MotionRecord::decode(time, &bytes).map_err(at_frame)
     }
+}
+
+/// The motion scaled to frames of another size.
+fn fitted(motion: &FrameMotion, [width, height]: [usize; 2]) -> Result<FrameMotion, MotionFileError> {
+    let file = [motion.readout().width(), motion.readout().height()];
+    let ratio = (width * file[1]) as f64 / (height * file[0]) as f64;
+    // Not of frames without pixels: 0 or NaN.
+    let is_alike = (1.0 / SHAPE_TOLERANCE..SHAPE_TOLERANCE).contains(&ratio);
+    is_alike
+        .then(|| motion.scaled_to(width, height))
+        .ok_or(MotionFileError::Shape { frame: [width, height], file })
 }

@@ -49,7 +49,7 @@ fn records() -> Vec<MotionRecord> {
 }
 
 fn written(records: &[MotionRecord]) -> Vec<u8> {
-    let clip = Clip { name: "phone.mp4".to_owned(), bytes: 12345 };
+    let clip = Clip { name: "phone.mp4".to_owned(), bytes: 12345, turned: 0 };
     let mut writer = MotionWriter::new(Cursor::new(Vec::new()), clip).unwrap();
     records.iter().for_each(|record| writer.push(record).unwrap());
     writer.finish().unwrap().into_inner()
@@ -63,7 +63,7 @@ fn motions_come_back_exactly() {
     let files = [MotionFile::from_bytes(bytes).unwrap(), MotionFile::open(&path).unwrap()];
     std::fs::remove_file(&path).unwrap();
     for file in files {
-        assert_eq!(file.clip(), &Clip { name: "phone.mp4".to_owned(), bytes: 12345 });
+        assert_eq!(file.clip(), &Clip { name: "phone.mp4".to_owned(), bytes: 12345, turned: 0 });
         assert_eq!(file.frames(), 4);
         // In any order.
         for frame in [2, 0, 3, 1] {
@@ -140,6 +140,20 @@ fn proxies_have_scaled_motions_and_other_shapes_none() {
         let error = file.motion(0, size).unwrap_err();
         assert!(matches!(error, MotionFileError::Shape { file: [800, 600], .. }), "{error}");
     }
+}
+
+#[test]
+fn frames_that_were_turned_upright_have_turned_motions() {
+    let mut writer = MotionWriter::new(Cursor::new(Vec::new()), Clip::default()).unwrap();
+    writer.push(&records()[1]).unwrap();
+    writer.clip_mut().turned = 270;
+    let file = MotionFile::from_bytes(writer.finish().unwrap().into_inner()).unwrap();
+    let motion = &records()[1].motion;
+    let upright = file.upright_motion(0, [300, 400]).unwrap().unwrap();
+    assert_eq!(upright, motion.turned().turned().turned().scaled_to(300, 400));
+    assert_eq!(upright.readout().direction(), ReadoutDirection::RightToLeft);
+    assert_eq!(file.upright_motion(0, [800, 600]).unwrap().as_ref(), Some(motion));
+    assert!(file.upright_motion(0, [800, 450]).is_err() && file.motion(0, [300, 400]).is_err());
 }
 
 #[test]

@@ -45,6 +45,11 @@ impl<W: Write + Seek> MotionWriter<W> {
         Ok(())
     }
 
+    /// The clip that the file is of, which may be changed until the end.
+    pub fn clip_mut(&mut self) -> &mut Clip {
+        &mut self.clip
+    }
+
     /// Number of frames so far.
     #[must_use]
     pub fn frames(&self) -> usize {
