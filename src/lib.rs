@@ -109,6 +109,9 @@ mod tests {
         check::<warp::WarpError>();
         check::<motion::FrameMotion>();
         check::<motion::MotionPath>();
+        check::<motion::file::MotionFile>();
+        check::<motion::file::MotionFileError>();
+        check::<motion::file::MotionRecord>();
         check::<motion::MeshError>();
         check::<motion::PathError>();
         check::<readout::Readout>();

@@ -26,6 +26,17 @@ impl ReadoutDirection {
         matches!(self, Self::TopToBottom | Self::BottomToTop)
     }
 
+    /// The direction in the frame turned clockwise by a quarter: the first row becomes the last column.
+    #[must_use]
+    pub const fn turned(self) -> Self {
+        match self {
+            Self::TopToBottom => Self::RightToLeft,
+            Self::RightToLeft => Self::BottomToTop,
+            Self::BottomToTop => Self::LeftToRight,
+            Self::LeftToRight => Self::TopToBottom,
+        }
+    }
+
     /// Whether the readout runs from the last row or column to the first.
     #[must_use]
     pub const fn is_reversed(self) -> bool {

@@ -59,3 +59,8 @@ fn correspondences() {
 fn settings() {
     run("settings");
 }
+
+#[test]
+fn motion_file() {
+    run("motion_file");
+}

@@ -5,6 +5,7 @@
 
 pub mod correspondences;
 pub mod input;
+pub mod motion_file;
 pub mod planes;
 pub mod rectifier;
 pub mod settings;
@@ -13,9 +14,10 @@ pub mod settings;
 pub type Target = (&'static str, fn(&[u8]));
 
 /// All of them.
-pub const TARGETS: [Target; 4] = [
+pub const TARGETS: [Target; 5] = [
     ("planes", planes::check),
     ("rectifier", rectifier::check),
     ("correspondences", correspondences::check),
     ("settings", settings::check),
+    ("motion_file", motion_file::check),
 ];

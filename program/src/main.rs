@@ -21,6 +21,7 @@ mod isobmff;
 mod join;
 mod matroska;
 mod measure;
+mod motions;
 mod output;
 mod packets;
 mod part;

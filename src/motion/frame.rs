@@ -46,6 +46,26 @@ impl FrameMotion {
         self.weight
     }
 
+    /// The same motion of the frame scaled to `width` × `height` pixels, as of a proxy.
+    #[must_use]
+    pub fn scaled_to(&self, width: usize, height: usize) -> Self {
+        let readout = Readout { width, height, ..self.readout };
+        let (from, to) = ([self.readout.width, self.readout.height], [width, height]);
+        if from == to || from.contains(&0) || to.contains(&0) {
+            return Self { readout, ..self.clone() };
+        }
+        let factors = [0, 1].map(|axis| to[axis] as f64 / from[axis] as f64);
+        Self { readout, path: self.path.scaled(factors), weight: self.weight }
+    }
+
+    /// The same motion of the frame turned clockwise by a quarter.
+    #[must_use]
+    pub fn turned(&self) -> Self {
+        let Readout { width, height, direction, time } = self.readout;
+        let readout = Readout { width: height, height: width, direction: direction.turned(), time };
+        Self { readout, path: self.path.turned(), weight: self.weight }
+    }
+
     /// Whether no correction is applied: nothing moved, or the weight is 0.
     #[must_use]
     pub fn is_still(&self) -> bool {
@@ -58,6 +78,87 @@ mod tests {
     use super::*;
     use crate::motion::Twist;
     use crate::readout::{ReadoutDirection, ReadoutTime};
+
+    #[test]
+    fn a_scaled_motion_carries_scaled_points() {
+        use crate::motion::{ResidualField, ResidualMesh};
+        use nalgebra::Vector2;
+        let readout =
+            Readout::new(640, 480, ReadoutDirection::TopToBottom, ReadoutTime::WholePeriod, 0.02).unwrap();
+        let mesh = ResidualMesh { columns: 2, rows: 1, origin: [-300.0, 0.0], spacing: [600.0, 8.0] };
+        let field = ResidualField::new(mesh, vec![[2.0, -3.0], [6.0, 1.0]]).unwrap();
+        let path = MotionPath::uniform(Twist::new(3.0, 400.0, -700.0), 0.02).with_residual(field);
+        let motion = FrameMotion::new(readout, path).with_weight(0.5);
+        let point = Vector2::new(100.0, -70.0);
+        // Half of the size, and a proxy whose pixels are not square.
+        for (size, tolerance) in [([320, 240], 1e-12), ([320, 480], 1e-4)] {
+            let scaled = motion.scaled_to(size[0], size[1]);
+            assert_eq!((scaled.readout().width(), scaled.readout().height()), (size[0], size[1]));
+            assert_eq!((scaled.weight(), scaled.readout().time()), (0.5, 0.02));
+            let by = Vector2::new(size[0] as f64 / 640.0, size[1] as f64 / 480.0);
+            let expected = motion.path().carry(point, 0.1, 0.5).component_mul(&by);
+            let moved = scaled.path().carry(point.component_mul(&by), 0.1, 0.5);
+            assert!((moved - expected).norm() < tolerance, "{size:?}: {moved} for {expected}");
+            // There and back again.
+            let back = scaled.scaled_to(640, 480).path().carry(point, 0.1, 0.5);
+            assert!((back - motion.path().carry(point, 0.1, 0.5)).norm() < 2.0 * tolerance);
+        }
+        assert_eq!(motion.scaled_to(640, 480), motion);
+    }
+
+    #[test]
+    fn a_turned_motion_carries_turned_points() {
+        use crate::motion::{ResidualField, ResidualMesh, SampledPath};
+        use nalgebra::{Matrix3, Vector2};
+        let turned = |point: Vector2<f64>| Vector2::new(-point.y, point.x);
+        let directions = [
+            ReadoutDirection::TopToBottom,
+            ReadoutDirection::RightToLeft,
+            ReadoutDirection::BottomToTop,
+            ReadoutDirection::LeftToRight,
+        ];
+        let mesh = ResidualMesh { columns: 3, rows: 2, origin: [-300.0, -90.0], spacing: [200.0, 150.0] };
+        let velocities = (0..6u8).map(|node| [f32::from(node), f32::from(node * node) - 4.0]).collect();
+        let field = ResidualField::new(mesh, velocities).unwrap();
+        let motions: Vec<_> = (0..9)
+            .map(|index| {
+                let share = f64::from(index) / 8.0;
+                Matrix3::new(
+                    1.0,
+                    -0.02 * share,
+                    9.0 * share,
+                    0.01,
+                    1.0,
+                    -4.0 * share,
+                    1e-5,
+                    2e-5 * share,
+                    1.0,
+                )
+            })
+            .collect();
+        let sampled = MotionPath::from(SampledPath::new(&motions, 0.02).unwrap());
+        let uniform = MotionPath::uniform(Twist::new(3.0, 400.0, -700.0), 0.02);
+        for (direction, next) in directions.into_iter().zip(directions.into_iter().cycle().skip(1)) {
+            let readout = Readout::new(640, 480, direction, ReadoutTime::WholePeriod, 0.02).unwrap();
+            for path in [&sampled, &uniform] {
+                let motion = FrameMotion::new(readout, path.clone().with_residual(field.clone()));
+                let after = motion.turned();
+                assert_eq!(after.readout().direction(), next);
+                // The pixel (30, 50) comes to column 480 − 1 − 50, row 30.
+                let share = readout.share(30.0, 50.0);
+                assert!((after.readout().share(429.0, 30.0) - share).abs() < 1e-12);
+                let point = Vector2::new(30.0 - 319.5, 50.0 - 239.5);
+                let expected = turned(motion.path().carry(point, share, 0.5));
+                let moved = after.path().carry(turned(point), share, 0.5);
+                assert!((moved - expected).norm() < 1e-9, "{moved} for {expected}");
+                let back = after.turned().turned().turned();
+                assert!(
+                    (back.path().carry(point, share, 0.5) - turned(turned(turned(expected)))).norm() < 1e-9
+                );
+                assert_eq!(back.readout(), motion.readout());
+            }
+        }
+    }
 
     #[test]
     fn weights_are_shares() {

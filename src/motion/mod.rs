@@ -2,9 +2,11 @@
 //!
 //! Points are *centred*: pixels from the image centre ((W − 1)/2, (H − 1)/2), y down.
 
+pub mod file;
 mod frame;
 pub(crate) mod generators;
 mod path;
+mod precision;
 mod residual;
 mod sampled;
 mod twist;
@@ -12,6 +14,7 @@ mod twist;
 pub use frame::FrameMotion;
 pub use generators::Model;
 pub use path::{IntervalMotion, MotionPath};
+pub(crate) use precision::{rounded_homography, rounded_velocity};
 pub use residual::{MeshError, ResidualField, ResidualMesh};
 pub use sampled::{PathError, SampledPath};
 pub use twist::{Rigid, Twist};

@@ -16,10 +16,13 @@ pub struct MotionPath {
 
 /// The global motion of the picture.
 #[derive(Clone, Debug, PartialEq)]
-enum Global {
+pub(super) enum Global {
     Uniform { twist: Twist, readout_time: f64 },
     Sampled(Arc<SampledPath>),
 }
+
+/// Samples of a path less one that stands for a uniform motion where the axes are scaled by different factors.
+const STEPS: u32 = 32;
 
 /// The motion of a path between two shares of the readout; common to all points exposed at the same
 /// share.
@@ -55,6 +58,49 @@ impl MotionPath {
     #[must_use]
     pub fn residual(&self) -> Option<&ResidualField> {
         self.residual.as_deref()
+    }
+
+    /// The global motion.
+    pub(super) fn global(&self) -> &Global {
+        &self.global
+    }
+
+    /// The same path in pixels that are smaller by these factors along x and y.
+    pub(super) fn scaled(&self, factors: [f64; 2]) -> Self {
+        let global = match &self.global {
+            Global::Uniform { twist, readout_time } if factors[0] == factors[1] => {
+                let twist = Twist { velocity: twist.velocity * factors[0], ..*twist };
+                Global::Uniform { twist, readout_time: *readout_time }
+            }
+            Global::Uniform { twist, readout_time } => {
+                let motions: Vec<_> = (0..=STEPS)
+                    .map(|index| {
+                        let share = f64::from(index) / f64::from(STEPS);
+                        matrix(twist.after(-share * readout_time))
+                    })
+                    .collect();
+                match SampledPath::new(&motions, *readout_time) {
+                    Ok(path) => Global::Sampled(Arc::new(path.scaled(factors))),
+                    Err(_) => self.global.clone(),
+                }
+            }
+            Global::Sampled(path) => Global::Sampled(Arc::new(path.scaled(factors))),
+        };
+        let residual = self.residual.as_ref().map(|field| Arc::new(field.scaled(factors)));
+        Self { global, residual }
+    }
+
+    /// The same path in a frame turned clockwise by a quarter: a point at (x, y) comes to (−y, x).
+    pub(super) fn turned(&self) -> Self {
+        let global = match &self.global {
+            Global::Uniform { twist, readout_time } => {
+                let velocity = Vector2::new(-twist.velocity.y, twist.velocity.x);
+                Global::Uniform { twist: Twist { velocity, ..*twist }, readout_time: *readout_time }
+            }
+            Global::Sampled(path) => Global::Sampled(Arc::new(path.turned())),
+        };
+        let residual = self.residual.as_ref().map(|field| Arc::new(field.turned()));
+        Self { global, residual }
     }
 
     /// The position at share `to` of the point that the frame shows at `point` (centred pixels),

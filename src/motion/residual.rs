@@ -68,6 +68,34 @@ impl ResidualField {
         &self.mesh
     }
 
+    /// The velocities of the nodes, row by row.
+    pub(super) fn velocities(&self) -> &[[f32; 2]] {
+        &self.velocities
+    }
+
+    /// The same field in pixels that are smaller by these factors along x and y.
+    pub(super) fn scaled(&self, factors: [f64; 2]) -> Self {
+        let by = |values: [f64; 2]| [values[0] * factors[0], values[1] * factors[1]];
+        let ResidualMesh { columns, rows, origin, spacing } = self.mesh;
+        let mesh = ResidualMesh { columns, rows, origin: by(origin), spacing: by(spacing) };
+        let scaled = |velocity: &[f32; 2]| by(velocity.map(f64::from)).map(|value| value as f32);
+        Self { mesh, velocities: self.velocities.iter().map(scaled).collect() }
+    }
+
+    /// The same field in a frame turned clockwise by a quarter: the nodes of a row, from the left, become those of a
+    /// column, from the top, and the first row the last column.
+    pub(super) fn turned(&self) -> Self {
+        let ResidualMesh { columns, rows, origin: [x, y], spacing: [across, down] } = self.mesh;
+        let last = y + down * (rows - 1) as f64;
+        let mesh = ResidualMesh { columns: rows, rows: columns, origin: [-last, x], spacing: [down, across] };
+        let old = |node: usize| (rows - 1 - node % rows) * columns + node / rows;
+        let velocity = |[vx, vy]: [f32; 2]| [-vy, vx];
+        Self {
+            mesh,
+            velocities: (0..columns * rows).map(|node| velocity(self.velocities[old(node)])).collect(),
+        }
+    }
+
     /// The velocity, in pixels per whole readout, at the position (centred pixels) where the frame shows a
     /// point.
     pub fn velocity(&self, point: Vector2<f64>) -> Vector2<f64> {

@@ -58,6 +58,37 @@ impl SampledPath {
         Ok(Self { motions, slopes, readout_time })
     }
 
+    /// The homographies at the samples, scaled so that the last element is 1.
+    pub(super) fn motions(&self) -> &[Matrix3<f64>] {
+        &self.motions
+    }
+
+    /// Readout time in seconds.
+    pub(super) fn readout_time(&self) -> f64 {
+        self.readout_time
+    }
+
+    /// The same path in pixels that are smaller by these factors along x and y.
+    pub(super) fn scaled(&self, [x, y]: [f64; 2]) -> Self {
+        // S·H·S⁻¹ with S = diag(x, y, 1), linear in H.
+        let scaled = |motion: &Matrix3<f64>| {
+            let factors = [x, y, 1.0];
+            Matrix3::from_fn(|row, column| motion[(row, column)] * factors[row] / factors[column])
+        };
+        let all = |motions: &[Matrix3<f64>]| motions.iter().map(scaled).collect();
+        Self { motions: all(&self.motions), slopes: all(&self.slopes), readout_time: self.readout_time }
+    }
+
+    /// The same path in a frame turned clockwise by a quarter.
+    pub(super) fn turned(&self) -> Self {
+        // R·H·R⁻¹ with R: (x, y) → (−y, x), linear in H.
+        let turn = Matrix3::new(0.0, -1.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0);
+        let all = |motions: &[Matrix3<f64>]| {
+            motions.iter().map(|motion| turn * motion * turn.transpose()).collect()
+        };
+        Self { motions: all(&self.motions), slopes: all(&self.slopes), readout_time: self.readout_time }
+    }
+
     /// The homography that maps points exposed at `share` to the common instant.
     fn at(&self, share: f64) -> Matrix3<f64> {
         let steps = self.motions.len() - 1;

@@ -3,11 +3,12 @@
 //! Only the thread that holds the sink pad's stream lock does this: the streaming thread, or the timer that
 //! gives out a frame which a live pipeline can wait for no longer.
 
-use super::imp::{CAT, RsRectify, lock};
+use super::imp::{CAT, RsRectify};
 use super::latency::Latency;
 use super::load::Effort;
 use super::properties::Settings;
 use super::report::{self, FrameTime, clock_time};
+use super::shared::lock;
 use super::state::{Frame, Output, State};
 use super::timer::Timer;
 use gst::glib::property::PropertyGet;
@@ -168,7 +169,7 @@ impl RsRectify {
         let motion = match &solution {
             Some(solution) => Some(solution.motion.clone()),
             None if is_skipped => lock(&self.state).as_ref().map(State::still),
-            None => None,
+            None => self.given_motion(&time),
         };
         let motion = motion.filter(|motion| !settings.leaves_untouched(motion));
         let applied =
@@ -183,6 +184,10 @@ impl RsRectify {
         }
         lock(&self.report).count_frame(&time, solution.as_ref());
         if let Some(solution) = solution {
+            let observer = lock(&self.hooks).observer.clone();
+            if let Some(observer) = observer {
+                observer(time.stream, &solution);
+            }
             if settings.attach_meta
                 && let Err(error) = report::attach_meta(output.make_mut(), &solution, applied)
             {
@@ -195,6 +200,13 @@ impl RsRectify {
         }
         gst::log!(CAT, imp = self, "Pushing {output:?}");
         obj.src_pad().push(output).map(|_| ())
+    }
+
+    /// The motion of a frame from elsewhere; `None` where there is none.
+    fn given_motion(&self, time: &FrameTime) -> Option<FrameMotion> {
+        let source = lock(&self.hooks).source.clone()?;
+        let size = lock(&self.state).as_ref().filter(|state| !state.is_passthrough()).map(State::size)?;
+        source(time.stream, size)
     }
 
     /// A frame that goes out as it came: the buffer itself, or a copy where downstream would take the padding of

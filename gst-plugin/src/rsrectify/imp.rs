@@ -43,17 +43,17 @@ use super::formats;
 use super::latency::Latency;
 use super::properties::{self, Settings};
 use super::report::{Report, clock_time};
+use super::shared::{Hooks, Shared, lock};
 use super::state::State;
 use super::timer::Timer;
 use gst::glib;
-use gst::glib::property::{PropertyGet, PropertySetNested};
 use gst::prelude::*;
 use gst::subclass::prelude::*;
 use gst_base::prelude::*;
 use gst_base::subclass::base_transform::GenerateOutputSuccess;
 use gst_base::subclass::prelude::*;
 use gst_video::subclass::prelude::*;
-use std::sync::{LazyLock, Mutex, MutexGuard, PoisonError};
+use std::sync::{LazyLock, Mutex};
 
 pub(super) static CAT: LazyLock<gst::DebugCategory> = LazyLock::new(|| {
     gst::DebugCategory::new("rsrectify", gst::DebugColorFlags::empty(), Some("Rolling shutter rectifier"))
@@ -180,6 +180,8 @@ pub struct RsRectify {
         nick = "Stabilised",
         blurb = "Whether the frames were moved after their readout, as by stabilisation in the camera; such frames are rectified by the changes of their lean alone, as far as these tell it; auto: found from the picture (sequential: no)", mutable_playing)]
     pub(super) settings: Shared,
+    /// Set before the element is started.
+    pub(super) hooks: Mutex<Hooks>,
     /// `None` until caps are known.
     pub(super) state: Mutex<Option<State>>,
     /// For any thread, briefly.
@@ -205,36 +207,12 @@ impl Default for RsRectify {
         let latency = Latency::new(Settings::default().analysis().lookahead as u64, None, 0);
         Self {
             settings: Shared::default(),
+            hooks: Mutex::default(),
             state: Mutex::default(),
             report: Mutex::new(Report::new(latency)),
             timer: Mutex::default(),
         }
     }
-}
-
-/// The settings, which any thread may read and write.
-#[derive(Default)]
-pub(super) struct Shared(Mutex<Settings>);
-
-impl PropertyGet for Shared {
-    type Value = Settings;
-
-    fn get<R, F: Fn(&Settings) -> R>(&self, read: F) -> R {
-        read(&lock(&self.0))
-    }
-}
-
-impl PropertySetNested for Shared {
-    type SetNestedValue = Settings;
-
-    fn set_nested<F: FnOnce(&mut Settings)>(&self, write: F) {
-        write(&mut lock(&self.0));
-    }
-}
-
-/// Locks a mutex; a panic elsewhere, which is reported there, does not make its data unreadable.
-pub(super) fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
-    mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 impl RsRectify {
@@ -480,7 +458,8 @@ impl VideoFilterImpl for RsRectify {
         _outcaps: &gst::Caps,
         _out_info: &gst_video::VideoInfo,
     ) -> Result<(), gst::LoggableError> {
-        let state = State::new(caps, info, &self.settings())
+        let has_source = lock(&self.hooks).source.is_some();
+        let state = State::new(caps, info, &self.settings(), has_source)
             .ok_or_else(|| gst::loggable_error!(CAT, "No luma in {caps}"))?;
         let (frames, rate, passthrough) = (state.frames_held(), state.rate(), state.is_passthrough());
         gst::info!(CAT, imp = self, "Caps {caps}");

@@ -40,8 +40,9 @@ pub struct Frame {
 pub struct State {
     caps: gst::Caps,
     layout: FrameLayout,
-    /// `None` for a stream that is passed through.
+    /// `None` for a stream that is passed through, or whose motions come from elsewhere.
     rectifier: Option<Rectifier>,
+    has_source: bool,
     /// The time that this rectifier had spent when it was last asked.
     timed: Timings,
     analysis: rectifier::Settings,
@@ -56,15 +57,18 @@ pub struct State {
 }
 
 impl State {
-    /// The state for frames of `caps`; `None` for a format without a luma.
-    pub fn new(caps: &gst::Caps, info: &VideoInfo, settings: &Settings) -> Option<Self> {
+    /// The state for frames of `caps`, whose motions may come from elsewhere; `None` for a format without a luma.
+    pub fn new(caps: &gst::Caps, info: &VideoInfo, settings: &Settings, has_source: bool) -> Option<Self> {
         let layout = FrameLayout::new(info)?;
         let analysis = settings.analysis();
-        let rectifier = is_progressive(info).then(|| new_rectifier(analysis, info)).flatten();
+        let has_source = has_source && is_progressive(info);
+        let is_analysed = is_progressive(info) && !has_source;
+        let rectifier = is_analysed.then(|| new_rectifier(analysis, info)).flatten();
         Some(Self {
             caps: caps.clone(),
             layout,
             rectifier,
+            has_source,
             timed: Timings::default(),
             analysis,
             warper: Warper::new(),
@@ -79,7 +83,13 @@ impl State {
 
     /// Whether frames are given out as they come.
     pub fn is_passthrough(&self) -> bool {
-        self.rectifier.is_none()
+        self.rectifier.is_none() && !self.has_source
+    }
+
+    /// Width and height of the frames.
+    pub fn size(&self) -> [usize; 2] {
+        let info = self.layout.info();
+        [info.width() as usize, info.height() as usize]
     }
 
     /// Whether these are the caps in use.
@@ -89,7 +99,7 @@ impl State {
 
     /// Frames that are held at most.
     pub fn frames_held(&self) -> u32 {
-        if self.is_passthrough() { 0 } else { self.analysis.lookahead as u32 }
+        if self.rectifier.is_none() { 0 } else { self.analysis.lookahead as u32 }
     }
 
     /// The frame rate of the caps, as a fraction; `None` where it varies.
@@ -271,8 +281,7 @@ impl State {
 
     /// The motion of a frame that is not analysed.
     pub fn still(&self) -> FrameMotion {
-        let info = self.layout.info();
-        let (width, height) = (info.width() as usize, info.height() as usize);
+        let [width, height] = self.size();
         FrameMotion::new(Readout::global_shutter(width, height), MotionPath::STILL)
     }
 

@@ -7,6 +7,7 @@ mod plan;
 use crate::clips;
 use crate::damage::{self, Complaints};
 use crate::interruption::Interruption;
+use crate::motions::Motions;
 use crate::output::codec::Container;
 use crate::output::{self, Unfinished};
 use crate::packets::Packets;
@@ -69,10 +70,16 @@ fn one(job: &Job, options: &FixOptions, interruption: &Interruption) -> Result<(
         }
     }
     output::check_writable(Unfinished::beside(&job.output).path())?;
+    if let Some(other) = recipe.motions.as_ref().and_then(|motions| motions.other_clip(&job.input)) {
+        eprintln!("warning: {other}");
+    }
+    let has_motion = recipe.motions.is_some();
     let analysis = &mut recipe.rectifier.analysis;
     // What cannot be analysed may still be played; if not, playing it says why.
     let mut unsearched = None;
-    if analysis.wants_readout() {
+    if has_motion {
+        // Nothing is analysed.
+    } else if analysis.wants_readout() {
         let camera = analysis.camera.of(&job.input)?;
         let settings = analysis.settings();
         match readout::find(&job.input, settings, camera.as_ref(), Extent::Stretches, interruption) {
@@ -120,6 +127,7 @@ fn one(job: &Job, options: &FixOptions, interruption: &Interruption) -> Result<(
     if let Some(expected) = expected {
         part::check_count(frames, expected)?;
     }
+    let uncovered = recipe.motions.as_ref().map_or(Ok(None), Motions::check)?;
     let file = rectification.finish(interruption)?;
     output::verify(file.path(), &progress.times(), interruption)
         .context("the file is not as it should be")?;
@@ -128,6 +136,9 @@ fn one(job: &Job, options: &FixOptions, interruption: &Interruption) -> Result<(
         eprintln!("warning: {}: the readout was not sought beforehand: {error:#}", job.input.display());
     }
     println!("{}: {frames} frames", job.output.display());
+    if let Some(uncovered) = uncovered {
+        eprintln!("warning: {uncovered}");
+    }
     let moved = rectification.moved_frames();
     if moved > 0 {
         let clip = job.input.display();

@@ -7,6 +7,20 @@ use crate::streams::Audio;
 use clap::Args;
 use std::path::PathBuf;
 
+/// Options of the analysis, of which there is none with a motion that is given.
+const MOTION_IS_GIVEN: [&str; 10] = [
+    "readout_time",
+    "inter_frame_delay",
+    "readout_direction",
+    "stabilised",
+    "estimator",
+    "model",
+    "focal_length",
+    "lookahead",
+    "grid_columns",
+    "grid_rows",
+];
+
 /// What the user may ask of `fix`.
 #[derive(Args, Debug)]
 pub struct FixOptions {
@@ -37,6 +51,10 @@ pub struct FixOptions {
     /// What becomes of the audio.
     #[arg(long, value_enum, default_value = "copy")]
     pub audio: Audio,
+    /// Applies the motion that `rsrectify track --motion` has written instead of looking for it: of the clip, of a trimmed one
+    /// that keeps its times, or of one of another size.
+    #[arg(long, value_name = "FILE", conflicts_with_all = MOTION_IS_GIVEN)]
+    pub motion: Option<PathBuf>,
     #[command(flatten)]
     pub part: PartOptions,
     #[command(flatten)]

@@ -6,6 +6,7 @@
 use crate::elements::{named, pad, parse};
 use crate::interruption::Interruption;
 use crate::isobmff::EncodedVideo;
+use crate::motions::Motions;
 use crate::output::Unfinished;
 use crate::output::codec::{Codec, Container, Rate};
 use crate::output::encoder::Encoding;
@@ -42,6 +43,8 @@ pub struct Recipe {
     pub compare: bool,
     /// The rectifier's settings.
     pub rectifier: RectifierOptions,
+    /// The motion, where it is known already.
+    pub motions: Option<Motions>,
 }
 
 /// How far the encoder has come.
@@ -198,12 +201,15 @@ impl Rectification {
         let encoding = Encoding::new(recipe.codec, recipe.rate, picture);
         let colour = encoding.colour();
         let has_timecode = Timecode::of(clip).is_some();
-        let remux = Remux::new(clip, destination, |keeps_orientation| {
+        let remux = Remux::new(clip, destination, |keeps_orientation, later| {
             // Parts of a clip are alike in all containers, so that they can be joined in any.
             is_turned = recipe.compare || excerpt.is_some() || !keeps_orientation;
             let video = video_branch(recipe, &encoding, is_turned, has_timecode, excerpt.as_deref())?;
             if excerpt.is_none() {
                 straightened = Some(times::straighten(&pad(&named(&video, "frames")?, "src")?));
+            }
+            if let Some(motions) = &recipe.motions {
+                motions.apply(&named(&video, "rectifier")?, later.clone())?;
             }
             progress.watch(&pad(&named(&video, "encoder")?, "sink")?);
             if container.is_isobmff() {

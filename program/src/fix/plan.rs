@@ -3,6 +3,7 @@
 use super::options::FixOptions;
 use super::pipeline::Recipe;
 use crate::clips;
+use crate::motions::Motions;
 use crate::output;
 use crate::property_values::name_of;
 use anyhow::{Context, Result, bail};
@@ -51,6 +52,10 @@ impl Listing {
 /// What is to be done; refuses what would write two clips to one file.
 pub fn jobs(options: &FixOptions) -> Result<Vec<Job>> {
     let clips = clips::expand(&options.clips, options.recursive)?;
+    if options.motion.is_some() && clips.len() > 1 {
+        bail!("--motion is of one clip, not of {}", clips.len());
+    }
+    let motions = options.motion.as_deref().map(Motions::open).transpose()?;
     let output = options.output.as_deref();
     let folder = output.filter(|output| clips.len() > 1 || output::is_folder(output));
     let mut jobs: Vec<Job> = Vec::new();
@@ -81,6 +86,7 @@ pub fn jobs(options: &FixOptions) -> Result<Vec<Job>> {
             audio: options.audio,
             compare: options.compare,
             rectifier: options.rectifier.clone(),
+            motions: motions.clone(),
         };
         jobs.push(Job { input: clip, output, is_in_folder: folder.is_some(), recipe });
     }

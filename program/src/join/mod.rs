@@ -121,7 +121,7 @@ fn write(
         true => Video::Elsewhere,
         false => Video::Replaced(parts::branch(&parts, caps, interruption)?),
     };
-    let remux = Remux::new(clip, destination, |_| Ok(video))?;
+    let remux = Remux::new(clip, destination, |_, _| Ok(video))?;
     let bar = progress::spinner()?;
     let show = || {
         bar.set_message(format!("{} of {} frames joined", parts.joined(), parts.frames()));

@@ -25,11 +25,12 @@ pub struct Remux {
 
 impl Remux {
     /// The pipeline that puts a clip's streams into a file; `video` makes the branch of the video, told whether players of the
-    /// file turn frames as those of the clip do, so that they must not be turned before.
+    /// file turn frames as those of the clip do, so that they must not be turned before, and by how much they come later than in the
+    /// clip, which is known when the first has come.
     pub fn new(
         clip: &Path,
         destination: Destination<'_>,
-        video: impl FnOnce(bool) -> Result<Video>,
+        video: impl FnOnce(bool, &early::Later) -> Result<Video>,
     ) -> Result<Self> {
         let pipeline = gst::Pipeline::new();
         let (source, decoder) = (make("filesrc")?, decoder::of(clip)?);
@@ -55,8 +56,9 @@ impl Remux {
             gst::element_warning!(pipeline, gst::StreamError::Format, ("{loss}"));
         }
         let Destination { container, audio, excerpt, .. } = destination;
+        let later = early::Later::default();
         let is_upright = matches!(&muxer, Muxer::Boxes(beside) if beside.keeps_orientation());
-        let video = video(is_upright)?;
+        let video = video(is_upright, &later)?;
         if excerpt.is_none() && matches!(video, Video::Decoded(_)) {
             let begin_at_zero: Box<dyn Fn() + Send + Sync> = match &muxer {
                 Muxer::Whole(muxer) => {
@@ -65,7 +67,7 @@ impl Remux {
                 }
                 Muxer::Boxes(beside) => beside.begin_at_zero(),
             };
-            early::keep(&pipeline, begin_at_zero);
+            early::keep(&pipeline, &later, begin_at_zero);
         }
         let (has_video, stored) = (AtomicBool::new(false), Mutex::default());
         let (is_matroska, delays) = (matroska::is_matroska(clip), Delays::of(clip));

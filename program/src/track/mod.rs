@@ -1,6 +1,7 @@
 //! `rsrectify track`: the motion of a clip, for other programs.
 
 mod gcsv;
+mod motion;
 mod table;
 mod velocity;
 
@@ -16,7 +17,7 @@ use clap::Args;
 use rsrectify::rectifier::Origin;
 use serde::Serialize;
 use std::fs::File;
-use std::io::{BufWriter, Write};
+use std::io::{BufWriter, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 use table::{FRAME_HEADER, FrameRow, LINE_HEADER, LineRow};
 
@@ -41,6 +42,9 @@ pub struct TrackOptions {
     /// Writes the turns of the camera as a gyroscope would have measured them, in Gyroflow's format.
     #[arg(long, value_name = "FILE")]
     pub gcsv: Option<PathBuf>,
+    /// Writes the motion of all frames for `rsrectify fix --motion` and for filters in editors.
+    #[arg(long, value_name = "FILE")]
+    pub motion: Option<PathBuf>,
     /// Replaces files that are there.
     #[arg(long)]
     pub overwrite: bool,
@@ -84,6 +88,22 @@ impl Output {
     }
 }
 
+impl Write for Output {
+    fn write(&mut self, bytes: &[u8]) -> std::io::Result<usize> {
+        self.file.write(bytes)
+    }
+
+    fn flush(&mut self) -> std::io::Result<()> {
+        self.file.flush()
+    }
+}
+
+impl Seek for Output {
+    fn seek(&mut self, to: SeekFrom) -> std::io::Result<u64> {
+        self.file.seek(to)
+    }
+}
+
 impl Drop for Output {
     fn drop(&mut self) {
         if !self.is_finished {
@@ -100,9 +120,20 @@ pub fn run(options: &TrackOptions, interruption: &Interruption) -> Result<bool> 
 
 fn track(options: &TrackOptions, interruption: &Interruption) -> Result<()> {
     clips::check(&options.clip)?;
-    for file in [&options.csv, &options.rows_csv, &options.json, &options.gcsv].into_iter().flatten() {
+    let TrackOptions { csv, rows_csv, json, gcsv, motion, .. } = options;
+    let tables = [csv, rows_csv, json, gcsv];
+    for file in tables.into_iter().chain([motion]).flatten() {
         output::check(&options.clip, file, options.overwrite)?;
         output::check_writable(file)?;
+    }
+    if let Some(path) = motion {
+        let output = Output::create(path, options.overwrite)?;
+        let (file, frames) = motion::write(&options.clip, &options.analysis, output, interruption)?;
+        file.finish()?;
+        eprintln!("{frames} frames");
+        if tables.into_iter().all(Option::is_none) {
+            return Ok(());
+        }
     }
     let mut analysis = options.analysis.clone();
     let wants_focal = options.gcsv.is_some() && analysis.focal_length.is_none();

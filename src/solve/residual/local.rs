@@ -4,7 +4,7 @@ use super::frame_flow::FrameFlow;
 use super::path::Path;
 use super::solver::{Region, ResidualSolver};
 use crate::flow::FlowField;
-use crate::motion::{ResidualField, ResidualMesh, image_centre};
+use crate::motion::{ResidualField, ResidualMesh, image_centre, rounded_velocity};
 use crate::readout::Readout;
 use std::collections::VecDeque;
 
@@ -62,7 +62,8 @@ impl LocalMotions {
             origin: [first - centre.x, first - centre.y],
             spacing: [cells.side; 2],
         };
-        let field = ResidualField::new(mesh, cells.velocities.clone()).ok();
+        let rounded = |velocity: &[f32; 2]| velocity.map(|value| rounded_velocity(value, cells.side));
+        let field = ResidualField::new(mesh, cells.velocities.iter().map(rounded).collect()).ok();
         LocalMotion { field, regions: self.solver.regions().to_vec() }
     }
 

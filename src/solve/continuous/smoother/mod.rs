@@ -4,7 +4,7 @@
 //! a set of hypotheses, each with its own fit; the motion is that of the likeliest.
 
 use crate::correspond::Correspondence;
-use crate::motion::{FrameMotion, MotionPath, SampledPath, image_centre};
+use crate::motion::{FrameMotion, MotionPath, SampledPath, image_centre, rounded_homography};
 use crate::readout::{Readout, ReadoutDirection, ReadoutHypothesis, ReadoutPosterior};
 use crate::solve::continuous::camera::{Break, Camera, CameraPosterior, Hypothesis, READOUT_BELIEF};
 use crate::solve::continuous::data::{FramePair, PairWindow, StaticOverlay};
@@ -336,7 +336,8 @@ impl Continuous {
             // The places that are exposed at even shares of the readout.
             let share = |index: usize| index as f64 / SAMPLES as f64;
             let place = |index| if leading.gamma() < 0.0 { 1.0 - share(index) } else { share(index) };
-            let homographies: Vec<_> = (0..=SAMPLES).map(|index| homography(place(index))).collect();
+            let rounded = |homography| rounded_homography(&homography, readout.width, readout.height);
+            let homographies: Vec<_> = (0..=SAMPLES).map(|index| rounded(homography(place(index)))).collect();
             SampledPath::new(&homographies, readout.time).ok().map(MotionPath::from)
         };
         let (path, expected) = if let Some(lean) = lean {

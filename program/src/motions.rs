@@ -1,0 +1,93 @@
+//! The motion of a clip from a file, applied instead of being looked for.
+
+use anyhow::{Context, Result, bail};
+use gst::prelude::*;
+use gstrsrectify::rsrectify::RsRectify;
+use rsrectify::motion::FrameMotion;
+use rsrectify::motion::file::MotionFile;
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
+
+/// A motion file that is applied to a clip.
+#[derive(Clone, Debug)]
+pub struct Motions(Arc<Inner>);
+
+#[derive(Debug)]
+struct Inner {
+    path: PathBuf,
+    file: MotionFile,
+    /// Frames that were asked for, and those of them that the file has.
+    frames: AtomicUsize,
+    covered: AtomicUsize,
+    /// The first error.
+    error: Mutex<Option<String>>,
+}
+
+impl Motions {
+    /// Opens a file.
+    pub fn open(path: &Path) -> Result<Self> {
+        let file = MotionFile::open(path).with_context(|| format!("cannot use {}", path.display()))?;
+        let (frames, covered, error) = Default::default();
+        Ok(Self(Arc::new(Inner { path: path.to_owned(), file, frames, covered, error })))
+    }
+
+    /// That the file was written of another one than the clip, if it was.
+    pub fn other_clip(&self, clip: &Path) -> Option<String> {
+        let (Inner { path, file, .. }, bytes) = (&*self.0, std::fs::metadata(clip).ok()?.len());
+        let of = file.clip();
+        (of.bytes != bytes).then(|| {
+            format!("{} is of {} with {} bytes: it is applied by time", path.display(), of.name, of.bytes)
+        })
+    }
+
+    /// Has a rectifier apply the motions. Its frames come `later` by so many nanoseconds than in the clip.
+    pub fn apply(&self, rectifier: &gst::Element, later: Arc<AtomicU64>) -> Result<()> {
+        let rectifier = rectifier.downcast_ref::<RsRectify>().context("the rectifier is another element")?;
+        let inner = self.0.clone();
+        inner.frames.store(0, Ordering::Relaxed);
+        inner.covered.store(0, Ordering::Relaxed);
+        rectifier.set_motion_source(move |time, size| {
+            let later = later.load(Ordering::Relaxed);
+            let time = time.and_then(|time| i64::try_from(time.nseconds().checked_sub(later)?).ok());
+            inner.motion(time, size)
+        });
+        Ok(())
+    }
+
+    /// An error where the file has nothing for the clip; what is to be said where it does not have all.
+    pub fn check(&self) -> Result<Option<String>> {
+        let Inner { path, frames, covered, error, .. } = &*self.0;
+        let (path, error) = (path.display(), error.lock().unwrap_or_else(PoisonError::into_inner));
+        let (frames, covered) = (frames.load(Ordering::Relaxed), covered.load(Ordering::Relaxed));
+        match &*error {
+            Some(error) => bail!("{path} cannot be applied: {error}"),
+            None if covered == 0 && frames > 0 => {
+                bail!("{path} is of another clip: it has none of the frames' times")
+            }
+            None if covered < frames => Ok(Some(format!(
+                "{path} does not have {} of {frames} frames: they stay as they are",
+                frames - covered
+            ))),
+            None => Ok(None),
+        }
+    }
+}
+
+impl Inner {
+    fn motion(&self, time: Option<i64>, size: [usize; 2]) -> Option<FrameMotion> {
+        self.frames.fetch_add(1, Ordering::Relaxed);
+        let motion = self.file.motion(time?, size);
+        match &motion {
+            Ok(Some(_)) => {
+                self.covered.fetch_add(1, Ordering::Relaxed);
+            }
+            Ok(None) => {}
+            Err(error) => {
+                let mut first = self.error.lock().unwrap_or_else(PoisonError::into_inner);
+                first.get_or_insert_with(|| error.to_string());
+            }
+        }
+        motion.ok().flatten()
+    }
+}

@@ -1,0 +1,145 @@
+//! The motion of a clip as a file for filters that are given one frame at a time.
+//!
+//! The frames go through the element as for `fix`, at the same times, so that applying the file gives the same
+//! pictures.
+
+use crate::decoder;
+use crate::elements::{NO_VIDEO, launch, make, named, pad};
+use crate::interruption::Interruption;
+use crate::picture::Picture;
+use crate::playback::{Event, Playback};
+use crate::progress;
+use crate::readout::{self, Extent};
+use crate::rectifier_options::{AnalysisOptions, RectifierOptions};
+use crate::times;
+use anyhow::{Context, Result, anyhow, bail};
+use gst::prelude::*;
+use gstrsrectify::rsrectify::RsRectify;
+use rsrectify::motion::file::{Clip, MotionFileError, MotionRecord, MotionWriter};
+use std::io::{Seek, Write};
+use std::path::Path;
+use std::sync::{Arc, Mutex, PoisonError};
+
+/// What is written, until it fails.
+type Writing<W> = Arc<Mutex<Result<MotionWriter<W>, MotionFileError>>>;
+
+/// Writes the motion of a clip; the number of its frames.
+pub fn write<W: Write + Seek + Send + 'static>(
+    clip: &Path,
+    options: &AnalysisOptions,
+    output: W,
+    interruption: &Interruption,
+) -> Result<(W, usize)> {
+    let mut analysis = options.clone();
+    find_readout(clip, &mut analysis, interruption)?;
+    let name = clip.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
+    let bytes = std::fs::metadata(clip).context("cannot be read")?.len();
+    let writing: Writing<W> =
+        Arc::new(Mutex::new(MotionWriter::new(output, Clip { name, bytes, turned: 0 })));
+    play(clip, &analysis, &writing, interruption)?;
+    // The pipeline is gone, and with it the other one who held this.
+    let writer = Arc::into_inner(writing).context("the rectifier has not ended")?;
+    let writer = writer.into_inner().unwrap_or_else(PoisonError::into_inner)?;
+    let frames = writer.frames();
+    if frames == 0 {
+        bail!("no frame could be decoded");
+    }
+    Ok((writer.finish()?, frames))
+}
+
+/// Finds the readout as `fix` does before it rectifies.
+fn find_readout(clip: &Path, analysis: &mut AnalysisOptions, interruption: &Interruption) -> Result<()> {
+    if analysis.wants_readout() {
+        let camera = analysis.camera.of(clip)?;
+        let settings = analysis.settings();
+        let found = readout::find(clip, settings, camera.as_ref(), Extent::Stretches, interruption)?;
+        readout::settle(found.as_ref(), analysis);
+    } else if analysis.leaves_readout_open() {
+        analysis.expected = readout::expected(clip, analysis, interruption)?;
+    }
+    Ok(())
+}
+
+/// Runs the clip through the rectifier, which does not change it, to its end.
+fn play<W: Write + Seek + Send + 'static>(
+    clip: &Path,
+    analysis: &AnalysisOptions,
+    writing: &Writing<W>,
+    interruption: &Interruption,
+) -> Result<()> {
+    let pipeline = launch(
+        "queue name=frames ! videoconvert ! rsrectify name=rectifier ! fakesink sync=false async=false",
+    )?;
+    let (source, decoder) = (make("filesrc")?, decoder::of(clip)?);
+    source.set_property("location", clip);
+    pipeline.add_many([&source, &decoder])?;
+    source.link(&decoder)?;
+    let frames = named(&pipeline, "frames")?;
+    decoder::link_video(clip, &decoder, &pad(&frames, "sink")?, |decoder| {
+        gst::element_error!(decoder, gst::StreamError::WrongType, ("{NO_VIDEO}"));
+    })?;
+    note_orientation(&pad(&frames, "sink")?, writing.clone());
+    let straightened = times::straighten(&pad(&frames, "src")?);
+    times::mend(&pipeline, Picture::of(clip)?.delay);
+    let rectifier = named(&pipeline, "rectifier")?;
+    let options = RectifierOptions { analysis: analysis.clone(), strength: Some(0.0), ..Default::default() };
+    options.apply(&rectifier)?;
+    let rectifier =
+        rectifier.downcast::<RsRectify>().map_err(|_| anyhow!("the rectifier is another element"))?;
+    let target = writing.clone();
+    rectifier.observe_motions(move |time, solution| {
+        let Some(time) = time.and_then(|time| i64::try_from(time.nseconds()).ok()) else { return };
+        let record = MotionRecord::new(time, solution.motion.clone())
+            .with_confidence(solution.confidence, solution.expected_error);
+        let mut writing = target.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Ok(writer) = &mut *writing
+            && let Err(error) = writer.push(&record)
+        {
+            *writing = Err(error);
+        }
+    });
+    drop(rectifier);
+    let bar = progress::spinner()?;
+    let mut playback = Playback::new(pipeline)?;
+    playback.set_state(gst::State::Playing);
+    loop {
+        match playback.next(gst::ClockTime::from_mseconds(100), interruption)? {
+            Event::End => break,
+            Event::Warning(warning) => bar.suspend(|| eprintln!("warning: {warning}")),
+            _ => {}
+        }
+        let frames = match &*writing.lock().unwrap_or_else(PoisonError::into_inner) {
+            Ok(writer) => writer.frames(),
+            // It is returned when the pipeline has stopped.
+            Err(_) => break,
+        };
+        bar.set_message(format!("{frames} frames"));
+        bar.tick();
+    }
+    bar.finish_and_clear();
+    let moved = straightened.moved();
+    if moved > 0 {
+        eprintln!("warning: the times of frames contradict their order: {moved} count as a little later");
+    }
+    Ok(())
+}
+
+/// Notes by how much players turn frames that come to a pad, as their file states it.
+fn note_orientation<W: Write + Seek + Send + 'static>(frames: &gst::Pad, writing: Writing<W>) {
+    frames.add_probe(gst::PadProbeType::EVENT_DOWNSTREAM, move |_, info| {
+        if let Some(gst::EventView::Tag(tags)) = info.event().map(|event| event.view())
+            && let Some(orientation) = tags.tag().get::<gst::tags::ImageOrientation>()
+        {
+            let turned = match orientation.get() {
+                "rotate-90" => 90,
+                "rotate-180" => 180,
+                "rotate-270" => 270,
+                _ => 0,
+            };
+            if let Ok(writer) = &mut *writing.lock().unwrap_or_else(PoisonError::into_inner) {
+                writer.clip_mut().turned = turned;
+            }
+        }
+        gst::PadProbeReturn::Ok
+    });
+}

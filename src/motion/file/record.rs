@@ -1,0 +1,229 @@
+//! The record of one frame.
+
+use super::error::RecordError;
+use super::packed::{difference, mesh_differences, pack, sum, undo_mesh_differences, unpack};
+use crate::motion::path::Global;
+use crate::motion::precision::{self, ELEMENTS, Steps};
+use crate::motion::{FrameMotion, MotionPath, ResidualField, ResidualMesh, SampledPath, Twist};
+use crate::readout::{Readout, ReadoutDirection, ReadoutTime};
+use nalgebra::Matrix3;
+
+/// Bytes of a record before what is packed.
+pub(super) const FIXED_BYTES: usize = 120;
+/// Largest side of a frame in pixels, as of the rectifier.
+const MAX_SIDE: u32 = 1 << 20;
+/// Most samples of a path and nodes of a mesh. The rectifier's have 33, and 120 × 120.
+const MAX_SAMPLES: usize = 1025;
+const MAX_NODES: usize = 1 << 16;
+
+const DIRECTIONS: [ReadoutDirection; 4] = [
+    ReadoutDirection::TopToBottom,
+    ReadoutDirection::BottomToTop,
+    ReadoutDirection::LeftToRight,
+    ReadoutDirection::RightToLeft,
+];
+const UNIFORM: u8 = 0;
+const SAMPLED: u8 = 1;
+
+/// The motion of one frame of a clip, as a motion file holds it.
+///
+/// The motions of a [`Rectifier`](crate::Rectifier) come back from a file exactly; those of others are rounded, see
+/// the format.
+#[derive(Clone, Debug, PartialEq)]
+#[non_exhaustive]
+pub struct MotionRecord {
+    /// When the frame is shown, in nanoseconds of the clip.
+    pub time: i64,
+    /// The motion to rectify the frame with.
+    pub motion: FrameMotion,
+    /// Confidence in it, 0 to 1.
+    pub confidence: f64,
+    /// Expected root mean square error of the rectified frame in pixels; `None` if it is unknown.
+    pub expected_error: Option<f64>,
+}
+
+impl MotionRecord {
+    /// The motion of the frame that is shown at `time` nanoseconds of the clip, with full confidence.
+    #[must_use]
+    pub const fn new(time: i64, motion: FrameMotion) -> Self {
+        Self { time, motion, confidence: 1.0, expected_error: None }
+    }
+
+    /// The same with another confidence, 0 to 1, and expected error in pixels.
+    #[must_use]
+    pub fn with_confidence(self, confidence: f64, expected_error: Option<f64>) -> Self {
+        Self { confidence, expected_error, ..self }
+    }
+
+    /// The record as it is stored.
+    pub(super) fn encode(&self) -> Result<Vec<u8>, RecordError> {
+        let (readout, path) = (self.motion.readout(), self.motion.path());
+        let [width, height] =
+            [readout.width(), readout.height()].map(|side| u32::try_from(side).unwrap_or(u32::MAX));
+        if width.max(height) > MAX_SIDE {
+            return Err(RecordError::TooLarge);
+        }
+        let mut integers = Vec::new();
+        let (kind, samples, twist, path_time) = match path.global() {
+            Global::Uniform { twist, readout_time } => (UNIFORM, 0, *twist, *readout_time),
+            Global::Sampled(path) => {
+                let samples = encode_path(path, readout, &mut integers)?;
+                (SAMPLED, samples, Twist::ZERO, path.readout_time())
+            }
+        };
+        let none = ResidualMesh { columns: 0, rows: 0, origin: [0.0; 2], spacing: [0.0; 2] };
+        let mesh = path.residual().map_or(none, |field| *field.mesh());
+        if let Some(field) = path.residual() {
+            encode_field(field, &mut integers)?;
+        }
+        let short = |count: usize| u16::try_from(count).map_err(|_| RecordError::TooLarge);
+        let packed = pack(integers);
+        let length = u32::try_from(FIXED_BYTES + packed.len()).map_err(|_| RecordError::TooLarge)?;
+        let mut bytes = Vec::with_capacity(FIXED_BYTES + packed.len());
+        let direction = DIRECTIONS.iter().position(|one| *one == readout.direction()).unwrap_or_default();
+        [length, width, height].iter().for_each(|value| bytes.extend(value.to_le_bytes()));
+        bytes.extend([direction as u8, kind]);
+        for value in [samples, short(mesh.columns)?, short(mesh.rows)?] {
+            bytes.extend(value.to_le_bytes());
+        }
+        let expected = self.expected_error.unwrap_or(f64::NAN);
+        let numbers = [readout.time(), self.motion.weight(), self.confidence, expected, path_time];
+        let numbers = numbers.into_iter().chain([twist.omega, twist.velocity.x, twist.velocity.y]);
+        for value in numbers.chain(mesh.origin).chain(mesh.spacing) {
+            bytes.extend(value.to_le_bytes());
+        }
+        bytes.extend(((packed.len()) as u32).to_le_bytes());
+        bytes.extend(packed);
+        Ok(bytes)
+    }
+
+    /// Reads a record that was stored for a frame at `time`; `bytes` may go on after it.
+    pub(super) fn decode(time: i64, bytes: &[u8]) -> Result<Self, RecordError> {
+        let mut fields = Fields(bytes);
+        let length = fields.u32()? as usize;
+        let [width, height] = [fields.u32()?, fields.u32()?];
+        let [direction, kind] = fields.take::<2>()?;
+        let [samples, columns, rows] = [fields.u16()?, fields.u16()?, fields.u16()?].map(usize::from);
+        let [readout_time, weight, confidence, expected, path_time] =
+            [fields.f64()?, fields.f64()?, fields.f64()?, fields.f64()?, fields.f64()?];
+        let twist = Twist::new(fields.f64()?, fields.f64()?, fields.f64()?);
+        let origin = [fields.f64()?, fields.f64()?];
+        let spacing = [fields.f64()?, fields.f64()?];
+        let packed = fields.u32()? as usize;
+        let packed = fields.0.get(..packed).ok_or(RecordError::CutShort)?;
+        if length < FIXED_BYTES + packed.len() || bytes.len() < length {
+            return Err(RecordError::CutShort);
+        }
+        let nodes = columns * rows;
+        if width.max(height) > MAX_SIDE || samples > MAX_SAMPLES || nodes > MAX_NODES {
+            return Err(RecordError::TooLarge);
+        }
+        let direction = DIRECTIONS.get(usize::from(direction)).ok_or(RecordError::Kind(direction))?;
+        let (width, height) = (width as usize, height as usize);
+        let readout = Readout::new(width, height, *direction, ReadoutTime::Seconds(readout_time), 1.0)?;
+        let samples = if kind == SAMPLED { samples } else { 0 };
+        let mut integers = unpack(packed, samples * ELEMENTS + nodes * 2)?;
+        let field = integers.split_off(samples * ELEMENTS);
+        let path = match kind {
+            UNIFORM if twist.is_finite() && path_time.is_finite() => MotionPath::uniform(twist, path_time),
+            UNIFORM => return Err(RecordError::NotFinite),
+            SAMPLED => MotionPath::from(decode_path(integers, samples, &readout, path_time)?),
+            other => return Err(RecordError::Kind(other)),
+        };
+        let path = if nodes > 0 {
+            path.with_residual(decode_field(field, ResidualMesh { columns, rows, origin, spacing })?)
+        } else {
+            path
+        };
+        if !(weight.is_finite() && confidence.is_finite()) {
+            return Err(RecordError::NotFinite);
+        }
+        let motion = FrameMotion::new(readout, path).with_weight(weight);
+        Ok(Self { time, motion, confidence, expected_error: expected.is_finite().then_some(expected) })
+    }
+}
+
+/// Appends the integers of a path, element by element; the number of its samples.
+fn encode_path(path: &SampledPath, readout: &Readout, integers: &mut Vec<i64>) -> Result<u16, RecordError> {
+    let motions = path.motions();
+    let samples = u16::try_from(motions.len()).ok().filter(|_| motions.len() <= MAX_SAMPLES);
+    let radius = precision::radius(readout.width(), readout.height());
+    let steps: Option<Vec<Steps>> = motions.iter().map(|motion| precision::steps(motion, radius)).collect();
+    let steps = steps.ok_or(RecordError::Range)?;
+    for element in 0..ELEMENTS {
+        let mut values: Vec<i64> = steps.iter().filter_map(|steps| steps.get(element)).copied().collect();
+        difference(&mut values);
+        integers.extend(values);
+    }
+    samples.ok_or(RecordError::TooLarge)
+}
+
+fn decode_path(
+    mut integers: Vec<i64>,
+    samples: usize,
+    readout: &Readout,
+    path_time: f64,
+) -> Result<SampledPath, RecordError> {
+    let radius = precision::radius(readout.width(), readout.height());
+    let mut all = vec![Steps::default(); samples];
+    for (element, values) in integers.chunks_mut(samples.max(1)).enumerate() {
+        sum(values);
+        for (steps, value) in all.iter_mut().zip(values) {
+            if let Some(step) = steps.get_mut(element) {
+                *step = *value;
+            }
+        }
+    }
+    let motions: Vec<Matrix3<f64>> = all.iter().map(|steps| precision::homography(steps, radius)).collect();
+    Ok(SampledPath::new(&motions, path_time)?)
+}
+
+/// Appends the integers of a field, those of the velocities in x first.
+fn encode_field(field: &ResidualField, integers: &mut Vec<i64>) -> Result<(), RecordError> {
+    let mesh = field.mesh();
+    if field.velocities().len() > MAX_NODES {
+        return Err(RecordError::TooLarge);
+    }
+    for (axis, spacing) in mesh.spacing.into_iter().enumerate() {
+        let velocities = field.velocities().iter().filter_map(|velocity| velocity.get(axis));
+        let steps: Option<Vec<i64>> =
+            velocities.map(|velocity| precision::velocity_steps(*velocity, spacing)).collect();
+        integers.extend(mesh_differences(&steps.ok_or(RecordError::Range)?, mesh.columns));
+    }
+    Ok(())
+}
+
+fn decode_field(mut integers: Vec<i64>, mesh: ResidualMesh) -> Result<ResidualField, RecordError> {
+    let [mut x, mut y] = {
+        let y = integers.split_off(mesh.columns * mesh.rows);
+        [integers, y]
+    };
+    undo_mesh_differences(&mut x, mesh.columns);
+    undo_mesh_differences(&mut y, mesh.columns);
+    let [across, down] = mesh.spacing;
+    let velocity = |(x, y)| [precision::velocity(x, across), precision::velocity(y, down)];
+    Ok(ResidualField::new(mesh, x.into_iter().zip(y).map(velocity).collect())?)
+}
+
+/// What is left of a record's bytes.
+struct Fields<'a>(&'a [u8]);
+
+impl Fields<'_> {
+    fn take<const N: usize>(&mut self) -> Result<[u8; N], RecordError> {
+        let (first, rest) = self.0.split_first_chunk::<N>().ok_or(RecordError::CutShort)?;
+        self.0 = rest;
+        Ok(*first)
+    }
+
+    fn u16(&mut self) -> Result<u16, RecordError> {
+        self.take().map(u16::from_le_bytes)
+    }
+
+    fn u32(&mut self) -> Result<u32, RecordError> {
+        self.take().map(u32::from_le_bytes)
+    }
+
+    fn f64(&mut self) -> Result<f64, RecordError> {
+        self.take().map(f64::from_le_bytes)
+    }
+}
