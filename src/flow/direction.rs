@@ -1,13 +1,13 @@
 //! The flow in one direction, from the coarsest level to the finest.
 
 use super::consensus::Consensus;
-use super::lanes::Cpu;
 use super::level::{CELL, LevelPair, Mean, PatchFlow, cells, find, overlap};
 use super::patch::PatchTemplate;
 use super::prediction::FlowPrediction;
 use super::rows::{RowKernel, fill};
 use super::search::exhaustive;
 use crate::cpu::CpuLevel;
+use crate::lanes::Cpu;
 
 /// Gauss–Newton steps from the best candidate: on the coarse levels, where steps are long, and on the finest.
 const COARSE_STEPS: usize = 3;

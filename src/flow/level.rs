@@ -5,8 +5,8 @@
 //! Candidates are compared by residual alone, whatever their source (the coarser level, neighbouring cells,
 //! the prediction, the opposite direction). Candidates closer than [`SAME_CANDIDATE`] are compared once.
 
-use super::lanes::Cpu;
 use super::patch::{AREA, Difference, PatchTemplate, SIDE};
+use crate::lanes::Cpu;
 use crate::pyramid::Level;
 use std::hint::select_unpredictable;
 

@@ -15,11 +15,11 @@
 
 use super::direction::FlowDirection;
 use super::field::{Cell, FlowField};
-use super::lanes::Cpu;
 use super::level::{CELL, LevelPair, PatchSearch};
 use super::patch::{PatchTemplate, SIDE};
 use super::rows::{RowKernel, fill};
 use crate::cpu::CpuLevel;
+use crate::lanes::Cpu;
 
 /// Least confidence at which a displacement is used, as for correspondences.
 const MIN_CONFIDENCE: f32 = 0.5;

@@ -10,10 +10,12 @@
 //! A comparison reads 9 rows of 9 samples and takes 64 × 15 additions and multiplications, in 8 × 10
 //! instructions.
 
-use super::lanes::{Cpu, SampleRows};
+use crate::lanes::rows::SampleRows;
+use crate::lanes::{Cpu, FLOATS};
 use crate::pyramid::Level;
 
-pub(super) use super::lanes::SIDE;
+/// Pixels in a row of a patch: one vector.
+pub(super) const SIDE: usize = FLOATS;
 
 /// Pixels of a patch.
 pub(super) const AREA: f32 = (SIDE * SIDE) as f32;

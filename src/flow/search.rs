@@ -3,9 +3,9 @@
 //! It makes the flow independent of any prediction. The level is at most 48 pixels long, so that a quarter of
 //! the frame's width is 12 pixels at most and 25 × 25 displacements are compared for each of some 80 patches.
 
-use super::lanes::Cpu;
 use super::level::PatchSearch;
 use super::patch::{AREA, SIDE};
+use crate::lanes::Cpu;
 
 /// Largest displacement searched along each axis, as a share of the frame's width.
 const REACH: f32 = 0.25;
