@@ -43,8 +43,10 @@ impl Neon {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 #[non_exhaustive]
 pub enum CpuLevel {
-    /// Plain Rust.
+    /// Plain Rust, one number after the other where vectors differ from it: the reference of the tests.
     Scalar,
+    /// Plain Rust in vectors, which compilers translate to what every machine of the architecture has.
+    Portable,
     /// x86-64 with AVX2 and FMA.
     Avx2(Avx2),
     /// AArch64 with NEON.
@@ -55,6 +57,7 @@ impl fmt::Display for CpuLevel {
     fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
         formatter.write_str(match self {
             Self::Scalar => "Scalar",
+            Self::Portable => "Portable",
             Self::Avx2(_) => "Avx2",
             Self::Neon(_) => "Neon",
         })
@@ -64,17 +67,19 @@ impl fmt::Display for CpuLevel {
 impl CpuLevel {
     /// The levels of this machine, the lowest first.
     pub fn supported() -> impl Iterator<Item = Self> {
-        std::iter::once(Self::Scalar)
+        [Self::Scalar, Self::Portable]
+            .into_iter()
             .chain(Avx2::detect().map(Self::Avx2))
             .chain(Neon::detect().map(Self::Neon))
     }
 
-    /// The highest level of this machine; the environment variable `RSRECTIFY_CPU` (`scalar`) can
-    /// lower it.
+    /// The highest level of this machine; the environment variable `RSRECTIFY_CPU` (`scalar`, `portable`)
+    /// can lower it.
     #[must_use]
     pub fn detect() -> Self {
         match std::env::var("RSRECTIFY_CPU").as_deref() {
             Ok("scalar") => Self::Scalar,
+            Ok("portable") => Self::Portable,
             _ => Self::supported().last().unwrap_or(Self::Scalar),
         }
     }
@@ -122,7 +127,7 @@ mod tests {
         let has_avx2 = false;
         assert_eq!(levels[0], CpuLevel::Scalar);
         let has_neon = cfg!(all(target_arch = "aarch64", target_endian = "little"));
-        assert_eq!(levels.len(), 1 + usize::from(has_avx2) + usize::from(has_neon));
+        assert_eq!(levels.len(), 2 + usize::from(has_avx2) + usize::from(has_neon));
         assert!(levels.is_sorted() && levels.contains(&CpuLevel::detect()));
     }
 }

@@ -1,8 +1,8 @@
 //! Runs row kernels on all cores, with the instructions that the machine has.
 
 use crate::cpu::CpuLevel;
-use crate::lanes::scalar::Scalar;
-use crate::lanes::{Cpu, with_word_cpu};
+use crate::lanes::Cpu;
+use crate::lanes::dispatch::with_word_cpu;
 use crate::parallel::*;
 
 /// A kernel that computes rows of results independently of each other.
@@ -15,10 +15,6 @@ pub(super) trait RowKernel<T>: Sync {
 /// Fills all rows of `across` results each.
 pub(super) fn fill<T: Send, K: RowKernel<T>>(cpu: CpuLevel, kernel: &K, across: usize, out: &mut [T]) {
     out.par_chunks_mut(across.max(1)).enumerate().for_each(|(row, out)| {
-        with_word_cpu!(
-            cpu,
-            cpu => cpu.vectorize(#[inline(always)] || kernel.fill(cpu, row, out)),
-            _ => kernel.fill(Scalar, row, out)
-        )
+        with_word_cpu!(cpu, cpu => cpu.vectorize(#[inline(always)] || kernel.fill(cpu, row, out)));
     });
 }

@@ -2,7 +2,7 @@
 //!
 //! | file | instructions | floats | integers |
 //! |---|---|---|---|
-//! | `scalar` | plain Rust | the reference | |
+//! | `scalar` | plain Rust | 1 array, the reference | 1 array |
 //! | `avx2` | x86-64 with AVX2 and FMA | 1 register | 1 register |
 //! | `neon` | AArch64 with NEON | 2 registers | 2 registers |
 //!
@@ -17,6 +17,7 @@
 
 #[cfg(target_arch = "x86_64")]
 mod avx2;
+pub(crate) mod dispatch;
 #[cfg(target_arch = "aarch64")]
 mod neon;
 pub(crate) mod rows;
@@ -134,17 +135,3 @@ pub(crate) trait WordCpu: Cpu {
     /// The lanes limited to ± `limit`, at most 2³⁰, and rounded to integers, ties to even. Not for NaN.
     fn rounded(self, lanes: Self::Lanes, limit: f32) -> [i32; FLOATS];
 }
-
-/// `$vectors` with `$cpu` bound to the [`WordCpu`] of a [`CpuLevel`](crate::cpu::CpuLevel), `$scalar` where it has none.
-macro_rules! with_word_cpu {
-    ($level:expr, $cpu:ident => $vectors:expr, _ => $scalar:expr) => {
-        match $level {
-            #[cfg(target_arch = "x86_64")]
-            $crate::cpu::CpuLevel::Avx2($cpu) => $vectors,
-            #[cfg(target_arch = "aarch64")]
-            $crate::cpu::CpuLevel::Neon($cpu) => $vectors,
-            _ => $scalar,
-        }
-    };
-}
-pub(crate) use with_word_cpu;

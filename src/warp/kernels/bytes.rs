@@ -329,7 +329,8 @@ impl Passes for Fixed {
 mod tests {
     use super::*;
     use crate::cpu::CpuLevel;
-    use crate::lanes::{Cpu, with_word_cpu};
+    use crate::lanes::Cpu;
+    use crate::lanes::dispatch::with_word_cpu;
 
     #[inline(always)]
     fn check<C: WordCpu, K: VectorKernel>(cpu: C) {
