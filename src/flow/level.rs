@@ -91,8 +91,8 @@ pub(super) struct LevelPair<'a> {
 pub(super) struct PatchSearch<'a, C: Cpu> {
     pub(super) template: &'a PatchTemplate<C>,
     pub(super) pair: LevelPair<'a>,
-    pub(super) x: usize,
-    pub(super) y: usize,
+    /// x and y.
+    pub(super) corner: [f32; 2],
 }
 
 /// A displacement in pixels with its residual and Gauss–Newton step.
@@ -121,7 +121,7 @@ impl<C: Cpu> PatchSearch<'_, C> {
     /// Compares the patch at a displacement.
     #[inline(always)]
     pub(super) fn at(&self, shift: [f32; 2]) -> Option<Trial> {
-        let corner = [self.x as f32 + shift[0], self.y as f32 + shift[1]];
+        let corner = [self.corner[0] + shift[0], self.corner[1] + shift[1]];
         Some(Trial { shift, difference: self.template.compare(self.pair.second, corner)? })
     }
 
@@ -153,7 +153,7 @@ impl LevelPair<'_> {
         from: impl FnOnce(&PatchSearch<'_, C>) -> [[f32; 2]; 2],
     ) -> Option<PatchFlow> {
         template.take(self.first, self.noise, x, y)?;
-        let search = PatchSearch { template, pair: self, x, y };
+        let search = PatchSearch { template, pair: self, corner: [x as f32, y as f32] };
         let [first, second] = from(&search);
         let mut both = [search.at(first)?, search.at(second)?];
         refine([&search, &search], &mut both, steps)?;
@@ -205,7 +205,8 @@ pub(super) fn find<C: Cpu, const N: usize>(
         let mut k = 0;
         let searches = templates.each_ref().map(|template| {
             k += 1;
-            PatchSearch { template, pair, x: column(k - 1) * CELL, y: row * CELL }
+            let corner = [column(k - 1) * CELL, row * CELL].map(|at| at as f32);
+            PatchSearch { template, pair, corner }
         });
         let mut best = [Trial::default(); INTERLEAVED];
         for (k, (search, best)) in searches.iter().zip(&mut best).enumerate() {

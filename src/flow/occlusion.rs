@@ -191,7 +191,7 @@ impl OcclusionKernel<'_> {
         }
         let [x, y] = [column * SIDE, row * SIDE];
         template.take(self.frames.pair.first, self.frames.pair.noise, x, y)?;
-        let search = PatchSearch { template, pair: self.frames.pair, x, y };
+        let search = PatchSearch { template, pair: self.frames.pair, corner: [x as f32, y as f32] };
         let is_unexplained = |(motion, _): ([f32; 2], bool)| {
             let found = search.found(search.at(motion.map(|shift| 2.0 * shift))?).mean;
             let noise = 2.0 * self.frames.pair.noise;

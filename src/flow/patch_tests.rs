@@ -25,7 +25,7 @@ fn compared<C: Cpu>(cpu: C, [first, second]: [&Level; 2], noise: f32, corner: [f
     template.take(first, noise, 5, 3).unwrap();
     let Difference { step, squares, total } = template.compare(second, corner).unwrap();
     let [x, y] = corner.map(|at| at as i32);
-    let whole = template.residual_at(second, x, y).unwrap();
+    let whole = template.residual_at(second.from(x, y).unwrap(), second.stride()).unwrap();
     (template.energy, template.tensor, squares, total, step, whole)
 }
 

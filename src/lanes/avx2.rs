@@ -58,6 +58,11 @@ impl Cpu for Avx2 {
     }
 
     #[inline(always)]
+    fn fused_less(self, a: Floats, b: Floats, c: Floats) -> Floats {
+        Floats(avx2!(_mm256_fnmadd_ps(a.0, b.0, c.0)))
+    }
+
+    #[inline(always)]
     fn halves(self, [a, b, c, d]: [Floats; 4]) -> [f32; FLOATS] {
         self.store(Floats(avx2!(_mm256_hadd_ps(_mm256_hadd_ps(a.0, b.0), _mm256_hadd_ps(c.0, d.0)))))
     }

@@ -55,6 +55,9 @@ pub(crate) trait Cpu: Copy {
     /// a·b + c, rounded once (AVX2, NEON) or twice (plain Rust).
     fn fused(self, a: Self::Lanes, b: Self::Lanes, c: Self::Lanes) -> Self::Lanes;
 
+    /// c − a·b, rounded once (AVX2, NEON) or twice (plain Rust).
+    fn fused_less(self, a: Self::Lanes, b: Self::Lanes, c: Self::Lanes) -> Self::Lanes;
+
     /// Sums of the first four lanes of each of four vectors, then of the last four lanes of each.
     fn halves(self, four: [Self::Lanes; 4]) -> [f32; FLOATS];
 

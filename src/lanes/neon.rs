@@ -60,6 +60,11 @@ impl Cpu for Neon {
     }
 
     #[inline(always)]
+    fn fused_less(self, a: Floats, b: Floats, c: Floats) -> Floats {
+        neon!(Floats(vfmsq_f32(c.0, a.0, b.0), vfmsq_f32(c.1, a.1, b.1)))
+    }
+
+    #[inline(always)]
     fn halves(self, [a, b, c, d]: [Floats; 4]) -> [f32; FLOATS] {
         self.store(neon!(Floats(
             vpaddq_f32(vpaddq_f32(a.0, b.0), vpaddq_f32(c.0, d.0)),

@@ -41,6 +41,11 @@ impl Cpu for Scalar {
     }
 
     #[inline(always)]
+    fn fused_less(self, a: Array, b: Array, c: Array) -> Array {
+        c - a * b
+    }
+
+    #[inline(always)]
     fn halves(self, four: [Array; 4]) -> [f32; FLOATS] {
         from_fn(|k| {
             let (Array(lanes), from) = (four[k % 4], k / 4 * 4);
