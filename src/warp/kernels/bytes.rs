@@ -191,6 +191,8 @@ fn vertical<C: WordCpu, K: VectorKernel, const STEP: usize>(
     patch: &mut Vec<u8>,
     middle: &mut Vec<i16>,
 ) {
+    // Of its own: what is written cannot change it.
+    let task = *task;
     middle.resize(task.blocks.len() * BLOCK * STEP, 0);
     let blocks = task.blocks.iter().enumerate();
     for ((index, block), out) in blocks.zip(middle.chunks_exact_mut(BLOCK * STEP)) {
@@ -216,17 +218,18 @@ fn horizontal<C: WordCpu, K: VectorKernel, const STEP: usize>(
     task: &Horizontal<'_, i16>,
     row: &mut [u8],
 ) {
+    let task = *task;
     let output = task.output;
     let in_place = output.channels == STEP && output.step == STEP;
     let whole = if in_place { (task.width / BLOCK).min(task.blocks.len()) } else { 0 };
     let (inside, rest) = task.blocks.split_at(whole);
     for ((index, block), out) in inside.iter().enumerate().zip(row.chunks_exact_mut(BLOCK * STEP)) {
-        horizontal_block::<C, K, STEP>(cpu, task, index, block, out);
+        horizontal_block::<C, K, STEP>(cpu, &task, index, block, out);
     }
     for (index, block) in (whole..).zip(rest) {
         let mut buffer = [0u8; BLOCK * MAX_STEP];
-        horizontal_block::<C, K, STEP>(cpu, task, index, block, &mut buffer[..BLOCK * STEP]);
-        scatter(&buffer, STEP, task, index * BLOCK, row);
+        horizontal_block::<C, K, STEP>(cpu, &task, index, block, &mut buffer[..BLOCK * STEP]);
+        scatter(&buffer, STEP, &task, index * BLOCK, row);
     }
 }
 
