@@ -22,6 +22,18 @@ impl Avx2 {
     }
 }
 
+/// Proof that the CPU has NEON, and the byte order that the kernels expect; only detection creates one.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct Neon(());
+
+impl Neon {
+    /// The proof, if the CPU has NEON: always on AArch64 of little-endian byte order, never elsewhere.
+    pub fn detect() -> Option<Self> {
+        cfg!(all(target_arch = "aarch64", target_feature = "neon", target_endian = "little"))
+            .then_some(Self(()))
+    }
+}
+
 /// The instruction set that the kernels use. A level can be created only on a machine that has its
 /// instructions, so that no safe code can cause undefined behaviour:
 ///
@@ -29,18 +41,25 @@ impl Avx2 {
 /// let forged = rsrectify::CpuLevel::Avx2(rsrectify::cpu::Avx2(()));
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+#[non_exhaustive]
 pub enum CpuLevel {
-    /// Plain Rust.
+    /// Plain Rust, one number after the other where vectors differ from it: the reference of the tests.
     Scalar,
+    /// Plain Rust in vectors, which compilers translate to what every machine of the architecture has.
+    Portable,
     /// x86-64 with AVX2 and FMA.
     Avx2(Avx2),
+    /// AArch64 with NEON.
+    Neon(Neon),
 }
 
 impl fmt::Display for CpuLevel {
     fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
         formatter.write_str(match self {
             Self::Scalar => "Scalar",
+            Self::Portable => "Portable",
             Self::Avx2(_) => "Avx2",
+            Self::Neon(_) => "Neon",
         })
     }
 }
@@ -48,22 +67,27 @@ impl fmt::Display for CpuLevel {
 impl CpuLevel {
     /// The levels of this machine, the lowest first.
     pub fn supported() -> impl Iterator<Item = Self> {
-        std::iter::once(Self::Scalar).chain(Avx2::detect().map(Self::Avx2))
+        [Self::Scalar, Self::Portable]
+            .into_iter()
+            .chain(Avx2::detect().map(Self::Avx2))
+            .chain(Neon::detect().map(Self::Neon))
     }
 
-    /// The highest level of this machine; the environment variable `RSRECTIFY_CPU` (`scalar`, `avx2`) can
-    /// lower it.
+    /// The highest level of this machine; the environment variable `RSRECTIFY_CPU` (`scalar`, `portable`)
+    /// can lower it.
     #[must_use]
     pub fn detect() -> Self {
         match std::env::var("RSRECTIFY_CPU").as_deref() {
             Ok("scalar") => Self::Scalar,
+            Ok("portable") => Self::Portable,
             _ => Self::supported().last().unwrap_or(Self::Scalar),
         }
     }
 }
 
 /// Compiles a function twice, for any CPU and for AVX2 and FMA; the first argument, a [`CpuLevel`], selects
-/// the version. Both give the same results: the compiler uses wider vectors, and fuses no operations.
+/// the version. Both give the same results: the compiler uses wider vectors, and fuses no operations. On
+/// AArch64, any CPU has NEON.
 ///
 /// All functions that it calls must be `inline(always)`: others are compiled for any CPU.
 macro_rules! for_each_cpu {
@@ -102,7 +126,8 @@ mod tests {
         #[cfg(not(target_arch = "x86_64"))]
         let has_avx2 = false;
         assert_eq!(levels[0], CpuLevel::Scalar);
-        assert_eq!(levels.len(), 1 + usize::from(has_avx2));
+        let has_neon = cfg!(all(target_arch = "aarch64", target_endian = "little"));
+        assert_eq!(levels.len(), 2 + usize::from(has_avx2) + usize::from(has_neon));
         assert!(levels.is_sorted() && levels.contains(&CpuLevel::detect()));
     }
 }

@@ -36,6 +36,7 @@
 // A library must not write to the terminal of its user.
 #![cfg_attr(not(test), warn(clippy::print_stdout, clippy::print_stderr))]
 
+mod lanes;
 mod parallel;
 
 pub mod motion;

@@ -115,7 +115,7 @@ impl Sampler {
                 let start = InitialEstimate {
                     corner,
                     shift: displacement.shift,
-                    distortion: gradients.distortion(index),
+                    distortion: gradients.distortion(cpu, index),
                 };
                 polish(cpu, [from, to], &start, scale)
             });

@@ -8,11 +8,11 @@
 
 use super::direction::FlowDirection;
 use super::field::{Cell, FlowField};
-use super::lanes::Cpu;
 use super::level::{CELL, Mean};
 use super::patch::AREA;
 use super::rows::{RowKernel, fill};
 use crate::cpu::CpuLevel;
+use crate::lanes::Cpu;
 
 /// Forward–backward error, in pixels of the level, at which the confidence is halved: consistent
 /// displacements agree to some tenths, wrong ones differ by pixels.

@@ -1,13 +1,13 @@
 //! The flow in one direction, from the coarsest level to the finest.
 
 use super::consensus::Consensus;
-use super::lanes::Cpu;
 use super::level::{CELL, LevelPair, Mean, PatchFlow, cells, find, overlap};
 use super::patch::PatchTemplate;
 use super::prediction::FlowPrediction;
 use super::rows::{RowKernel, fill};
 use super::search::exhaustive;
 use crate::cpu::CpuLevel;
+use crate::lanes::Cpu;
 
 /// Gauss–Newton steps from the best candidate: on the coarse levels, where steps are long, and on the finest.
 const COARSE_STEPS: usize = 3;
@@ -62,6 +62,7 @@ impl Stage<'_> {
 #[derive(Debug, Default)]
 pub(super) struct FlowDirection {
     pub(super) prediction: FlowPrediction,
+    /// Of the level run last, and as many as the largest has.
     patches: Vec<PatchFlow>,
     next_patches: Vec<PatchFlow>,
     /// Cells of the level run last.
@@ -98,31 +99,29 @@ impl FlowDirection {
             columns: self.columns,
             rows: self.rows,
         };
-        self.patches.resize(across * down, PatchFlow::default());
-        self.next_patches.resize(across * down, PatchFlow::default());
-        fill(stage.cpu, &kernel, across, &mut self.patches);
+        let count = across * down;
+        // All are written: none are cleared where the last level had more.
+        if self.patches.len() < count {
+            self.patches.resize(count, PatchFlow::default());
+            self.next_patches.resize(count, PatchFlow::default());
+        }
+        let (mut patches, mut next) = (&mut self.patches[..count], &mut self.next_patches[..count]);
+        fill(stage.cpu, &kernel, across, patches);
         let propagations =
             if stage.is_coarsest { 2 } else { usize::from(stage.depth > LAST_DEPTH_WITHOUT_PROPAGATION) };
         for _ in 0..propagations {
-            let propagation = Propagation { pair: stage.pair, patches: &self.patches };
-            fill(stage.cpu, &propagation, across, &mut self.next_patches);
-            std::mem::swap(&mut self.patches, &mut self.next_patches);
+            fill(stage.cpu, &Propagation { pair: stage.pair, patches }, across, next);
+            std::mem::swap(&mut patches, &mut next);
         }
-        let consensus =
-            stage.is_finest.then(|| Consensus::of(&self.patches, across, stage.pair.noise)).flatten();
+        let consensus = stage.is_finest.then(|| Consensus::of(patches, across, stage.pair.noise)).flatten();
         if let Some(consensus) = consensus {
-            let trial = ConsensusTrial {
-                stage: *stage,
-                patches: &self.patches,
-                prediction: &self.prediction,
-                consensus,
-            };
-            fill(stage.cpu, &trial, across, &mut self.next_patches);
-            std::mem::swap(&mut self.patches, &mut self.next_patches);
+            let trial = ConsensusTrial { stage: *stage, patches, prediction: &self.prediction, consensus };
+            fill(stage.cpu, &trial, across, next);
+            std::mem::swap(&mut patches, &mut next);
         }
         (self.columns, self.rows) = (columns, rows);
         self.means.resize(columns * rows, Mean::default());
-        let overlap = Overlap { patches: &self.patches, across, noise: stage.pair.noise };
+        let overlap = Overlap { patches, across, noise: stage.pair.noise };
         fill(stage.cpu, &overlap, columns, &mut self.means);
     }
 

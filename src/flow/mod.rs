@@ -6,7 +6,7 @@
 //! |---|---|---|
 //! | search | `search` | exhaustive search on the coarsest level, ± a quarter of the frame's width |
 //! | predict | `prediction` | the predicted motion as an additional candidate |
-//! | compare | `patch`, `lanes` | residual and Gauss–Newton step of one patch, eight pixels at a time |
+//! | compare | `patch` | residual and Gauss–Newton step of one patch, eight pixels at a time |
 //! | step | `level` | best candidate, Gauss–Newton steps from it, mean of overlapping patches |
 //! | descend | `direction` | coarse to fine |
 //! | dominant motion | `consensus` | robust affine motion, used where the picture is ambiguous |
@@ -33,7 +33,6 @@ mod confidence;
 mod consensus;
 mod direction;
 mod field;
-mod lanes;
 mod level;
 mod occlusion;
 mod patch;

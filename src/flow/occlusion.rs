@@ -15,11 +15,11 @@
 
 use super::direction::FlowDirection;
 use super::field::{Cell, FlowField};
-use super::lanes::Cpu;
 use super::level::{CELL, LevelPair, PatchSearch};
 use super::patch::{PatchTemplate, SIDE};
 use super::rows::{RowKernel, fill};
 use crate::cpu::CpuLevel;
+use crate::lanes::Cpu;
 
 /// Least confidence at which a displacement is used, as for correspondences.
 const MIN_CONFIDENCE: f32 = 0.5;
@@ -191,7 +191,7 @@ impl OcclusionKernel<'_> {
         }
         let [x, y] = [column * SIDE, row * SIDE];
         template.take(self.frames.pair.first, self.frames.pair.noise, x, y)?;
-        let search = PatchSearch { template, pair: self.frames.pair, x, y };
+        let search = PatchSearch { template, pair: self.frames.pair, corner: [x as f32, y as f32] };
         let is_unexplained = |(motion, _): ([f32; 2], bool)| {
             let found = search.found(search.at(motion.map(|shift| 2.0 * shift))?).mean;
             let noise = 2.0 * self.frames.pair.noise;

@@ -10,10 +10,12 @@
 //! A comparison reads 9 rows of 9 samples and takes 64 × 15 additions and multiplications, in 8 × 10
 //! instructions.
 
-use super::lanes::{Cpu, SampleRows};
+use crate::lanes::rows::SampleRows;
+use crate::lanes::{Cpu, FLOATS};
 use crate::pyramid::Level;
 
-pub(super) use super::lanes::SIDE;
+/// Pixels in a row of a patch: one vector.
+pub(super) const SIDE: usize = FLOATS;
 
 /// Pixels of a patch.
 pub(super) const AREA: f32 = (SIDE * SIDE) as f32;
@@ -21,20 +23,21 @@ pub(super) const AREA: f32 = (SIDE * SIDE) as f32;
 /// A patch of the first frame.
 #[derive(Clone, Debug)]
 pub(super) struct PatchTemplate<C: Cpu> {
-    cpu: C,
-    /// Grey and its central differences, row by row.
+    pub(super) cpu: C,
+    /// Grey, row by row.
     values: [C::Lanes; SIDE],
+    /// Differences of neighbours two pixels apart: twice the gradients.
     gradient_x: [C::Lanes; SIDE],
     gradient_y: [C::Lanes; SIDE],
-    /// Means of values and gradients.
+    /// Means of values and of twice the gradients.
     means: [f32; 3],
-    /// Coefficients a of the projection of each gradient on the values.
+    /// Coefficients a of the projection of twice each gradient on the values.
     shares: [f32; 2],
     /// Sums of the products of g′: xx, xy, yy.
     pub(super) tensor: [f32; 3],
     /// Squared differences from the mean, summed, in squared grey levels.
     pub(super) energy: f32,
-    /// Negative inverse of the tensor with the noise of gradients added to its diagonal: xx, xy, yy.
+    /// Half of the negative inverse of the tensor with the noise of gradients added to its diagonal: xx, xy, yy.
     inverse: [f32; 3],
 }
 
@@ -76,7 +79,6 @@ impl<C: Cpu> PatchTemplate<C> {
         let cpu = self.cpu;
         let samples = level.from(x as i32 - 1, y as i32 - 1)?;
         let rows = SampleRows::<{ SIDE + 2 }, { SIDE + 2 }>::new(samples, level.stride())?;
-        let half = cpu.splat(0.5);
         // Subtracting a grey of the patch avoids cancellation in the sums of squares.
         let pivot = rows.at(SIDE / 2, 1)[SIDE / 2];
         let mut sums = [cpu.splat(0.0); 3];
@@ -85,8 +87,9 @@ impl<C: Cpu> PatchTemplate<C> {
         for r in 0..SIDE {
             let below = cpu.load(rows.at(r + 2, 1));
             let value = here - cpu.splat(pivot);
-            let dx = half * (cpu.load(rows.at(r + 1, 2)) - cpu.load(rows.at(r + 1, 0)));
-            let dy = half * (below - above);
+            // Twice the gradients: powers of two leave all sums as they are, and one product a row is saved.
+            let dx = cpu.load(rows.at(r + 1, 2)) - cpu.load(rows.at(r + 1, 0));
+            let dy = below - above;
             (self.values[r], self.gradient_x[r], self.gradient_y[r]) = (here, dx, dy);
             sums[0] = sums[0] + value;
             sums[1] = sums[1] + dx;
@@ -104,20 +107,23 @@ impl<C: Cpu> PatchTemplate<C> {
         let [xx, xy, yy, energy] = cpu.totals([xx, xy, yy, energy]);
         let [x, y, sum, sum_x] = cpu.totals([x, y, sum, sum_x]);
         let [sum_y, ..] = cpu.totals([sum_y; 4]);
+        self.means = [sum, sum_x, sum_y].map(|sum| sum * (1.0 / AREA));
+        let [xx, xy, yy] = [xx, xy, yy].map(|sum| 0.25 * sum);
+        let [x, y, sum_x, sum_y] = [x, y, sum_x, sum_y].map(|sum| 0.5 * sum);
         let [mean, mean_x, mean_y] = [sum, sum_x, sum_y].map(|sum| sum * (1.0 / AREA));
         let (xx, xy, yy) = (xx - mean_x * sum_x, xy - mean_x * sum_y, yy - mean_y * sum_y);
         let (x, y, energy) = (x - mean_x * sum, y - mean_y * sum, (energy - mean * sum).max(0.0));
         let share = 1.0 / (energy + f32::MIN_POSITIVE);
         let (a, b) = (x * share, y * share);
-        self.means = [pivot + mean, mean_x, mean_y];
-        self.shares = [a, b];
+        self.means[0] = pivot + mean;
+        self.shares = [2.0 * a, 2.0 * b];
         self.energy = energy;
         let (xx, xy, yy) = ((xx - a * x).max(0.0), xy - a * y, (yy - b * y).max(0.0));
         self.tensor = [xx, xy, yy];
         let damping = AREA * 0.5 * noise;
         let (a, d) = (xx + damping, yy + damping);
         let share = 1.0 / (a * d - xy * xy);
-        self.inverse = [-d * share, xy * share, -a * share];
+        self.inverse = [-d * share, xy * share, -a * share].map(|entry| 0.5 * entry);
         Some(())
     }
 
@@ -126,8 +132,9 @@ impl<C: Cpu> PatchTemplate<C> {
     #[inline(always)]
     pub(super) fn compare(&self, level: &Level, corner: [f32; 2]) -> Option<Difference> {
         let cpu = self.cpu;
-        let x = corner[0].clamp(-(SIDE as f32), level.width() as f32);
-        let y = corner[1].clamp(-(SIDE as f32), level.height() as f32);
+        let [width, height] = level.extent();
+        let x = corner[0].clamp(-(SIDE as f32), width);
+        let y = corner[1].clamp(-(SIDE as f32), height);
         let ([left, top], [across, down]) = split([x, y]);
         let samples = level.from(left, top)?;
         let rows = SampleRows::<{ SIDE + 1 }, { SIDE + 1 }>::new(samples, level.stride())?;
@@ -138,11 +145,17 @@ impl<C: Cpu> PatchTemplate<C> {
         for r in 0..SIDE {
             let below = blended(cpu, &rows, r + 1, across);
             let difference = cpu.fused(down, below - above, above) - self.values[r];
-            slopes[0] = cpu.fused(self.gradient_x[r], difference, slopes[0]);
-            slopes[1] = cpu.fused(self.gradient_y[r], difference, slopes[1]);
-            slopes[2] = cpu.fused(self.values[r], difference, slopes[2]);
-            differences[r / (SIDE / 2)] = differences[r / (SIDE / 2)] + difference;
-            squares[r / (SIDE / 2)] = cpu.fused(difference, difference, squares[r / (SIDE / 2)]);
+            let weights = [self.gradient_x[r], self.gradient_y[r], self.values[r]];
+            for (slope, weight) in slopes.iter_mut().zip(weights) {
+                *slope = if r == 0 { weight * difference } else { cpu.fused(weight, difference, *slope) };
+            }
+            let half = r / (SIDE / 2);
+            if r % (SIDE / 2) == 0 {
+                (differences[half], squares[half]) = (difference, difference * difference);
+            } else {
+                differences[half] = differences[half] + difference;
+                squares[half] = cpu.fused(difference, difference, squares[half]);
+            }
             above = below;
         }
         let [x, y, value, _] = cpu.totals([slopes[0], slopes[1], slopes[2], slopes[2]]);
@@ -162,16 +175,20 @@ impl<C: Cpu> PatchTemplate<C> {
         Some(Difference { step: [a * x + b * y, b * x + c * y], squares, total: four(squares) })
     }
 
-    /// The residual at whole pixels: sum of squared differences about their mean.
+    /// The residual at whole pixels, from samples `stride` apart from row to row: sum of squared differences about
+    /// their mean.
     #[inline(always)]
-    pub(super) fn residual_at(&self, level: &Level, x: i32, y: i32) -> Option<f32> {
+    pub(super) fn residual_at(&self, samples: &[f32], stride: usize) -> Option<f32> {
         let cpu = self.cpu;
-        let rows = SampleRows::<SIDE, SIDE>::new(level.from(x, y)?, level.stride())?;
+        let rows = SampleRows::<SIDE, SIDE>::new(samples, stride)?;
         let mut sums = [cpu.splat(0.0); 2];
         for (r, values) in self.values.iter().enumerate() {
-            let difference = cpu.load(rows.at(r, 0)) - *values;
-            sums[0] = sums[0] + difference;
-            sums[1] = cpu.fused(difference, difference, sums[1]);
+            let difference = *values - cpu.load(rows.at(r, 0));
+            if r == 0 {
+                sums = [difference, difference * difference];
+            } else {
+                sums = [sums[0] + difference, cpu.fused(difference, difference, sums[1])];
+            }
         }
         let [sum, square, ..] = cpu.totals([sums[0], sums[1], sums[0], sums[1]]);
         Some((square - sum * sum * (1.0 / AREA)).max(0.0))
@@ -188,7 +205,8 @@ fn blended<C: Cpu>(
     across: C::Lanes,
 ) -> C::Lanes {
     let left = cpu.load(rows.at(row, 0));
-    cpu.fused(across, cpu.load(rows.at(row, 1)) - left, left)
+    // In this order the sample on the right is an operand in memory, and needs no register.
+    cpu.fused_less(across, left - cpu.load(rows.at(row, 1)), left)
 }
 
 /// Whole pixels and fraction, 0 to 1, of positions much smaller than 2²².

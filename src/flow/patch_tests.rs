@@ -1,7 +1,7 @@
-use super::super::lanes::Scalar;
 use super::*;
-#[cfg(target_arch = "x86_64")]
-use crate::cpu::Avx2;
+use crate::cpu::CpuLevel;
+use crate::lanes::dispatch::with_word_cpu;
+use crate::lanes::scalar::Scalar;
 
 /// Repeatable pseudo-random grey levels (xorshift).
 fn level(seed: u64, width: usize, height: usize) -> Level {
@@ -19,19 +19,14 @@ fn level(seed: u64, width: usize, height: usize) -> Level {
 /// What is compared: energy, tensor, squares of the quarters, total, step, and the residual at whole pixels.
 type Compared = (f32, [f32; 3], [f32; 4], f32, [f32; 2], f32);
 
+#[inline(always)]
 fn compared<C: Cpu>(cpu: C, [first, second]: [&Level; 2], noise: f32, corner: [f32; 2]) -> Compared {
     let mut template = PatchTemplate::new(cpu);
     template.take(first, noise, 5, 3).unwrap();
     let Difference { step, squares, total } = template.compare(second, corner).unwrap();
     let [x, y] = corner.map(|at| at as i32);
-    let whole = template.residual_at(second, x, y).unwrap();
+    let whole = template.residual_at(second.from(x, y).unwrap(), second.stride()).unwrap();
     (template.energy, template.tensor, squares, total, step, whole)
-}
-
-#[cfg(target_arch = "x86_64")]
-#[target_feature(enable = "avx2,fma")]
-fn compared_avx2(cpu: Avx2, levels: [&Level; 2], noise: f32, corner: [f32; 2]) -> Compared {
-    compared(cpu, levels, noise, corner)
 }
 
 /// The same by definition, in double precision.
@@ -94,11 +89,11 @@ fn sums_are_those_of_their_definition_on_all_levels() {
             found.4.iter().zip(expected.4).for_each(|(a, b)| near(*a, b, 1.0));
             near(found.5, expected.5, expected.5);
         };
-        check(compared(Scalar, levels, 0.5, corner));
-        #[cfg(target_arch = "x86_64")]
-        if let Some(cpu) = Avx2::detect() {
-            // SAFETY: `cpu` is a proof of AVX2 and FMA.
-            check(unsafe { compared_avx2(cpu, levels, 0.5, corner) });
+        for cpu in CpuLevel::supported() {
+            check(with_word_cpu!(
+                cpu,
+                cpu => cpu.vectorize(#[inline(always)] || compared(cpu, levels, 0.5, corner))
+            ));
         }
     }
 }

@@ -3,9 +3,9 @@
 //! It makes the flow independent of any prediction. The level is at most 48 pixels long, so that a quarter of
 //! the frame's width is 12 pixels at most and 25 × 25 displacements are compared for each of some 80 patches.
 
-use super::lanes::Cpu;
 use super::level::PatchSearch;
 use super::patch::{AREA, SIDE};
+use crate::lanes::Cpu;
 
 /// Largest displacement searched along each axis, as a share of the frame's width.
 const REACH: f32 = 0.25;
@@ -17,7 +17,8 @@ const LENGTH_COST: f32 = 0.1;
 /// The displacement (pixels of the level) of the lowest cost; zero if the patch cannot be compared anywhere.
 #[inline(always)]
 pub(super) fn exhaustive<C: Cpu>(search: &PatchSearch<'_, C>) -> [f32; 2] {
-    let PatchSearch { template, x, y, .. } = *search;
+    let PatchSearch { template, corner, .. } = *search;
+    let [x, y] = corner.map(|at| at as usize);
     let (second, noise) = (search.pair.second, search.pair.noise);
     let reach = (REACH * second.width() as f32).ceil() as i32;
     // At least half of the patch must lie in the second frame, along each axis.
@@ -27,11 +28,15 @@ pub(super) fn exhaustive<C: Cpu>(search: &PatchSearch<'_, C>) -> [f32; 2] {
         (at - reach).max(-half)..=(at + reach).min(length as i32 - half)
     };
     let mut best = ([0.0; 2], f32::INFINITY);
+    let across = range(x, second.width());
+    let first = *across.start();
     for to_y in range(y, second.height()) {
-        for to_x in range(x, second.width()) {
-            let shift = [(to_x - x as i32) as f32, (to_y - y as i32) as f32];
+        let Some(samples) = second.from(first, to_y) else { continue };
+        let mut shift = [(first - x as i32) as f32 - 1.0, (to_y - y as i32) as f32];
+        for samples in (0..across.clone().count()).filter_map(|column| samples.get(column..)) {
+            shift[0] += 1.0;
             let length = (shift[0] * shift[0] + shift[1] * shift[1]).sqrt();
-            let Some(residual) = template.residual_at(second, to_x, to_y) else { continue };
+            let Some(residual) = template.residual_at(samples, second.stride()) else { continue };
             let cost = residual + AREA * LENGTH_COST * noise * length;
             if cost < best.1 {
                 best = (shift, cost);

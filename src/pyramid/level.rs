@@ -1,5 +1,6 @@
 //! One level of a pyramid: grey values with a border, so that a patch may extend beyond the picture.
 
+use crate::cpu::{CpuLevel, for_each_cpu};
 use crate::parallel::*;
 
 /// Pixels of border on each side, replicated from the picture's edge. A patch of 8 pixels that lies wholly
@@ -14,11 +15,13 @@ const BAND: usize = 32;
 const LANES: usize = 8;
 
 /// Grey of one resolution, 0 to 255, row by row, with [`BORDER`] replicated pixels on each side.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub(crate) struct Level {
     width: usize,
     height: usize,
     stride: usize,
+    /// Width and height as numbers that positions are compared with.
+    extent: [f32; 2],
     data: Vec<f32>,
 }
 
@@ -31,6 +34,12 @@ impl Level {
     /// Rows, without the border.
     pub(crate) fn height(&self) -> usize {
         self.height
+    }
+
+    /// Width and height.
+    #[inline(always)]
+    pub(crate) fn extent(&self) -> [f32; 2] {
+        self.extent
     }
 
     /// Samples from one row to the next.
@@ -103,27 +112,14 @@ impl Level {
     /// Weighted means of 4 × 4 pixels of a finer level, (1, 3, 3, 1)/8 along each axis; an odd last row or
     /// column is dropped. Means of 2 × 2 would alias: fine patterns appear as coarser ones with a different
     /// motion.
-    pub(super) fn halve(&mut self, fine: &Self) {
+    pub(super) fn halve(&mut self, cpu: CpuLevel, fine: &Self) {
         self.resize(fine.width / 2, fine.height / 2);
         let (stride, width, height) = (self.stride, self.width, self.height);
         let Some(inside) = self.data.get_mut(BORDER * stride..(BORDER + height) * stride) else { return };
         inside.par_chunks_mut(stride * BAND).enumerate().for_each_init(Vec::new, |line, (band, rows)| {
             line.resize(2 * width + 2, 0.0);
             for (y, row) in rows.chunks_exact_mut(stride).enumerate() {
-                let y = 2 * (band * BAND + y) as i32;
-                let source = |offset: i32| fine.from(-1, y + offset);
-                let (Some(a), Some(b), Some(c), Some(d)) = (source(-1), source(0), source(1), source(2))
-                else {
-                    return;
-                };
-                for ((((out, a), b), c), d) in line.iter_mut().zip(a).zip(b).zip(c).zip(d) {
-                    *out = 0.125 * ((a + d) + 3.0 * (b + c));
-                }
-                let pairs = line.as_chunks::<2>().0;
-                let both = pairs.iter().zip(pairs.iter().skip(1));
-                for (out, ([a, b], [c, d])) in row.iter_mut().skip(BORDER).take(width).zip(both) {
-                    *out = 0.125 * ((a + d) + 3.0 * (b + c));
-                }
+                halve_row(cpu, fine, 2 * (band * BAND + y) as i32, line, row, width);
                 replicate(row, width);
             }
         });
@@ -132,6 +128,7 @@ impl Level {
 
     fn resize(&mut self, width: usize, height: usize) {
         (self.width, self.height, self.stride) = (width, height, width + 2 * BORDER);
+        self.extent = [width as f32, height as f32];
         self.data.resize(self.stride * (height + 2 * BORDER), 0.0);
     }
 
@@ -144,6 +141,25 @@ impl Level {
         for row in 0..BORDER {
             self.data.copy_within(BORDER * stride..(BORDER + 1) * stride, row * stride);
             self.data.copy_within(last * stride..(last + 1) * stride, (last + 1 + row) * stride);
+        }
+    }
+}
+
+for_each_cpu! {
+    /// One row of `width` pixels from rows `y` − 1 to `y` + 2 of `fine`; `line` is one row between the passes.
+    fn halve_row(fine: &Level, y: i32, line: &mut [f32], row: &mut [f32], width: usize) {
+        let (Some(a), Some(b), Some(c), Some(d)) =
+            (fine.from(-1, y - 1), fine.from(-1, y), fine.from(-1, y + 1), fine.from(-1, y + 2))
+        else {
+            return;
+        };
+        for ((((out, a), b), c), d) in line.iter_mut().zip(a).zip(b).zip(c).zip(d) {
+            *out = 0.125 * ((a + d) + 3.0 * (b + c));
+        }
+        let pairs = line.as_chunks::<2>().0;
+        let both = pairs.iter().zip(pairs.iter().skip(1));
+        for (out, ([a, b], [c, d])) in row.iter_mut().skip(BORDER).take(width).zip(both) {
+            *out = 0.125 * ((a + d) + 3.0 * (b + c));
         }
     }
 }
@@ -165,7 +181,7 @@ mod tests {
         // Linear except in the border, which repeats the edge.
         let fine = Level::of(9, 5, |x, y| 5.0 * y + x);
         let mut coarse = Level::default();
-        coarse.halve(&fine);
+        coarse.halve(CpuLevel::detect(), &fine);
         assert_eq!((coarse.width(), coarse.height()), (4, 2));
         assert_eq!(coarse.pixel(1, 1), 5.0 * 2.5 + 2.5);
         assert_eq!(coarse.pixel(0, 1), 5.0 * 2.5 + 0.5 + 0.125);
@@ -175,7 +191,7 @@ mod tests {
     fn halving_does_not_alias() {
         let stripes = Level::of(64, 16, |x, _| 100.0 * (x % 2.0) + 50.0);
         let mut coarse = Level::default();
-        coarse.halve(&stripes);
+        coarse.halve(CpuLevel::detect(), &stripes);
         assert!((1..31).all(|x| (coarse.pixel(x, 4) - 100.0).abs() < 1e-3));
     }
 

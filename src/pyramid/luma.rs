@@ -4,6 +4,7 @@
 //! sample format and channel weights folded into one factor), then the sum is reduced along the
 //! row. Reads each byte ⌈s⌉/s to (⌈s⌉ + 1)/s times for a ratio s, once if s is whole.
 
+use crate::cpu::{CpuLevel, for_each_cpu};
 use crate::parallel::*;
 use crate::plane::{Luma, PlaneLayout};
 
@@ -46,7 +47,13 @@ impl Reduction {
 
     /// Reduces `luma` into `grey` (row by row, of `size`) with `scratch` for the sums. Returns false and
     /// does nothing if the luma is not of the full frame's size.
-    pub(crate) fn reduce(&self, luma: &Luma<'_>, grey: &mut Vec<f32>, scratch: &mut Vec<f32>) -> bool {
+    pub(crate) fn reduce(
+        &self,
+        cpu: CpuLevel,
+        luma: &Luma<'_>,
+        grey: &mut Vec<f32>,
+        scratch: &mut Vec<f32>,
+    ) -> bool {
         let layout = luma.plane.layout();
         let (width, height) = self.size();
         if (layout.width, layout.height) != self.full || width == 0 || height == 0 {
@@ -58,20 +65,23 @@ impl Reduction {
         grey.par_chunks_mut(width * band).zip(scratch.par_chunks_mut(self.full.0)).enumerate().for_each(
             |(index, (rows, sums))| {
                 for (offset, row) in rows.chunks_exact_mut(width).enumerate() {
-                    self.reduce_row(luma, index * band + offset, row, sums);
+                    reduce_row(cpu, self, luma, index * band + offset, row, sums);
                 }
             },
         );
         true
     }
+}
 
-    fn reduce_row(&self, luma: &Luma<'_>, y: usize, out: &mut [f32], sums: &mut [f32]) {
-        let (first, weights) = self.rows.of(y);
+for_each_cpu! {
+    /// Output row `y`; `sums` has one sum per column of the frame.
+    fn reduce_row(reduction: &Reduction, luma: &Luma<'_>, y: usize, out: &mut [f32], sums: &mut [f32]) {
+        let (first, weights) = reduction.rows.of(y);
         sums.fill(0.0);
         for (k, &weight) in weights.iter().enumerate() {
             add_row(luma, first + k, weight, sums);
         }
-        self.columns.apply(sums, out);
+        reduction.columns.apply(sums, out);
     }
 }
 
@@ -115,10 +125,12 @@ impl ReductionFilter {
     }
 
     /// The first input of an output, and the weights of the inputs that start there.
+    #[inline(always)]
     fn of(&self, output: usize) -> (usize, &[f32]) {
         (self.first[output], &self.weights[output * self.count..][..self.count])
     }
 
+    #[inline(always)]
     fn apply(&self, input: &[f32], out: &mut [f32]) {
         match (self.whole, self.count) {
             (true, 1) => out.copy_from_slice(&input[..out.len()]),
@@ -134,6 +146,7 @@ impl ReductionFilter {
         }
     }
 
+    #[inline(always)]
     fn apply_fixed<const K: usize>(&self, input: &[f32], out: &mut [f32]) {
         let (weights, _) = self.weights.as_chunks::<K>();
         for ((out, &first), weights) in out.iter_mut().zip(&self.first).zip(weights) {
@@ -143,6 +156,7 @@ impl ReductionFilter {
     }
 }
 
+#[inline(always)]
 fn mean_of<const K: usize>(input: &[f32], out: &mut [f32]) {
     for (out, values) in out.iter_mut().zip(input.as_chunks::<K>().0) {
         *out = values.iter().sum::<f32>() * (1.0 / K as f32);
@@ -175,6 +189,7 @@ fn interpolant_means(start: f64, length: f64, first: usize, inputs: usize, weigh
 }
 
 /// Adds `weight` times the grey of row `y` to `sums`.
+#[inline(always)]
 fn add_row(luma: &Luma<'_>, y: usize, weight: f32, sums: &mut [f32]) {
     let layout = luma.plane.layout();
     let row = luma.plane.row(y);
@@ -187,6 +202,7 @@ fn add_row(luma: &Luma<'_>, y: usize, weight: f32, sums: &mut [f32]) {
     }
 }
 
+#[inline(always)]
 fn add_channel(row: &[u8], layout: &PlaneLayout, channel: usize, factor: f32, sums: &mut [f32]) {
     if layout.format.bytes() == 1 {
         let row = row.get(channel..).unwrap_or(&[]);
@@ -207,12 +223,14 @@ fn add_channel(row: &[u8], layout: &PlaneLayout, channel: usize, factor: f32, su
     }
 }
 
+#[inline(always)]
 fn add_bytes<'a>(samples: impl Iterator<Item = &'a u8>, factor: f32, sums: &mut [f32]) {
     for (sum, &sample) in sums.iter_mut().zip(samples) {
         *sum += factor * f32::from(sample);
     }
 }
 
+#[inline(always)]
 fn add_words<'a>(samples: impl Iterator<Item = &'a [u8; 2]>, shift: u32, factor: f32, sums: &mut [f32]) {
     for (sum, &sample) in sums.iter_mut().zip(samples) {
         *sum += factor * f32::from(u16::from_le_bytes(sample) >> shift);
@@ -262,11 +280,13 @@ mod tests {
         let plane = Plane::new(&data, narrow).unwrap();
         let reduction = Reduction::new(1920, height);
         let (mut grey, mut scratch) = (Vec::new(), Vec::new());
-        assert!(reduction.reduce(&plane.into(), &mut grey, &mut scratch));
-        for (y, x) in [(0, 0), (1, 0), (0, 959), (1, 480)] {
-            let at = |dx, dy| u32::from(data[(2 * y + dy) * width + 2 * x + dx]);
-            let mean = (at(0, 0) + at(1, 0) + at(0, 1) + at(1, 1)) as f32 / 4.0;
-            assert!((grey[y * 960 + x] - mean).abs() < 1e-4);
+        for cpu in CpuLevel::supported() {
+            assert!(reduction.reduce(cpu, &plane.into(), &mut grey, &mut scratch));
+            for (y, x) in [(0, 0), (1, 0), (0, 959), (1, 480)] {
+                let at = |dx, dy| u32::from(data[(2 * y + dy) * width + 2 * x + dx]);
+                let mean = (at(0, 0) + at(1, 0) + at(0, 1) + at(1, 1)) as f32 / 4.0;
+                assert!((grey[y * 960 + x] - mean).abs() < 1e-4);
+            }
         }
     }
 }

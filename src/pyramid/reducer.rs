@@ -2,6 +2,7 @@
 
 use super::level::Level;
 use super::luma::Reduction;
+use crate::cpu::CpuLevel;
 use crate::plane::Luma;
 
 /// Levels are halved until the longer side is at most this, in pixels: a search of ± a quarter of the width
@@ -52,6 +53,7 @@ impl Pyramid {
 /// Builds the pyramids of frames of one size.
 #[derive(Debug)]
 pub struct Reducer {
+    cpu: CpuLevel,
     reduction: Reduction,
     count: usize,
 }
@@ -61,7 +63,7 @@ impl Reducer {
     pub fn new(width: usize, height: usize) -> Self {
         let reduction = Reduction::new(width, height);
         let count = level_count(reduction.size());
-        Self { reduction, count }
+        Self { cpu: CpuLevel::detect(), reduction, count }
     }
 
     /// Full-frame pixels per analysed pixel, at least 1; the same along both axes.
@@ -78,7 +80,7 @@ impl Reducer {
     /// empty.
     pub fn build(&self, luma: &Luma<'_>, pyramid: &mut Pyramid) {
         let (width, height) = self.reduction.size();
-        pyramid.filled = self.reduction.reduce(luma, &mut pyramid.grey, &mut pyramid.scratch);
+        pyramid.filled = self.reduction.reduce(self.cpu, luma, &mut pyramid.grey, &mut pyramid.scratch);
         if !pyramid.filled {
             return;
         }
@@ -87,7 +89,7 @@ impl Reducer {
         finest.fill(width, height, &pyramid.grey);
         for index in 1..self.count {
             if let Some([finer, coarser]) = pyramid.levels.get_mut(index - 1..=index) {
-                coarser.halve(finer);
+                coarser.halve(self.cpu, finer);
             }
         }
     }
@@ -130,5 +132,30 @@ mod tests {
         let wrong = Plane::new(&data, PlaneLayout::packed(64, 96, SampleFormat::U8)).unwrap();
         reducer.build(&wrong.into(), &mut pyramid);
         assert!(pyramid.is_empty());
+    }
+
+    #[test]
+    fn all_levels_of_the_processor_build_the_same() {
+        for (width, height, step, format) in [
+            (640, 480, 1, SampleFormat::U8),
+            (1920, 52, 1, SampleFormat::U10),
+            (1283, 71, 3, SampleFormat::U8),
+            (3840, 96, 2, SampleFormat::U12_HIGH),
+        ] {
+            let layout = PlaneLayout { step, ..PlaneLayout::packed(width * step, height, format) };
+            let layout = PlaneLayout { width, ..layout };
+            let data: Vec<u8> =
+                (0..layout.required_bytes().unwrap()).map(|i| (i * i % 241 * 37 % 251) as u8).collect();
+            let plane = Plane::new(&data, layout).unwrap();
+            let built: Vec<Pyramid> = CpuLevel::supported()
+                .map(|cpu| {
+                    let mut pyramid = Pyramid::new();
+                    Reducer { cpu, ..Reducer::new(width, height) }.build(&plane.into(), &mut pyramid);
+                    pyramid
+                })
+                .collect();
+            assert!(!built[0].is_empty());
+            assert!(built.iter().all(|pyramid| pyramid.levels() == built[0].levels()), "{layout:?}");
+        }
     }
 }

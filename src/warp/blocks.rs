@@ -58,6 +58,13 @@ impl Block {
         }
     }
 
+    /// The bytes of the displacements at pixels 0 and 8 and of the two changes, 16 bits each.
+    #[inline(always)]
+    pub(super) fn halves(&self) -> &[u8; 8] {
+        // SAFETY: `start` and `change` are the first 8 bytes.
+        unsafe { &*std::ptr::from_ref(self).cast() }
+    }
+
     /// Integer displacement and fraction of pixel 0 to 15.
     pub fn at(&self, pixel: usize) -> (isize, i16) {
         let half = |pair: u32| (pair >> (16 * ((pixel / KNOT) & 1))) as i16;

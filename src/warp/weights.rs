@@ -149,7 +149,6 @@ fn quantise(weights: &[f64; MAX_TAPS]) -> [i16; MAX_TAPS] {
 
 impl Lanczos {
     /// The integer weights of all fractions, [`MAX_TAPS`] each, and one extra row.
-    #[cfg(target_arch = "x86_64")]
     pub fn table() -> &'static [i16] {
         LANCZOS.fixed.as_flattened()
     }

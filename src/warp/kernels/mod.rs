@@ -1,4 +1,4 @@
-//! The two passes of the warp, for each CPU level.
+//! The two passes of the warp: in plain Rust, and in the vectors of [`lanes`](crate::lanes).
 //!
 //! OutputFormat row Y is the image of a curve y = Y + down(x, Y) through the frame. The *vertical* pass
 //! samples each column where the curve crosses it; the *horizontal* pass samples the resulting row
@@ -20,18 +20,18 @@
 //! at 15 GB/s. The lower bound is the arithmetic: 3.1 M × 1.6 cycles = 5 M cycles, 1.6 ms on one core of
 //! 3.1 GHz.
 
-#[cfg(target_arch = "x86_64")]
-mod avx2;
-#[cfg(target_arch = "x86_64")]
-mod avx2_words;
+mod bytes;
 mod passes;
 mod scalar;
 mod task;
 mod window;
+mod words;
 
 use super::settings::Interpolation;
 use super::weights::{Cubic, Kernel, Lanczos, Linear, Nearest};
 use crate::cpu::CpuLevel;
+use crate::lanes::Cpu;
+use crate::lanes::dispatch::with_word_cpu;
 pub(super) use passes::Passes;
 use passes::with_kernel;
 pub(super) use scalar::{Fixed, Float};
@@ -44,12 +44,11 @@ pub(super) fn reach(interpolation: Interpolation) -> (isize, isize, i32) {
 
 /// Σ weight · node + round, rounded to integers, for four rows of `nodes` as long as `knots`.
 pub(super) fn knots(level: CpuLevel, nodes: &[f32], weights: [f32; 4], round: f32, knots: &mut [i32]) {
-    #[cfg(target_arch = "x86_64")]
-    if let CpuLevel::Avx2(avx2) = level {
-        return avx2::knots(avx2, nodes, weights, round, knots);
-    }
-    let _ = level;
-    scalar::knots(nodes, weights, round, knots);
+    with_word_cpu!(
+        level,
+        cpu => cpu.vectorize(#[inline(always)] || bytes::knots(cpu, nodes, weights, round, knots)),
+        _ => scalar::knots(nodes, weights, round, knots)
+    );
 }
 
 /// Vertical pass of a row; `middle` is resized as needed.
@@ -60,13 +59,9 @@ pub(super) fn vertical<A: Passes>(
     patch: &mut Vec<u8>,
     middle: &mut Vec<A::Number>,
 ) {
-    #[cfg(target_arch = "x86_64")]
-    if let CpuLevel::Avx2(avx2) = level
-        && A::vertical_avx2(avx2, interpolation, task, patch, middle)
-    {
+    if with_word_cpu!(level, cpu => A::vertical(cpu, interpolation, task, patch, middle), _ => false) {
         return;
     }
-    let _ = level;
     with_kernel!(interpolation, K => scalar::vertical::<A, K>(task, patch, middle));
 }
 
@@ -77,12 +72,8 @@ pub(super) fn horizontal<A: Passes>(
     task: &Horizontal<'_, A::Number>,
     row: &mut [u8],
 ) {
-    #[cfg(target_arch = "x86_64")]
-    if let CpuLevel::Avx2(avx2) = level
-        && A::horizontal_avx2(avx2, interpolation, task, row)
-    {
+    if with_word_cpu!(level, cpu => A::horizontal(cpu, interpolation, task, row), _ => false) {
         return;
     }
-    let _ = level;
     with_kernel!(interpolation, K => scalar::horizontal::<A, K>(task, row));
 }

@@ -1,11 +1,8 @@
 //! The kernel of a pass: by interpolation and by arithmetic.
 
 use super::scalar::Arithmetic;
-#[cfg(target_arch = "x86_64")]
 use super::task::{Horizontal, Vertical};
-#[cfg(target_arch = "x86_64")]
-use crate::cpu::Avx2;
-#[cfg(target_arch = "x86_64")]
+use crate::lanes::WordCpu;
 use crate::warp::settings::Interpolation;
 
 /// `$body` with `$kernel` bound to the type of an interpolation. A separate expression can be given for
@@ -40,9 +37,8 @@ pub(super) use with_kernel;
 /// Arithmetic whose passes may have vector kernels.
 pub(in crate::warp) trait Passes: Arithmetic {
     /// The vertical pass; returns false and does nothing if there is no kernel for it.
-    #[cfg(target_arch = "x86_64")]
-    fn vertical_avx2(
-        avx2: Avx2,
+    fn vertical<C: WordCpu>(
+        cpu: C,
         interpolation: Interpolation,
         task: &Vertical<'_>,
         patch: &mut Vec<u8>,
@@ -50,14 +46,10 @@ pub(in crate::warp) trait Passes: Arithmetic {
     ) -> bool;
 
     /// The horizontal pass; returns false and does nothing if there is no kernel for it.
-    #[cfg(target_arch = "x86_64")]
-    fn horizontal_avx2(
-        avx2: Avx2,
+    fn horizontal<C: WordCpu>(
+        cpu: C,
         interpolation: Interpolation,
         task: &Horizontal<'_, Self::Number>,
         row: &mut [u8],
     ) -> bool;
 }
-
-#[cfg(not(target_arch = "x86_64"))]
-impl<A: Arithmetic> Passes for A {}

@@ -1,0 +1,366 @@
+//! Both passes in vectors: 8-bit samples, 1 to 4 per pixel, bit-exact with `scalar`.
+//!
+//! A block of 16 pixels with a step of n samples is n vectors of 16 samples. [`LaneMap`] maps each lane of a
+//! vector to a half of the block and its position along it; all further operations are the same for all
+//! steps: position → integer part and fraction → weights → taps. A tap is a vector at a constant distance
+//! from the previous one (a row in the vertical pass, a pixel in the horizontal one); if the integer part
+//! varies inside a block, the vectors of the next integer part are blended in.
+
+use super::passes::{Passes, with_kernel};
+use super::scalar::{self, Fixed};
+use super::task::{Horizontal, Vertical};
+use crate::lanes::{FLOATS, WORDS, WordCpu};
+use crate::warp::blocks::{BLOCK, Block};
+use crate::warp::settings::Interpolation;
+use crate::warp::weights::{
+    Cubic, FRACTION_BITS, Kernel, Lanczos, Linear, MAX_TAPS, Nearest, ONE, WEIGHT_BITS,
+};
+
+/// The largest supported step.
+pub(super) const MAX_STEP: usize = 4;
+
+/// The pixels of a block to which the 16 lanes of one vector belong.
+#[repr(C, align(32))]
+pub(super) struct LaneMap {
+    /// Byte shuffle that gives each lane the start of its half of the block.
+    start: [u8; 32],
+    /// The same for the change.
+    change: [u8; 32],
+    /// Position of a lane along its half, 0 to 1, times 2¹⁵.
+    ramp: [i16; 16],
+}
+
+/// `LANE_MAPS[step − 1][vector]`.
+pub(super) static LANE_MAPS: [[LaneMap; MAX_STEP]; MAX_STEP] = [lanes(1), lanes(2), lanes(3), lanes(4)];
+
+const fn lanes(step: usize) -> [LaneMap; MAX_STEP] {
+    const EMPTY: LaneMap = LaneMap { start: [0; 32], change: [0; 32], ramp: [0; 16] };
+    let mut table = [EMPTY; MAX_STEP];
+    let mut sample = 0;
+    while sample < BLOCK * step {
+        let (vector, lane, pixel) = (sample / 16, sample % 16, sample / step);
+        // A block starts with two starts and two changes, 16 bits each.
+        let start = (pixel / 8 * 2) as u8;
+        table[vector].start[2 * lane] = start;
+        table[vector].start[2 * lane + 1] = start + 1;
+        table[vector].change[2 * lane] = start + 4;
+        table[vector].change[2 * lane + 1] = start + 5;
+        table[vector].ramp[lane] = ((pixel % 8) << 12) as i16;
+        sample += 1;
+    }
+    table
+}
+
+/// A kernel whose weights are computed in vectors.
+trait VectorKernel: Kernel {
+    /// As [`Kernel::fixed`], for 16 fractions.
+    fn weights<C: WordCpu>(cpu: C, fraction: C::Words) -> [C::Words; MAX_TAPS];
+}
+
+impl VectorKernel for Nearest {
+    #[inline(always)]
+    fn weights<C: WordCpu>(cpu: C, _: C::Words) -> [C::Words; MAX_TAPS] {
+        [cpu.splat_words(1 << WEIGHT_BITS); MAX_TAPS]
+    }
+}
+
+impl VectorKernel for Linear {
+    #[inline(always)]
+    fn weights<C: WordCpu>(cpu: C, fraction: C::Words) -> [C::Words; MAX_TAPS] {
+        let t = cpu.shifted_left::<{ (WEIGHT_BITS - FRACTION_BITS) as i32 }>(fraction);
+        let none = cpu.splat_words(0);
+        [cpu.splat_words(1 << WEIGHT_BITS) - t, t, none, none, none, none]
+    }
+}
+
+impl VectorKernel for Cubic {
+    #[inline(always)]
+    fn weights<C: WordCpu>(cpu: C, fraction: C::Words) -> [C::Words; MAX_TAPS] {
+        let t15 = cpu.shifted_left::<{ 15 - FRACTION_BITS as i32 }>(fraction);
+        let t14 = cpu.shifted_left::<{ (WEIGHT_BITS - FRACTION_BITS) as i32 }>(fraction);
+        let square = cpu.scaled(t15, t15);
+        let rest = cpu.scaled(square, t15) - square;
+        let first = cpu.shifted_right::<2>(square - t15 - rest);
+        let last = cpu.shifted_right::<2>(rest);
+        let third = (t14 + first) - (last + last);
+        let second = cpu.splat_words(1 << WEIGHT_BITS) - t14 - (first + first);
+        let none = cpu.splat_words(0);
+        [first, second + last, third, last, none, none]
+    }
+}
+
+impl VectorKernel for Lanczos {
+    /// The weights of each fraction are one row of the table: 16 rows are read and transposed, to avoid
+    /// gathers, which are slow on many CPUs.
+    #[inline(always)]
+    fn weights<C: WordCpu>(cpu: C, fraction: C::Words) -> [C::Words; MAX_TAPS] {
+        let table = Lanczos::table();
+        debug_assert!(table.len() >= (ONE as usize - 1) * MAX_TAPS + 8);
+        let fractions = cpu.store_words(cpu.and(fraction, cpu.splat_words(ONE as i16 - 1)));
+        let mut rows = [table.as_ptr(); WORDS];
+        for (row, fraction) in rows.iter_mut().zip(fractions) {
+            // SAFETY: a masked fraction is the index of a row.
+            *row = unsafe { table.as_ptr().add(fraction as usize * MAX_TAPS) };
+        }
+        // SAFETY: 8 numbers can be read at the start of each row of the table.
+        unsafe { cpu.columns(&rows) }
+    }
+}
+
+/// Vectors of 16 factors for [`WordCpu::scaled`], at a constant distance from one another.
+trait TapVectors: Copy {
+    /// The factors of tap `index`.
+    ///
+    /// # Safety
+    /// 16 samples must be readable there.
+    unsafe fn load<C: WordCpu>(self, cpu: C, index: usize) -> C::Words;
+}
+
+/// Rows of bytes, as factors times 2⁷.
+#[derive(Clone, Copy)]
+struct ByteRows(*const u8, usize);
+
+impl TapVectors for ByteRows {
+    #[inline(always)]
+    unsafe fn load<C: WordCpu>(self, cpu: C, index: usize) -> C::Words {
+        // SAFETY: the caller's promise.
+        cpu.load_bytes(unsafe { &*self.0.add(index * self.1).cast() })
+    }
+}
+
+/// Neighbouring samples in the row between the passes.
+#[derive(Clone, Copy)]
+struct PixelTaps(*const i16, usize);
+
+impl TapVectors for PixelTaps {
+    #[inline(always)]
+    unsafe fn load<C: WordCpu>(self, cpu: C, index: usize) -> C::Words {
+        // SAFETY: the caller's promise.
+        cpu.load_words(unsafe { &*self.0.add(index * self.1).cast() })
+    }
+}
+
+/// Displacements of the 16 lanes less the block's least integer displacement, in 1/[`ONE`] px.
+#[inline(always)]
+pub(super) fn positions<C: WordCpu>(cpu: C, block: &Block, lanes: &LaneMap) -> C::Words {
+    let halves = block.halves();
+    let start = cpu.shuffled(halves, &lanes.start);
+    let change = cpu.shuffled(halves, &lanes.change);
+    start + cpu.scaled(change, cpu.load_words(&lanes.ramp))
+}
+
+/// The sum of weight × sample for 16 lanes of a block.
+///
+/// # Safety
+/// `taps` 0 to `K::TAPS − 1 + span` must be readable.
+#[inline(always)]
+unsafe fn sum<C: WordCpu, K: VectorKernel>(
+    cpu: C,
+    taps: impl TapVectors,
+    block: &Block,
+    lanes: &LaneMap,
+) -> C::Words {
+    let position = positions(cpu, block, lanes);
+    let weights = K::weights(cpu, cpu.and(position, cpu.splat_words(ONE as i16 - 1)));
+    let mut samples = [cpu.splat_words(0); MAX_TAPS];
+    for (tap, samples) in samples.iter_mut().enumerate().take(K::TAPS) {
+        // SAFETY: the caller's promise.
+        *samples = unsafe { taps.load(cpu, tap) };
+    }
+    // A block spans at most 14 integer displacements: the limit is below 2¹⁵.
+    for more in 1..=block.span as usize {
+        let limit = cpu.splat_words(more as i16 * ONE as i16 - 1);
+        for (tap, samples) in samples.iter_mut().enumerate().take(K::TAPS) {
+            // SAFETY: the caller's promise.
+            let next = unsafe { taps.load(cpu, tap + more) };
+            *samples = cpu.above(position, limit, next, *samples);
+        }
+    }
+    let mut sum = cpu.scaled(samples[0], weights[0]);
+    for tap in 1..K::TAPS {
+        sum = sum + cpu.scaled(samples[tap], weights[tap]);
+    }
+    sum
+}
+
+/// `STEP` is the plane's step, a constant so that the loop around a block's few instructions is unrolled.
+#[inline(always)]
+fn vertical<C: WordCpu, K: VectorKernel, const STEP: usize>(
+    cpu: C,
+    task: &Vertical<'_>,
+    patch: &mut Vec<u8>,
+    middle: &mut Vec<i16>,
+) {
+    // Of its own: what is written cannot change it.
+    let task = *task;
+    middle.resize(task.blocks.len() * BLOCK * STEP, 0);
+    let blocks = task.blocks.iter().enumerate();
+    for ((index, block), out) in blocks.zip(middle.chunks_exact_mut(BLOCK * STEP)) {
+        let window = task.window::<K>(index, patch);
+        let last = window.offset + (K::TAPS - 1 + block.span as usize) * window.stride;
+        let bytes = &window.bytes[window.offset..last + BLOCK * STEP];
+        let outs = out.as_chunks_mut::<WORDS>().0;
+        for (vector, (out, lanes)) in outs.iter_mut().zip(&LANE_MAPS[STEP - 1]).enumerate().take(STEP) {
+            // SAFETY: `bytes` holds 16 · STEP samples in each row of the window.
+            let sum = unsafe {
+                let taps = ByteRows(bytes.as_ptr().add(WORDS * vector), window.stride);
+                sum::<C, K>(cpu, taps, block, lanes)
+            };
+            *out = cpu.store_words(sum);
+        }
+    }
+}
+
+/// `STEP` is the step of the samples between the passes.
+#[inline(always)]
+fn horizontal<C: WordCpu, K: VectorKernel, const STEP: usize>(
+    cpu: C,
+    task: &Horizontal<'_, i16>,
+    row: &mut [u8],
+) {
+    let task = *task;
+    let output = task.output;
+    let in_place = output.channels == STEP && output.step == STEP;
+    let whole = if in_place { (task.width / BLOCK).min(task.blocks.len()) } else { 0 };
+    let (inside, rest) = task.blocks.split_at(whole);
+    for ((index, block), out) in inside.iter().enumerate().zip(row.chunks_exact_mut(BLOCK * STEP)) {
+        horizontal_block::<C, K, STEP>(cpu, &task, index, block, out);
+    }
+    for (index, block) in (whole..).zip(rest) {
+        let mut buffer = [0u8; BLOCK * MAX_STEP];
+        horizontal_block::<C, K, STEP>(cpu, &task, index, block, &mut buffer[..BLOCK * STEP]);
+        scatter(&buffer, STEP, &task, index * BLOCK, row);
+    }
+}
+
+/// The 16 · `STEP` samples of block `index`.
+#[inline(always)]
+fn horizontal_block<C: WordCpu, K: VectorKernel, const STEP: usize>(
+    cpu: C,
+    task: &Horizontal<'_, i16>,
+    index: usize,
+    block: &Block,
+    out: &mut [u8],
+) {
+    let at = ((index * BLOCK) as isize + block.first as isize + K::FIRST - task.column) as usize * STEP;
+    let read = &task.middle[at..at + (BLOCK + K::TAPS - 1 + block.span as usize) * STEP];
+    let outs = out[..BLOCK * STEP].as_chunks_mut::<WORDS>().0;
+    for (vector, (out, lanes)) in outs.iter_mut().zip(&LANE_MAPS[STEP - 1]).enumerate().take(STEP) {
+        // SAFETY: `read` holds 16 · STEP samples from each tap on.
+        let sum = unsafe {
+            let taps = PixelTaps(read.as_ptr().add(WORDS * vector), STEP);
+            sum::<C, K>(cpu, taps, block, lanes)
+        };
+        *out = cpu.store_bytes(cpu.shifted_right::<5>(sum + cpu.splat_words(16)));
+    }
+}
+
+/// Writes the view's own samples of a block, 16 pixels or the rest of the row.
+fn scatter(block: &[u8], step: usize, task: &Horizontal<'_, i16>, pixel: usize, row: &mut [u8]) {
+    let output = task.output;
+    let pixels = row[pixel * output.step..].chunks_mut(output.step).take(task.width - pixel);
+    for (out, samples) in pixels.zip(block.chunks_exact(step).take(BLOCK)) {
+        out[..output.channels].copy_from_slice(&samples[..output.channels]);
+    }
+}
+
+/// As [`scalar::knots`], eight knots at a time; the remainder by the scalar function.
+#[inline(always)]
+pub(super) fn knots<C: WordCpu>(cpu: C, nodes: &[f32], weights: [f32; 4], round: f32, knots: &mut [i32]) {
+    let columns = knots.len();
+    assert!(nodes.len() >= 4 * columns);
+    let (eights, _) = knots.as_chunks_mut::<FLOATS>();
+    for (index, knots) in eights.iter_mut().enumerate() {
+        let mut sum = cpu.splat(0.0);
+        for (row, weight) in weights.into_iter().enumerate() {
+            // SAFETY: columns 8 · index to 8 · index + 7 exist in all four rows.
+            let nodes = unsafe { &*nodes.as_ptr().add(row * columns + FLOATS * index).cast() };
+            let product = cpu.splat(weight) * cpu.load(nodes);
+            sum = if row == 0 { product } else { sum + product };
+        }
+        // 2³⁰ units are half a million pixels.
+        *knots = cpu.rounded(sum + cpu.splat(round), 1.0e9);
+    }
+    for column in columns / FLOATS * FLOATS..columns {
+        let four = [0, 1, 2, 3].map(|row| nodes[row * columns + column]);
+        scalar::knots(&four, weights, round, &mut knots[column..column + 1]);
+    }
+}
+
+impl Passes for Fixed {
+    #[inline(always)]
+    fn vertical<C: WordCpu>(
+        cpu: C,
+        interpolation: Interpolation,
+        task: &Vertical<'_>,
+        patch: &mut Vec<u8>,
+        middle: &mut Vec<i16>,
+    ) -> bool {
+        with_kernel!(interpolation, K => {
+            match task.plane.layout().step {
+                1 => cpu.vectorize(#[inline(always)] || vertical::<C, K, 1>(cpu, task, patch, middle)),
+                2 => cpu.vectorize(#[inline(always)] || vertical::<C, K, 2>(cpu, task, patch, middle)),
+                3 => cpu.vectorize(#[inline(always)] || vertical::<C, K, 3>(cpu, task, patch, middle)),
+                4 => cpu.vectorize(#[inline(always)] || vertical::<C, K, 4>(cpu, task, patch, middle)),
+                _ => return false,
+            }
+            true
+        })
+    }
+
+    #[inline(always)]
+    fn horizontal<C: WordCpu>(
+        cpu: C,
+        interpolation: Interpolation,
+        task: &Horizontal<'_, i16>,
+        row: &mut [u8],
+    ) -> bool {
+        with_kernel!(interpolation, K => {
+            match task.step {
+                1 => cpu.vectorize(#[inline(always)] || horizontal::<C, K, 1>(cpu, task, row)),
+                2 => cpu.vectorize(#[inline(always)] || horizontal::<C, K, 2>(cpu, task, row)),
+                3 => cpu.vectorize(#[inline(always)] || horizontal::<C, K, 3>(cpu, task, row)),
+                4 => cpu.vectorize(#[inline(always)] || horizontal::<C, K, 4>(cpu, task, row)),
+                _ => return false,
+            }
+            true
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::cpu::CpuLevel;
+    use crate::lanes::Cpu;
+    use crate::lanes::dispatch::with_word_cpu;
+
+    #[inline(always)]
+    fn check<C: WordCpu, K: VectorKernel>(cpu: C) {
+        for first in (0..ONE as i16).step_by(16) {
+            let fractions: [i16; WORDS] = std::array::from_fn(|lane| (first + 7 * lane as i16) % ONE as i16);
+            let found = K::weights(cpu, cpu.load_words(&fractions));
+            for (tap, found) in found.into_iter().enumerate().take(K::TAPS) {
+                for (weight, fraction) in cpu.store_words(found).into_iter().zip(fractions) {
+                    assert_eq!(weight, K::fixed(fraction)[tap], "{fraction}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn weights_are_those_of_plain_rust() {
+        for level in CpuLevel::supported() {
+            with_word_cpu!(
+                level,
+                cpu => cpu.vectorize(#[inline(always)] || {
+                    check::<_, Nearest>(cpu);
+                    check::<_, Linear>(cpu);
+                    check::<_, Cubic>(cpu);
+                    check::<_, Lanczos>(cpu);
+                }),
+                _ => {}
+            );
+        }
+    }
+}
