@@ -68,10 +68,10 @@ impl PatchFlow {
     }
 }
 
-/// A candidate of residual `next` replaces an earlier one of more than this; `noise` is the noise variance of a pixel.
+/// Whether a candidate of residual `next` replaces an earlier one; `noise` is the noise variance of a pixel.
 #[inline(always)]
-fn least_residual(next: f32, noise: f32) -> f32 {
-    RESIDUAL_GAIN * next + AREA * noise
+fn is_better(next: f32, earlier: f32, noise: f32) -> bool {
+    RESIDUAL_GAIN * next + AREA * noise < earlier
 }
 
 /// Cells (columns, rows) of a level; the last ones may extend beyond it.
@@ -96,66 +96,41 @@ pub(super) struct PatchSearch<'a, C: Cpu> {
 }
 
 /// A displacement in pixels with its residual and Gauss–Newton step.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Trial<C: Cpu> {
-    /// Displacement x and y, step x and y, squared differences of the four quarters: one vector, so that a choice
-    /// between two trials takes few instructions.
-    lanes: C::Lanes,
-    /// Squared differences of the whole patch.
-    total: f32,
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Trial {
+    shift: [f32; 2],
+    difference: Difference,
 }
 
-impl<C: Cpu> Trial<C> {
-    #[inline(always)]
-    fn none(cpu: C) -> Self {
-        Self { lanes: cpu.splat(0.0), total: 0.0 }
-    }
-
+impl Trial {
     /// The later of two if it is clearly better, otherwise this one; `noise` is the noise variance of a
     /// pixel.
     #[inline(always)]
-    pub(super) fn or(self, cpu: C, later: Self, noise: f32) -> Self {
-        let limit = least_residual(later.total, noise);
-        Self {
-            lanes: cpu.above_floats(cpu.splat(self.total), cpu.splat(limit), later.lanes, self.lanes),
-            total: select_unpredictable(self.total > limit, later.total, self.total),
-        }
+    pub(super) fn or(self, later: Self, noise: f32) -> Self {
+        select_unpredictable(is_better(later.difference.total, self.difference.total, noise), later, self)
     }
 
     /// The displacement after the step.
     #[inline(always)]
-    fn next(&self, cpu: C) -> [f32; 2] {
-        let [x, y, step_x, step_y, ..] = cpu.store(self.lanes);
-        [x + step_x, y + step_y]
-    }
-
-    /// The trial after the step if its residual is lower; otherwise this one, with half of its step.
-    #[inline(always)]
-    fn or_halved(self, cpu: C, next: Self) -> Self {
-        let halved = self.lanes * cpu.load(&[1.0, 1.0, 0.5, 0.5, 1.0, 1.0, 1.0, 1.0]);
-        Self {
-            lanes: cpu.above_floats(cpu.splat(self.total), cpu.splat(next.total), next.lanes, halved),
-            total: select_unpredictable(self.total > next.total, next.total, self.total),
-        }
+    fn next(&self) -> [f32; 2] {
+        [self.shift[0] + self.difference.step[0], self.shift[1] + self.difference.step[1]]
     }
 }
 
 impl<C: Cpu> PatchSearch<'_, C> {
     /// Compares the patch at a displacement.
     #[inline(always)]
-    pub(super) fn at(&self, shift: [f32; 2]) -> Option<Trial<C>> {
+    pub(super) fn at(&self, shift: [f32; 2]) -> Option<Trial> {
         let corner = [self.corner[0] + shift[0], self.corner[1] + shift[1]];
-        let Difference { step, squares, total } = self.template.compare(self.pair.second, corner)?;
-        let ([x, y], [step_x, step_y], [a, b, c, d]) = (shift, step, squares);
-        Some(Trial { lanes: self.template.cpu.load(&[x, y, step_x, step_y, a, b, c, d]), total })
+        Some(Trial { shift, difference: self.template.compare(self.pair.second, corner)? })
     }
 
     #[inline(always)]
-    pub(super) fn found(&self, best: Trial<C>) -> PatchFlow {
-        let [x, y, _, _, squares @ ..] = self.template.cpu.store(best.lanes);
-        let [xx, xy, yy] = self.template.tensor;
+    pub(super) fn found(&self, best: Trial) -> PatchFlow {
+        let Difference { squares, total, .. } = best.difference;
+        let ([x, y], [xx, xy, yy]) = (best.shift, self.template.tensor);
         let [total, xx, xy, yy, energy] =
-            [best.total, xx, xy, yy, self.template.energy].map(|sum| sum * (1.0 / AREA));
+            [total, xx, xy, yy, self.template.energy].map(|sum| sum * (1.0 / AREA));
         let mean = Mean([x, y, total, xx, xy, yy, energy, 1.0]);
         PatchFlow { mean, quarters: squares.map(|square| square * (4.0 / AREA)) }
     }
@@ -183,7 +158,7 @@ impl LevelPair<'_> {
         let mut both = [search.at(first)?, search.at(second)?];
         refine([&search, &search], &mut both, steps)?;
         let [first, second] = both;
-        Some(search.found(first.or(search.template.cpu, second, self.noise)))
+        Some(search.found(first.or(second, self.noise)))
     }
 }
 
@@ -194,14 +169,16 @@ impl LevelPair<'_> {
 #[inline(always)]
 pub(super) fn refine<C: Cpu, const G: usize>(
     searches: [&PatchSearch<'_, C>; G],
-    best: &mut [Trial<C>; G],
+    best: &mut [Trial; G],
     steps: usize,
 ) -> Option<()> {
     for _ in 0..steps {
         for (search, best) in searches.iter().zip(best.iter_mut()) {
-            let cpu = search.template.cpu;
-            let next = search.at(best.next(cpu))?;
-            *best = best.or_halved(cpu, next);
+            let next = search.at(best.next())?;
+            // A step that raises the residual is halved.
+            let step = best.difference.step.map(|step| 0.5 * step);
+            let halved = Trial { difference: Difference { step, ..best.difference }, ..*best };
+            *best = select_unpredictable(next.difference.total < best.difference.total, next, halved);
         }
     }
     Some(())
@@ -231,7 +208,7 @@ pub(super) fn find<C: Cpu, const N: usize>(
             let corner = [column(k - 1) * CELL, row * CELL].map(|at| at as f32);
             PatchSearch { template, pair, corner }
         });
-        let mut best = [Trial::none(cpu); INTERLEAVED];
+        let mut best = [Trial::default(); INTERLEAVED];
         for (k, (search, best)) in searches.iter().zip(&mut best).enumerate() {
             let candidates = candidates(column(k));
             for (index, shift) in candidates.iter().enumerate() {
@@ -242,7 +219,7 @@ pub(super) fn find<C: Cpu, const N: usize>(
                 if index == 0 {
                     *best = search.at(*shift)?;
                 } else if !candidates.iter().take(index).any(is_same) {
-                    *best = best.or(cpu, search.at(*shift)?, pair.noise);
+                    *best = best.or(search.at(*shift)?, pair.noise);
                 }
             }
         }

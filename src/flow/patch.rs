@@ -23,7 +23,7 @@ pub(super) const AREA: f32 = (SIDE * SIDE) as f32;
 /// A patch of the first frame.
 #[derive(Clone, Debug)]
 pub(super) struct PatchTemplate<C: Cpu> {
-    pub(super) cpu: C,
+    cpu: C,
     /// Grey, row by row.
     values: [C::Lanes; SIDE],
     /// Differences of neighbours two pixels apart: twice the gradients.

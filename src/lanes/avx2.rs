@@ -63,11 +63,6 @@ impl Cpu for Avx2 {
     }
 
     #[inline(always)]
-    fn above_floats(self, value: Floats, limit: Floats, next: Floats, lanes: Floats) -> Floats {
-        Floats(avx2!(_mm256_blendv_ps(lanes.0, next.0, _mm256_cmp_ps::<_CMP_GT_OQ>(value.0, limit.0))))
-    }
-
-    #[inline(always)]
     fn halves(self, [a, b, c, d]: [Floats; 4]) -> [f32; FLOATS] {
         self.store(Floats(avx2!(_mm256_hadd_ps(_mm256_hadd_ps(a.0, b.0), _mm256_hadd_ps(c.0, d.0)))))
     }
@@ -178,6 +173,11 @@ impl WordCpu for Avx2 {
                 Floats(_mm256_cvtepi32_ps(_mm256_cvtepi16_epi32(high))),
             ]
         })
+    }
+
+    #[inline(always)]
+    fn above_floats(self, value: Floats, limit: Floats, next: Floats, lanes: Floats) -> Floats {
+        Floats(avx2!(_mm256_blendv_ps(lanes.0, next.0, _mm256_cmp_ps::<_CMP_GT_OQ>(value.0, limit.0))))
     }
 
     #[inline(always)]

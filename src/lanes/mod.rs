@@ -58,15 +58,6 @@ pub(crate) trait Cpu: Copy {
     /// c − a·b, rounded once (AVX2, NEON) or twice (plain Rust).
     fn fused_less(self, a: Self::Lanes, b: Self::Lanes, c: Self::Lanes) -> Self::Lanes;
 
-    /// The lanes of `next` where `value` > `limit`, of `lanes` elsewhere.
-    fn above_floats(
-        self,
-        value: Self::Lanes,
-        limit: Self::Lanes,
-        next: Self::Lanes,
-        lanes: Self::Lanes,
-    ) -> Self::Lanes;
-
     /// Sums of the first four lanes of each of four vectors, then of the last four lanes of each.
     fn halves(self, four: [Self::Lanes; 4]) -> [f32; FLOATS];
 
@@ -128,6 +119,15 @@ pub(crate) trait WordCpu: Cpu {
 
     /// The words as floats.
     fn floats(self, words: Self::Words) -> [Self::Lanes; 2];
+
+    /// As [`above`](Self::above), for floats.
+    fn above_floats(
+        self,
+        value: Self::Lanes,
+        limit: Self::Lanes,
+        next: Self::Lanes,
+        lanes: Self::Lanes,
+    ) -> Self::Lanes;
 
     /// Eight samples of 16 bits, little-endian, shifted right by `shift` bits.
     fn load_samples(self, bytes: &[u8; 2 * FLOATS], shift: u32) -> Self::Lanes;

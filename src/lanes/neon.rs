@@ -65,14 +65,6 @@ impl Cpu for Neon {
     }
 
     #[inline(always)]
-    fn above_floats(self, value: Floats, limit: Floats, next: Floats, lanes: Floats) -> Floats {
-        neon!(Floats(
-            vbslq_f32(vcgtq_f32(value.0, limit.0), next.0, lanes.0),
-            vbslq_f32(vcgtq_f32(value.1, limit.1), next.1, lanes.1),
-        ))
-    }
-
-    #[inline(always)]
     fn halves(self, [a, b, c, d]: [Floats; 4]) -> [f32; FLOATS] {
         self.store(neon!(Floats(
             vpaddq_f32(vpaddq_f32(a.0, b.0), vpaddq_f32(c.0, d.0)),
@@ -199,6 +191,14 @@ impl WordCpu for Neon {
             Floats(vcvtq_f32_s32(vmovl_s16(vget_low_s16(words.0))), vcvtq_f32_s32(vmovl_high_s16(words.0)),),
             Floats(vcvtq_f32_s32(vmovl_s16(vget_low_s16(words.1))), vcvtq_f32_s32(vmovl_high_s16(words.1)),),
         ])
+    }
+
+    #[inline(always)]
+    fn above_floats(self, value: Floats, limit: Floats, next: Floats, lanes: Floats) -> Floats {
+        neon!(Floats(
+            vbslq_f32(vcgtq_f32(value.0, limit.0), next.0, lanes.0),
+            vbslq_f32(vcgtq_f32(value.1, limit.1), next.1, lanes.1),
+        ))
     }
 
     #[inline(always)]

@@ -46,11 +46,6 @@ impl Cpu for Scalar {
     }
 
     #[inline(always)]
-    fn above_floats(self, value: Array, limit: Array, next: Array, lanes: Array) -> Array {
-        Array(from_fn(|lane| if value.0[lane] > limit.0[lane] { next.0[lane] } else { lanes.0[lane] }))
-    }
-
-    #[inline(always)]
     fn halves(self, four: [Array; 4]) -> [f32; FLOATS] {
         from_fn(|k| {
             let (Array(lanes), from) = (four[k % 4], k / 4 * 4);
@@ -140,6 +135,11 @@ impl WordCpu for Scalar {
     #[inline(always)]
     fn floats(self, Words(words): Words) -> [Array; 2] {
         from_fn(|half| Array(from_fn(|lane| f32::from(words[FLOATS * half + lane]))))
+    }
+
+    #[inline(always)]
+    fn above_floats(self, value: Array, limit: Array, next: Array, lanes: Array) -> Array {
+        Array(from_fn(|lane| if value.0[lane] > limit.0[lane] { next.0[lane] } else { lanes.0[lane] }))
     }
 
     #[inline(always)]
