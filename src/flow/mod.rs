@@ -25,7 +25,7 @@
 //! The finest level has half the analysed resolution. For 960×540 analysed pixels that is 480×270: 119 × 67
 //! patches, each compared at most 2 + 2 times, on coarser levels at most 8 + 3 times and again; both
 //! directions: at most some 0.12 M comparisons of 64 pixels, 0.05 M where neighbours have the same motion.
-//! Only patches that disagree with the dominant motion are compared again, ten times. Counted with AVX2: 230
+//! Only patches that disagree with the dominant motion are compared again, ten times. Counted with AVX2: 260
 //! instructions a comparison with its step, of which 107 compute with eight lanes; 65 a displacement of the exhaustive
 //! search; some 450 for a template and the candidates of a patch. With NEON a third more in all.
 
