@@ -126,15 +126,6 @@ fn track(options: &TrackOptions, interruption: &Interruption) -> Result<()> {
         output::check(&options.clip, file, options.overwrite)?;
         output::check_writable(file)?;
     }
-    if let Some(path) = motion {
-        let output = Output::create(path, options.overwrite)?;
-        let (file, frames) = motion::write(&options.clip, &options.analysis, output, interruption)?;
-        file.finish()?;
-        eprintln!("{frames} frames");
-        if tables.into_iter().all(Option::is_none) {
-            return Ok(());
-        }
-    }
     let mut analysis = options.analysis.clone();
     let wants_focal = options.gcsv.is_some() && analysis.focal_length.is_none();
     let mut found = None;
@@ -144,6 +135,19 @@ fn track(options: &TrackOptions, interruption: &Interruption) -> Result<()> {
         found = readout::find(&options.clip, settings, camera.as_ref(), Extent::Stretches, interruption)?;
     }
     readout::settle(found.as_ref(), &mut analysis);
+    if let Some(path) = motion {
+        let mut analysis = analysis.clone();
+        if !options.analysis.wants_readout() && analysis.leaves_readout_open() {
+            analysis.expected = readout::expected(&options.clip, &analysis, interruption)?;
+        }
+        let output = Output::create(path, options.overwrite)?;
+        let (file, frames) = motion::write(&options.clip, &analysis, output, interruption)?;
+        file.finish()?;
+        eprintln!("{frames} frames");
+        if tables.into_iter().all(Option::is_none) {
+            return Ok(());
+        }
+    }
     let mut focal = analysis.focal_length.filter(|focal| *focal > 0.0);
     if wants_focal {
         let widths = found_focal_length(found.as_ref())?;

@@ -9,7 +9,6 @@ use crate::interruption::Interruption;
 use crate::picture::Picture;
 use crate::playback::{Event, Playback};
 use crate::progress;
-use crate::readout::{self, Extent};
 use crate::rectifier_options::{AnalysisOptions, RectifierOptions};
 use crate::times;
 use anyhow::{Context, Result, anyhow, bail};
@@ -23,20 +22,18 @@ use std::sync::{Arc, Mutex, PoisonError};
 /// What is written, until it fails.
 type Writing<W> = Arc<Mutex<Result<MotionWriter<W>, MotionFileError>>>;
 
-/// Writes the motion of a clip; the number of its frames.
+/// Writes the motion of a clip, whose readout has been sought as `fix` does; the number of its frames.
 pub fn write<W: Write + Seek + Send + 'static>(
     clip: &Path,
-    options: &AnalysisOptions,
+    analysis: &AnalysisOptions,
     output: W,
     interruption: &Interruption,
 ) -> Result<(W, usize)> {
-    let mut analysis = options.clone();
-    find_readout(clip, &mut analysis, interruption)?;
     let name = clip.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
     let bytes = std::fs::metadata(clip).context("cannot be read")?.len();
     let writing: Writing<W> =
         Arc::new(Mutex::new(MotionWriter::new(output, Clip { name, bytes, turned: 0 })));
-    play(clip, &analysis, &writing, interruption)?;
+    play(clip, analysis, &writing, interruption)?;
     // The pipeline is gone, and with it the other one who held this.
     let writer = Arc::into_inner(writing).context("the rectifier has not ended")?;
     let writer = writer.into_inner().unwrap_or_else(PoisonError::into_inner)?;
@@ -45,19 +42,6 @@ pub fn write<W: Write + Seek + Send + 'static>(
         bail!("no frame could be decoded");
     }
     Ok((writer.finish()?, frames))
-}
-
-/// Finds the readout as `fix` does before it rectifies.
-fn find_readout(clip: &Path, analysis: &mut AnalysisOptions, interruption: &Interruption) -> Result<()> {
-    if analysis.wants_readout() {
-        let camera = analysis.camera.of(clip)?;
-        let settings = analysis.settings();
-        let found = readout::find(clip, settings, camera.as_ref(), Extent::Stretches, interruption)?;
-        readout::settle(found.as_ref(), analysis);
-    } else if analysis.leaves_readout_open() {
-        analysis.expected = readout::expected(clip, analysis, interruption)?;
-    }
-    Ok(())
 }
 
 /// Runs the clip through the rectifier, which does not change it, to its end.
