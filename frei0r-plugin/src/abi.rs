@@ -2,13 +2,13 @@
 //!
 //! No panic crosses it: one is reported on the error output by Rust itself, and the call does nothing more.
 
-use crate::filter::Filter;
+use crate::filter::{Filter, lock};
 use crate::parameters::{Kind, PARAMETERS};
 use std::ffi::{CStr, CString, c_char, c_int, c_uint, c_void};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::ptr;
 use std::slice;
-use std::sync::{Mutex, PoisonError};
+use std::sync::Mutex;
 
 /// A filter; with one input.
 const PLUGIN_TYPE_FILTER: c_int = 0;
@@ -46,6 +46,11 @@ struct Instance {
     filter: Filter,
     /// Texts that the host has asked for; it may read each until it asks for it again.
     asked: Mutex<[CString; PARAMETERS.len()]>,
+}
+
+/// What a call returns; `None` where it panicked.
+fn guarded<R>(call: impl FnOnce() -> R) -> Option<R> {
+    catch_unwind(AssertUnwindSafe(call)).ok()
 }
 
 /// A part of the version, which cargo states as text.
@@ -109,12 +114,12 @@ unsafe extern "C" fn f0r_get_param_info(info: *mut ParamInfo, index: c_int) {
 /// Makes a filter; null if there cannot be frames of the size.
 #[unsafe(no_mangle)]
 extern "C" fn f0r_construct(width: c_uint, height: c_uint) -> *mut c_void {
-    let made = catch_unwind(|| {
+    let made = guarded(|| {
         let filter = Filter::new(width as usize, height as usize);
         filter.frame_bytes()?;
         Some(Box::new(Instance { filter, asked: Mutex::default() }))
     });
-    made.ok().flatten().map_or(ptr::null_mut(), |instance| Box::into_raw(instance).cast())
+    made.flatten().map_or(ptr::null_mut(), |instance| Box::into_raw(instance).cast())
 }
 
 /// Ends a filter.
@@ -126,7 +131,7 @@ unsafe extern "C" fn f0r_destruct(instance: *mut c_void) {
     if !instance.is_null() {
         // SAFETY: it comes from `Box::into_raw` of a box of this type, and the host does not use it again.
         let instance = unsafe { Box::from_raw(instance.cast::<Instance>()) };
-        let _ = catch_unwind(AssertUnwindSafe(|| drop(instance)));
+        guarded(|| drop(instance));
     }
 }
 
@@ -156,7 +161,7 @@ unsafe extern "C" fn f0r_set_param_value(instance: *mut c_void, value: *mut c_vo
         Some(Kind::Number) => {
             // SAFETY: the value of a number is a double; whether it is aligned is not promised.
             let number = unsafe { value.cast::<f64>().read_unaligned() };
-            let _ = catch_unwind(AssertUnwindSafe(|| instance.filter.set_number(index, number)));
+            guarded(|| instance.filter.set_number(index, number));
         }
         Some(Kind::Text) => {
             // SAFETY: the value of a text is a pointer to it.
@@ -164,7 +169,7 @@ unsafe extern "C" fn f0r_set_param_value(instance: *mut c_void, value: *mut c_vo
             if !text.is_null() {
                 // SAFETY: it ends in a zero byte and is not changed during the call.
                 let text = unsafe { CStr::from_ptr(text) };
-                let _ = catch_unwind(AssertUnwindSafe(|| instance.filter.set_text(index, text)));
+                guarded(|| instance.filter.set_text(index, text));
             }
         }
         None => {}
@@ -183,11 +188,11 @@ unsafe extern "C" fn f0r_get_param_value(instance: *mut c_void, value: *mut c_vo
         return;
     };
     let filter = &instance.filter;
-    if let Some(number) = catch_unwind(AssertUnwindSafe(|| filter.number(index))).ok().flatten() {
+    if let Some(number) = guarded(|| filter.number(index)).flatten() {
         // SAFETY: the memory is that of a double.
         unsafe { value.cast::<f64>().write_unaligned(number) };
-    } else if let Some(text) = catch_unwind(AssertUnwindSafe(|| filter.text(index))).ok().flatten() {
-        let mut asked = instance.asked.lock().unwrap_or_else(PoisonError::into_inner);
+    } else if let Some(text) = guarded(|| filter.text(index)).flatten() {
+        let mut asked = lock(&instance.asked);
         if let Some(kept) = asked.get_mut(index) {
             *kept = text;
             // SAFETY: the memory is that of a pointer; the text is kept until it is asked for again or the filter ends.
@@ -214,11 +219,11 @@ unsafe extern "C" fn f0r_update(instance: *mut c_void, time: f64, input: *const 
         let copy = source.to_vec();
         // SAFETY: as above; no other slice to this frame is used any more.
         let target = unsafe { slice::from_raw_parts_mut(output.cast::<u8>(), bytes) };
-        let _ = catch_unwind(AssertUnwindSafe(|| instance.filter.update(time, &copy, target)));
+        guarded(|| instance.filter.update(time, &copy, target));
     } else {
         // SAFETY: as above, and the frames do not overlap.
         let target = unsafe { slice::from_raw_parts_mut(output.cast::<u8>(), bytes) };
-        let _ = catch_unwind(AssertUnwindSafe(|| instance.filter.update(time, source, target)));
+        guarded(|| instance.filter.update(time, source, target));
     }
 }
 

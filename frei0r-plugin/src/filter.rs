@@ -171,6 +171,6 @@ fn path_of(text: &CStr) -> PathBuf {
 }
 
 /// Locks a mutex; a panic elsewhere does not make its data unreadable.
-fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+pub(crate) fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
