@@ -10,7 +10,7 @@ use rsrectify::motion::file::MotionFile;
 use std::path::{Path, PathBuf};
 use std::process::Output;
 
-/// What is known of the shaken film.
+/// The readout of the shaken film.
 const READOUT: [&str; 4] = ["--readout-time", "20", "--readout-direction", "bottom-to-top"];
 
 fn run(command: &str, clip: &Path, options: &[&str]) -> Output {

@@ -224,8 +224,8 @@ impl Summary {
         self.last = Some(frame.solution.clone());
     }
 
-    /// What the frames say of their timing. A clip is stabilised where no frame says otherwise: shots of several cameras
-    /// may be joined in it.
+    /// The timing of the clip. It is stabilised if some frames were found to be and none as recorded: shots of several
+    /// cameras may be joined in it.
     fn timing(&self) -> FrameTiming {
         let [stabilised, recorded] = self.stabilised.map(|frames| frames > 0);
         let stabilised = (stabilised != recorded).then_some(stabilised);

@@ -68,9 +68,9 @@ pub(super) fn homography(steps: &Steps, radius: f64) -> Matrix3<f64> {
 }
 
 /// A homography on centred pixels of a frame, rounded; as it is if an element is out of range.
-pub(crate) fn rounded_homography(homography_: &Matrix3<f64>, width: usize, height: usize) -> Matrix3<f64> {
+pub(crate) fn rounded_homography(exact: &Matrix3<f64>, width: usize, height: usize) -> Matrix3<f64> {
     let radius = radius(width, height);
-    steps(homography_, radius).map_or(*homography_, |steps| homography(&steps, radius))
+    steps(exact, radius).map_or(*exact, |steps| homography(&steps, radius))
 }
 
 /// The nearest number of steps of a residual velocity in pixels per readout, between nodes `spacing` pixels apart;

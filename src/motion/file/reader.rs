@@ -109,8 +109,7 @@ impl MotionFile {
     #[must_use]
     pub fn at(&self, time: i64) -> Option<usize> {
         let next = self.index.partition_point(|(begin, _)| *begin <= time);
-        let begin = |frame: usize| self.time(frame);
-        if let Some(begin) = begin(next) {
+        if let Some(begin) = self.time(next) {
             // A frame may be shown for longer than usual: what is early is so by usual intervals.
             let before = next.checked_sub(1).and_then(|last| self.time(last));
             let interval = before.map_or(self.interval, |last| begin.saturating_sub(last).min(self.interval));
@@ -120,7 +119,7 @@ impl MotionFile {
             return next.checked_sub(1);
         }
         let last = next.checked_sub(1)?;
-        let age = time.saturating_sub(begin(last)?);
+        let age = time.saturating_sub(self.time(last)?);
         (age < self.interval - self.interval / TOLERANCE).then_some(last)
     }
 

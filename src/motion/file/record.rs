@@ -92,7 +92,7 @@ impl MotionRecord {
         for value in numbers.chain(mesh.origin).chain(mesh.spacing) {
             bytes.extend(value.to_le_bytes());
         }
-        bytes.extend(((packed.len()) as u32).to_le_bytes());
+        bytes.extend((packed.len() as u32).to_le_bytes());
         bytes.extend(packed);
         Ok(bytes)
     }

@@ -449,7 +449,7 @@ impl Hypothesis {
 
     /// A hypothesis of the other knot density if that may explain the residuals, once it has been fitted.
     pub fn challenger(&mut self, window: PairWindow<'_>, starts: bool) -> Option<Self> {
-        // The residuals of a γ that is yet to be found say nothing of the density.
+        // Before γ has been sought, its error may be what the residuals come from.
         if window.pairs.is_empty() || self.is_too_short(window) || self.awaits_search() {
             return None;
         }

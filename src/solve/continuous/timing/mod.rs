@@ -189,7 +189,7 @@ impl Timing {
             self.pairs.pop_front();
         }
         self.pairs.push_back(TimedPair { lean: LeanChange::of(pair, axis, self.noise), index, stated });
-        // Where frames are blends, correspondences tell nothing of the exposures.
+        // Correspondences between blends are of no single exposure.
         self.pairs.len() >= MIN_PAIRS && !self.found.is_blended() && self.judge()
     }
 
