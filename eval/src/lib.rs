@@ -15,6 +15,7 @@
 //! | [`report`] | runs everything and writes tables, charts and stills |
 //! | [`readout`] | how well the library finds the readout from the picture alone |
 //! | [`shutter`] | what a user says of a camera's shutter |
+//! | [`effort`] | what each effort leaves and takes |
 //! | [`pairs`] | two-frame clips with a global-shutter truth, as data sets have them |
 //! | [`clip`] | a real clip without truth |
 //! | [`speed`] | how long the library takes for a frame |
@@ -26,6 +27,7 @@ pub mod cache;
 pub mod clip;
 pub mod correspondences;
 pub mod dense;
+pub mod effort;
 pub mod flow;
 pub mod footage;
 pub mod media;

@@ -6,6 +6,7 @@ use eval::blind::{self, Blind, Extent};
 use eval::cache::Cache;
 use eval::clip;
 use eval::dense;
+use eval::effort;
 use eval::footage::Footage;
 use eval::media;
 use eval::methods::product::{self, Delay};
@@ -18,7 +19,7 @@ use eval::shutter::Shutter;
 use eval::speed;
 use eval::two_frames;
 use eval::video;
-use rsrectify::rectifier::{Estimator, FrameSolution};
+use rsrectify::rectifier::{Effort, Estimator, FrameSolution};
 use std::path::PathBuf;
 
 /// Renders rolling-shutter sequences with exact truth and judges rsrectify on them.
@@ -57,6 +58,14 @@ enum Command {
         /// Prints the displacement left of each frame instead: readout given, readout unknown.
         #[arg(long, hide = true)]
         by_frame: bool,
+        #[command(flatten)]
+        chosen: Chosen,
+    },
+    /// Measures what each effort leaves of the distortion, readout unknown, and what its analysis takes.
+    Effort {
+        /// Frames the library may look ahead.
+        #[arg(long, default_value_t = 4)]
+        lookahead: usize,
         #[command(flatten)]
         chosen: Chosen,
     },
@@ -116,6 +125,9 @@ enum Command {
         /// Before the figures of all, the milliseconds of each frame.
         #[arg(long)]
         by_frame: bool,
+        /// Analyses frames with the least effort.
+        #[arg(long)]
+        fast: bool,
     },
     /// Runs all systems on all sequences and writes docs/accuracy.md and docs/figures; to folders below
     /// target/eval where a sequence, a number of frames or textures are given.
@@ -255,6 +267,9 @@ fn main() -> Result<()> {
         Command::Measure { lookahead, by_frame: false, chosen } => {
             chosen.print(MEASURED_HEADING, |footage| measured_row(footage, lookahead))
         }
+        Command::Effort { lookahead, chosen } => {
+            chosen.print(effort::HEADING, |footage| effort::row(footage, lookahead))
+        }
         Command::TwoFrames { against, chosen } => {
             chosen.print(two_frames::HEADING, |footage| two_frames::row(footage, against.as_deref()))
         }
@@ -272,7 +287,7 @@ fn main() -> Result<()> {
             chosen.print(dense::POINTS_HEADING, dense::points_row)
         }
         Command::Flow { points: false, export: None, chosen } => chosen.print(dense::HEADING, dense::row),
-        Command::Speed { file, lookahead, by_frame } => speed(&file, lookahead, by_frame),
+        Command::Speed { file, lookahead, by_frame, fast } => speed(&file, lookahead, by_frame, fast),
         Command::Report { scenes, sequence: sequences, frames, redraw, place } => {
             let photographs = place.textures.is_some();
             let options = report::Options { scenes, sequences, frames, photographs, redraw };
@@ -404,9 +419,10 @@ fn share_left(left: &Stats, uncorrected: &Stats) -> String {
 }
 
 /// Prints what a frame costs: see [`speed::table`].
-fn speed(file: &std::path::Path, lookahead: usize, by_frame: bool) -> Result<()> {
+fn speed(file: &std::path::Path, lookahead: usize, by_frame: bool, fast: bool) -> Result<()> {
+    let effort = if fast { Effort::Fast } else { Effort::Balanced };
     // On a thread of the pool, as the element calls the library: no task waits for a thread to wake up.
-    let costs = rayon::scope(|_| speed::of_file(file, lookahead))?;
+    let costs = rayon::scope(|_| speed::of_file(file, lookahead, effort))?;
     if by_frame {
         print!("{}", speed::frames(&costs));
     }

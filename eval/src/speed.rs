@@ -2,7 +2,7 @@
 
 use anyhow::{Context, Result, bail};
 use rsrectify::plane::{Luma, Plane, PlaneLayout, PlaneMut, SampleFormat};
-use rsrectify::rectifier::{Duplicate, FrameSolution, Settings};
+use rsrectify::rectifier::{Duplicate, Effort, FrameSolution, Settings};
 use rsrectify::warp::{Placement, WarpSettings};
 use rsrectify::{Rectifier, Warper};
 use std::collections::VecDeque;
@@ -30,7 +30,7 @@ type Planes = [Vec<u8>; 3];
 
 /// Rectifies an 8-bit 4:2:0 YUV4MPEG2 file in memory and tells what each frame cost; reading is left
 /// out.
-pub fn of_file(path: &Path, lookahead: usize) -> Result<Vec<Cost>> {
+pub fn of_file(path: &Path, lookahead: usize, effort: Effort) -> Result<Vec<Cost>> {
     let file = File::open(path).with_context(|| format!("cannot read {}", path.display()))?;
     let mut decoder = y4m::decode(std::io::BufReader::new(file))?;
     let (width, height) = (decoder.get_width(), decoder.get_height());
@@ -39,7 +39,7 @@ pub fn of_file(path: &Path, lookahead: usize) -> Result<Vec<Cost>> {
         bail!("the file is {format:?}; 8-bit 4:2:0 is needed");
     }
     let period = decoder.get_framerate().den as f64 / decoder.get_framerate().num as f64;
-    let mut job = Job::new(width, height, period, lookahead)?;
+    let mut job = Job::new(width, height, period, lookahead, effort)?;
     let mut costs = Vec::new();
     loop {
         match decoder.read_frame() {
@@ -65,12 +65,12 @@ struct Job {
 }
 
 impl Job {
-    fn new(width: usize, height: usize, period: f64, lookahead: usize) -> Result<Self> {
+    fn new(width: usize, height: usize, period: f64, lookahead: usize, effort: Effort) -> Result<Self> {
         let luma = PlaneLayout::packed(width, height, SampleFormat::U8);
         let chroma = PlaneLayout::packed(width.div_ceil(2), height.div_ceil(2), SampleFormat::U8);
         let layouts = [luma, chroma, chroma];
         let mut settings = Settings::default();
-        settings.lookahead = lookahead;
+        (settings.lookahead, settings.effort) = (lookahead, effort);
         Ok(Self {
             layouts,
             period,

@@ -3,6 +3,7 @@
 use clap::ValueEnum;
 use rsrectify::motion;
 use rsrectify::readout;
+use rsrectify::rectifier;
 
 /// The edge that is read first.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
@@ -12,6 +13,24 @@ pub enum Direction {
     BottomToTop,
     LeftToRight,
     RightToLeft,
+}
+
+/// How finely frames are analysed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum Effort {
+    /// At half the width and height of `balanced`.
+    Fast,
+    /// At up to 960 pixels along the longer side.
+    Balanced,
+}
+
+impl From<Effort> for rectifier::Effort {
+    fn from(effort: Effort) -> Self {
+        match effort {
+            Effort::Fast => Self::Fast,
+            Effort::Balanced => Self::Balanced,
+        }
+    }
 }
 
 /// How the motion is estimated.

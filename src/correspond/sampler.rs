@@ -8,7 +8,7 @@ use crate::cpu::CpuLevel;
 use crate::flow::{DenseFlow, FlowField};
 use crate::parallel::*;
 use crate::plane::Luma;
-use crate::pyramid::{Pyramid, Reducer, block_difference};
+use crate::pyramid::{Effort, Pyramid, Reducer, block_difference};
 use nalgebra::Vector2;
 
 /// Least confidence at which a displacement of the flow is used.
@@ -48,7 +48,19 @@ impl Sampler {
     ///
     /// Any size is valid; frames (or grids) too small for a single patch yield no correspondences.
     pub fn new(width: usize, height: usize, grid_columns: usize, grid_rows: usize) -> Self {
-        Self::with_cpu(CpuLevel::detect(), width, height, grid_columns, grid_rows)
+        Self::with_effort(Effort::default(), width, height, grid_columns, grid_rows)
+    }
+
+    /// As [`new`](Self::new), for frames that are analysed as finely as `effort` says.
+    pub fn with_effort(
+        effort: Effort,
+        width: usize,
+        height: usize,
+        grid_columns: usize,
+        grid_rows: usize,
+    ) -> Self {
+        let reducer = Reducer::with_effort(width, height, effort);
+        Self::of(CpuLevel::detect(), reducer, grid_columns, grid_rows)
     }
 
     /// As [`new`](Self::new), with the instructions of `cpu`; results differ by rounding only.
@@ -59,7 +71,10 @@ impl Sampler {
         grid_columns: usize,
         grid_rows: usize,
     ) -> Self {
-        let reducer = Reducer::new(width, height);
+        Self::of(cpu, Reducer::new(width, height), grid_columns, grid_rows)
+    }
+
+    fn of(cpu: CpuLevel, reducer: Reducer, grid_columns: usize, grid_rows: usize) -> Self {
         let grid = Grid::new(reducer.size(), grid_columns, grid_rows);
         let flow = DenseFlow::with_cpu(cpu, &reducer);
         let cells = grid.len();

@@ -8,9 +8,6 @@ use crate::cpu::{CpuLevel, for_each_cpu};
 use crate::parallel::*;
 use crate::plane::{Luma, PlaneLayout};
 
-/// Longer side of the analysed luma, at most, in pixels.
-const MAX_SIDE: usize = 960;
-
 /// Bands of output rows, each with its own accumulator; more than cores, to balance the load.
 const BANDS: usize = 16;
 
@@ -24,9 +21,8 @@ pub(crate) struct Reduction {
 }
 
 impl Reduction {
-    /// For full frames of `width` × `height`.
-    pub(crate) fn new(width: usize, height: usize) -> Self {
-        let scale = (width.max(height) as f64 / MAX_SIDE as f64).max(1.0);
+    /// For full frames of `width` × `height`, `scale` full-frame pixels per analysed pixel, at least 1.
+    pub(crate) fn new(width: usize, height: usize, scale: f64) -> Self {
         Self {
             full: (width, height),
             columns: ReductionFilter::new(width, scale),
@@ -242,10 +238,15 @@ mod tests {
     use super::*;
     use crate::plane::{Plane, SampleFormat};
 
+    /// A reduction to 960 pixels along the longer side.
+    fn reduction(width: usize, height: usize) -> Reduction {
+        Reduction::new(width, height, (width.max(height) as f64 / 960.0).max(1.0))
+    }
+
     #[test]
     fn every_ratio_keeps_lines_straight() {
         for (width, height) in [(1920, 1080), (1280, 720), (1024, 577), (3000, 1001), (961, 5), (720, 1280)] {
-            let reduction = Reduction::new(width, height);
+            let reduction = reduction(width, height);
             let (columns, rows) = reduction.size();
             assert!(columns.max(rows) <= 960);
             let ramp: Vec<f32> = (0..width).map(|x| x as f32 * 0.125).collect();
@@ -275,10 +276,10 @@ mod tests {
         let data: Vec<u8> = (0..width * height).map(|i| (i * 37 % 251) as u8).collect();
         let plane = Plane::new(&data, PlaneLayout::packed(width, height, SampleFormat::U8)).unwrap();
         // 1922 is not a multiple of 960: the general case.
-        assert!(!Reduction::new(width, height).columns.whole);
+        assert!(!reduction(width, height).columns.whole);
         let narrow = PlaneLayout { width: 1920, ..*plane.layout() };
         let plane = Plane::new(&data, narrow).unwrap();
-        let reduction = Reduction::new(1920, height);
+        let reduction = reduction(1920, height);
         let (mut grey, mut scratch) = (Vec::new(), Vec::new());
         for cpu in CpuLevel::supported() {
             assert!(reduction.reduce(cpu, &plane.into(), &mut grey, &mut scratch));

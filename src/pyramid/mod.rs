@@ -3,7 +3,8 @@
 //! | step | file | what it does |
 //! |---|---|---|
 //! | build | `reducer` | a luma view → the pyramid of a frame |
-//! | reduce | `luma` | any luma view → grey of at most 960 pixels a side, by area average |
+//! | size | `effort` | at how many pixels a frame is analysed |
+//! | reduce | `luma` | any luma view → grey of that size, by area average |
 //! | compare | `difference` | difference of two frames, to detect duplicates |
 //! | halve | `level` | half the resolution, with a border of replicated pixels |
 //!
@@ -14,10 +15,12 @@
 //! subtractions per pixel, faster than loading them.
 
 mod difference;
+mod effort;
 mod level;
 mod luma;
 mod reducer;
 
 pub(crate) use difference::block_difference;
+pub use effort::Effort;
 pub(crate) use level::Level;
 pub use reducer::{Pyramid, Reducer};

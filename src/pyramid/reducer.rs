@@ -1,5 +1,6 @@
 //! The pyramid of one frame, and how it is made.
 
+use super::effort::Effort;
 use super::level::Level;
 use super::luma::Reduction;
 use crate::cpu::CpuLevel;
@@ -61,7 +62,12 @@ pub struct Reducer {
 impl Reducer {
     /// For full frames of `width` × `height` pixels, any size.
     pub fn new(width: usize, height: usize) -> Self {
-        let reduction = Reduction::new(width, height);
+        Self::with_effort(width, height, Effort::default())
+    }
+
+    /// As [`new`](Self::new), analysed as finely as `effort` says.
+    pub fn with_effort(width: usize, height: usize, effort: Effort) -> Self {
+        let reduction = Reduction::new(width, height, effort.scale(width.max(height)));
         let count = level_count(reduction.size());
         Self { cpu: CpuLevel::detect(), reduction, count }
     }

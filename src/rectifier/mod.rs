@@ -24,7 +24,7 @@ use std::time::{Duration, Instant};
 pub use crate::solve::residual::REGIONS;
 pub use crate::solve::{FittedCorrespondence, FocalLength, FrameSolution, FrameTiming, Origin, Timeline};
 pub use error::{PushError, SettingsError};
-pub use settings::{Estimator, Settings};
+pub use settings::{Effort, Estimator, Settings};
 
 /// Whether a frame is a duplicate of its predecessor, as after a conversion to a higher frame rate.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
@@ -96,7 +96,8 @@ impl Rectifier {
         period: Option<f64>,
     ) -> Result<Self, SettingsError> {
         settings.check(width, height)?;
-        let sampler = Sampler::new(width, height, settings.grid_columns, settings.grid_rows);
+        let (columns, rows) = (settings.grid_columns, settings.grid_rows);
+        let sampler = Sampler::with_effort(settings.effort, width, height, columns, rows);
         let engine = match settings.estimator {
             Estimator::Sequential => Engine::sequential(),
             Estimator::Continuous => {

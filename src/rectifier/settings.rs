@@ -1,6 +1,7 @@
 //! How a stream is analysed.
 
 use crate::motion::Model;
+pub use crate::pyramid::Effort;
 use crate::readout::{ReadoutDirection, ReadoutPrior, ReadoutTime};
 
 /// The motion estimator.
@@ -23,6 +24,8 @@ pub enum Estimator {
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[non_exhaustive]
 pub struct Settings {
+    /// At how many pixels frames are analysed.
+    pub effort: Effort,
     /// Columns of the sampling grid.
     pub grid_columns: usize,
     /// Rows of the sampling grid.
@@ -54,6 +57,7 @@ pub struct Settings {
 impl Default for Settings {
     fn default() -> Self {
         Self {
+            effort: Effort::Balanced,
             grid_columns: 32,
             grid_rows: 24,
             lookahead: 4,

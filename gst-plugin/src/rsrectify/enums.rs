@@ -11,6 +11,7 @@ pub(super) fn document() {
     use gst::prelude::*;
     let types = [
         ReadoutDirection::static_type(),
+        Effort::static_type(),
         Estimator::static_type(),
         Model::static_type(),
         Stabilised::static_type(),
@@ -63,6 +64,32 @@ impl From<readout::ReadoutDirection> for ReadoutDirection {
             readout::ReadoutDirection::BottomToTop => Self::BottomToTop,
             readout::ReadoutDirection::LeftToRight => Self::LeftToRight,
             readout::ReadoutDirection::RightToLeft => Self::RightToLeft,
+        }
+    }
+}
+
+/// How much time the analysis of a frame may take.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, glib::Enum)]
+#[enum_type(name = "GstRsRectifyEffort")]
+#[repr(i32)]
+pub enum Effort {
+    /// The default.
+    #[default]
+    #[enum_value(name = "Balanced: analysed at up to 960 pixels along the longer side", nick = "balanced")]
+    Balanced = 0,
+    /// For slow machines and large frames.
+    #[enum_value(
+        name = "Fast: analysed at half of that width and height, at least 320 pixels",
+        nick = "fast"
+    )]
+    Fast = 1,
+}
+
+impl From<Effort> for rectifier::Effort {
+    fn from(effort: Effort) -> Self {
+        match effort {
+            Effort::Balanced => Self::Balanced,
+            Effort::Fast => Self::Fast,
         }
     }
 }

@@ -25,7 +25,7 @@ mod shared;
 mod state;
 mod timer;
 
-pub use enums::{BorderMode, Estimator, Interpolation, Model, ReadoutDirection};
+pub use enums::{BorderMode, Effort, Estimator, Interpolation, Model, ReadoutDirection};
 pub use imp::object::RsRectify;
 
 impl RsRectify {

@@ -2,7 +2,7 @@
 //!
 //! Defaults are stored in project files and presets: never change one.
 
-use super::enums::{BorderMode, Estimator, Interpolation, Model, ReadoutDirection, Stabilised};
+use super::enums::{BorderMode, Effort, Estimator, Interpolation, Model, ReadoutDirection, Stabilised};
 use gst::glib;
 use gst::prelude::*;
 use rsrectify::motion::FrameMotion;
@@ -22,6 +22,7 @@ pub struct Settings {
     pub readout_time: u64,
     pub readout_direction: ReadoutDirection,
     pub lookahead: u32,
+    pub effort: Effort,
     pub estimator: Estimator,
     pub model: Model,
     pub focal_length: f64,
@@ -56,6 +57,7 @@ impl Settings {
         readout_time: 0,
         readout_direction: ReadoutDirection::Auto,
         lookahead: 4,
+        effort: Effort::Balanced,
         estimator: Estimator::Auto,
         model: Model::Auto,
         focal_length: 0.0,
@@ -90,6 +92,7 @@ impl Settings {
         settings.grid_columns = self.grid_columns as usize;
         settings.grid_rows = self.grid_rows as usize;
         settings.lookahead = self.lookahead as usize;
+        settings.effort = self.effort.into();
         settings.estimator = self.estimator.into();
         settings.model = self.model.into();
         settings.focal_length = (self.focal_length > 0.0).then_some(self.focal_length);

@@ -8,11 +8,12 @@ use clap::Args;
 use std::path::PathBuf;
 
 /// Options of the analysis, of which there is none with a motion that is given.
-const MOTION_IS_GIVEN: [&str; 10] = [
+const MOTION_IS_GIVEN: [&str; 11] = [
     "readout_time",
     "inter_frame_delay",
     "readout_direction",
     "stabilised",
+    "effort",
     "estimator",
     "model",
     "focal_length",
