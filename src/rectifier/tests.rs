@@ -187,7 +187,13 @@ fn a_duplicate_is_corrected_as_much_as_its_frame() {
         fitted: Vec::new(),
     };
     rectifier.last = Some(found.clone());
-    rectifier.waiting.push_back(Waiting { readout, correspondences: 0, repeats: true, begins_shot: false });
+    rectifier.waiting.push_back(Waiting {
+        time: 0.0,
+        readout,
+        correspondences: 0,
+        repeats: true,
+        begins_shot: false,
+    });
     let solution = rectifier.pop_early().unwrap();
     assert_eq!(solution, FrameSolution { origin: Origin::Repeated, begins_shot: false, ..found });
 }
