@@ -20,6 +20,7 @@
 //! | `correspond` | flow | point correspondences on a grid, to sub-pixel accuracy |
 //! | [`motion`] | | representations of image motion: the twist, the path over a readout, the residual field |
 //! | `solve` | correspondences of a window | a motion path for each frame |
+//! | `stabilize` | motions from frame to frame | the placement of each frame in a steady picture |
 //! | [`warp`] | a path and a plane | the rectified plane |
 //! | [`rectifier`] | luma planes, in order | the motions, in order |
 //!
@@ -38,6 +39,7 @@
 
 mod lanes;
 mod parallel;
+mod stabilize;
 
 pub mod motion;
 pub mod plane;

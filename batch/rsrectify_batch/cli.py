@@ -16,6 +16,10 @@ from .run import WORK, Job, Run, Settings
 EXIT_CODES = """Exit codes: 0 all was done, 1 a clip failed and the others were done, 2 the command line cannot be carried out,
 130 interrupted; the same command goes on from there."""
 
+# Frames before a part of a film that is steadied: after four seconds at 60 frames a second, the virtual camera is where it
+# would be in the whole film.
+STEADIED_HALO = 240
+
 
 def main(arguments: list[str] | None = None) -> int:
     options = _parser().parse_args(arguments)
@@ -73,6 +77,8 @@ def _parser() -> argparse.ArgumentParser:
     written = rectify.add_argument_group("files that are written")
     for name in ("codec", "container", "quality", "bitrate", "audio"):
         written.add_argument(f"--{name}", help="as for rsrectify fix")
+    written.add_argument("--stabilize", type=float, metavar="SECONDS",
+                         help="steady the picture, as for rsrectify fix; 10 per cent are cut away, or what --fix --crop says")
     written.add_argument("--fix", nargs=argparse.REMAINDER, default=[], metavar="OPTION",
                          help="further options of rsrectify fix, up to the end of the line")
 
@@ -98,14 +104,18 @@ def _rectify(options: argparse.Namespace) -> int:
     is_given = options.readout_time is not None
     direction, focal_length = _given(options, "readout-direction"), _given(options, "focal-length")
     camera = _given(options, "camera")
+    # Parts of a film must be cropped alike; and a steadied path depends on more frames before it.
+    is_steadied = bool(options.stabilize)
+    crop = ["--crop=10"] if is_steadied and not any(one.startswith("--crop") for one in options.fix) else []
     settings = Settings(
         program=options.program,
         part=options.part,
-        halo=options.halo,
+        halo=max(options.halo, STEADIED_HALO) if is_steadied else options.halo,
         same_camera=options.same_camera,
         readout=[*_given(options, "readout-time"), *direction] if is_given else [],
         measure_options=[] if is_given else [*direction, *focal_length, *camera],
-        fix_options=[*_given(options, "codec", "quality", "bitrate"), *focal_length, *camera, *options.fix],
+        fix_options=[*_given(options, "codec", "quality", "bitrate", "stabilize"), *crop, *focal_length, *camera,
+                     *options.fix],
         join_options=_given(options, "audio"),
         processors=options.processors,
         retries=options.retries,

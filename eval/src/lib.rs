@@ -18,6 +18,7 @@
 //! | [`effort`] | what each effort leaves and takes |
 //! | [`pairs`] | two-frame clips with a global-shutter truth, as data sets have them |
 //! | [`clip`] | a real clip without truth |
+//! | [`steady`] | how steady the library makes a picture, beside vid.stab |
 //! | [`speed`] | how long the library takes for a frame |
 //! | [`video`] | frames to files |
 //! | [`media`] | coded video: any clip to frames, frames through H.264 |
@@ -41,6 +42,7 @@ pub mod scene;
 pub mod sequence;
 pub mod shutter;
 pub mod speed;
+pub mod steady;
 pub mod truth;
 pub mod two_frames;
 pub mod video;

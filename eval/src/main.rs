@@ -17,6 +17,7 @@ use eval::report::{self, quick};
 use eval::sequence::{self, Sequence, Settings};
 use eval::shutter::Shutter;
 use eval::speed;
+use eval::steady;
 use eval::two_frames;
 use eval::video;
 use rsrectify::rectifier::{Effort, Estimator, FrameSolution};
@@ -174,6 +175,24 @@ enum Command {
         #[command(flatten)]
         shutter: Shutter,
     },
+    /// Stabilises sequences or a clip beside vid.stab in two passes at its defaults (needs ffmpeg), at the same crop, and
+    /// measures jitter and wobble of both.
+    Steady {
+        /// A real clip instead of sequences.
+        #[arg(long, conflicts_with = "sequence")]
+        clip: Option<PathBuf>,
+        /// Standard deviation of the smoothing in seconds.
+        #[arg(long, default_value_t = 0.5)]
+        deviation: f64,
+        /// Zoom of the library instead of that of vid.stab.
+        #[arg(long)]
+        zoom: Option<f64>,
+        /// The folder in which to write the pictures of all, as YUV4MPEG2.
+        #[arg(long)]
+        out: Option<PathBuf>,
+        #[command(flatten)]
+        chosen: Chosen,
+    },
     /// Prints the names of the sequences.
     List,
 }
@@ -301,6 +320,16 @@ fn main() -> Result<()> {
         Command::Clip { file, lookahead, out, shutter } => {
             print!("{}", clip::judge(&media::decode(&file)?, &shutter, lookahead, out.as_deref())?);
             Ok(())
+        }
+        Command::Steady { clip, deviation, zoom, out, chosen } => {
+            let asked = steady::Asked { deviation, zoom };
+            match clip {
+                Some(file) => {
+                    println!("{}\n{}", steady::HEADING, steady::row_of_clip(&file, asked, out.as_deref())?);
+                    Ok(())
+                }
+                None => chosen.print(steady::HEADING, |footage| steady::row(footage, asked, out.as_deref())),
+            }
         }
         Command::List => {
             sequence::all().for_each(|settings| println!("{}", settings.name));

@@ -7,6 +7,7 @@ use clap::Args;
 use gst::prelude::*;
 use rsrectify::readout::{ReadoutPrior, ReadoutTime};
 use rsrectify::rectifier::{self, Settings};
+use std::str::FromStr;
 
 /// How the motion is found.
 #[derive(Args, Clone, Debug, Default)]
@@ -95,12 +96,41 @@ pub struct RectifierOptions {
     /// What is shown where the frame saw nothing.
     #[arg(long, value_name = "MODE", value_parser = ["replicate", "mirror", "constant", "crop"])]
     pub border_mode: Option<String>,
+    /// Per cent of the width and height that are cut away, so that no border is seen: 0 to 50, or `auto`, the least that does
+    /// it, for which the clip is analysed beforehand. `auto` is the default with --border-mode crop and with --stabilize.
+    #[arg(long, value_name = "auto|PERCENT")]
+    pub crop: Option<Crop>,
+    /// Steadies the picture: standard deviation in seconds of the smoothing of the camera's path, 0.5 without a number. As many
+    /// frames are looked ahead as that takes.
+    #[arg(long, value_name = "SECONDS", num_args = 0..=1, default_missing_value = "0.5", value_parser = deviation)]
+    pub stabilize: Option<f64>,
     /// How much of the correction is applied, 0 to 1.
     #[arg(long, value_name = "SHARE", value_parser = share)]
     pub strength: Option<f64>,
     /// Threads of the rectifier; 0 for one a core.
     #[arg(long, value_name = "N")]
     pub threads: Option<u32>,
+}
+
+/// How much of the picture is cut away.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Crop {
+    /// As little as hides the borders.
+    Auto,
+    /// So many per cent.
+    PerCent(f64),
+}
+
+impl FromStr for Crop {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        if text == "auto" { Ok(Self::Auto) } else { in_range(text, 0.0..=50.0).map(Self::PerCent) }
+    }
+}
+
+fn deviation(text: &str) -> Result<f64, String> {
+    in_range(text, 0.0..=10.0)
 }
 
 fn milliseconds(text: &str) -> Result<f64, String> {
@@ -162,12 +192,34 @@ impl AnalysisOptions {
 }
 
 impl RectifierOptions {
+    /// Seconds over which the picture is steadied; 0: not at all.
+    pub fn stabilization(&self) -> f64 {
+        self.stabilize.unwrap_or(0.0)
+    }
+
+    /// Whether borders are cut away.
+    pub fn is_cropped(&self) -> bool {
+        match &self.border_mode {
+            Some(mode) => mode == "crop",
+            None => self.crop.is_some() || self.stabilization() > 0.0,
+        }
+    }
+
+    /// How much is cut away; `None` where nothing is.
+    pub fn crop(&self) -> Option<Crop> {
+        self.is_cropped().then(|| self.crop.unwrap_or(Crop::Auto))
+    }
+
     /// Sets the properties that were given.
     pub fn apply(&self, rectifier: &gst::Element) -> Result<()> {
         let analysis = &self.analysis;
         let nanoseconds = |seconds: f64| ((seconds * 1e9).round() as u64).to_string();
         let expected = analysis.expected;
         let direction = expected.and_then(|expected| expected.direction()).map(Direction::from);
+        let crop = match self.crop() {
+            Some(Crop::PerCent(crop)) => Some(crop),
+            _ => None,
+        };
         let given = [
             ("readout-time", analysis.readout_time.map(|ms| nanoseconds(ms * 1e-3))),
             ("expected-readout-time", expected.map(|expected| nanoseconds(expected.time()))),
@@ -185,7 +237,12 @@ impl RectifierOptions {
             ("grid-rows", analysis.grid_rows.map(|v| v.to_string())),
             ("reference-row", self.reference_row.map(|v| v.to_string())),
             ("interpolation", self.interpolation.clone()),
-            ("border-mode", self.border_mode.clone()),
+            (
+                "border-mode",
+                self.is_cropped().then(|| "crop".to_owned()).or_else(|| self.border_mode.clone()),
+            ),
+            ("crop", crop.map(|crop| crop.to_string())),
+            ("stabilization", self.stabilize.map(|v| v.to_string())),
             ("strength", self.strength.map(|v| v.to_string())),
             ("threads", self.threads.map(|v| v.to_string())),
         ];

@@ -1,7 +1,9 @@
 //! The motion of one frame, the shutter it was solved for, and the share of the correction applied.
 
 use super::MotionPath;
+use super::sampled::{normalised, scaled, turned};
 use crate::readout::Readout;
+use nalgebra::Matrix3;
 
 /// The motion of one frame, as needed for its rectification.
 ///
@@ -12,19 +14,27 @@ pub struct FrameMotion {
     readout: Readout,
     path: MotionPath,
     weight: f64,
+    placement: Option<Matrix3<f64>>,
 }
 
 impl FrameMotion {
     /// A motion whose correction is applied in full.
     #[must_use]
     pub const fn new(readout: Readout, path: MotionPath) -> Self {
-        Self { readout, path, weight: 1.0 }
+        Self { readout, path, weight: 1.0, placement: None }
     }
 
     /// The same motion with this share of the correction applied, clamped to 0 to 1; NaN counts as 0.
     #[must_use]
     pub fn with_weight(self, weight: f64) -> Self {
         Self { weight: if weight.is_nan() { 0.0 } else { weight.clamp(0.0, 1.0) }, ..self }
+    }
+
+    /// The same motion of a frame that is stabilised: `placement` maps the points (centred pixels) of the picture at the
+    /// middle of the readout to where the output shows them. It is left out where it cannot be undone.
+    #[must_use]
+    pub fn with_placement(self, placement: Option<Matrix3<f64>>) -> Self {
+        Self { placement: placement.as_ref().and_then(normalised), ..self }
     }
 
     /// The shutter that the motion was solved for.
@@ -46,6 +56,13 @@ impl FrameMotion {
         self.weight
     }
 
+    /// Where the output shows the points (centred pixels) of the picture at the middle of the readout; `None` for a frame that
+    /// is not stabilised.
+    #[must_use]
+    pub const fn placement(&self) -> Option<&Matrix3<f64>> {
+        self.placement.as_ref()
+    }
+
     /// The same motion of the frame scaled to `width` × `height` pixels, as of a proxy.
     #[must_use]
     pub fn scaled_to(&self, width: usize, height: usize) -> Self {
@@ -55,7 +72,8 @@ impl FrameMotion {
             return Self { readout, ..self.clone() };
         }
         let factors = [0, 1].map(|axis| to[axis] as f64 / from[axis] as f64);
-        Self { readout, path: self.path.scaled(factors), weight: self.weight }
+        let placement = self.placement.map(|placement| scaled(&placement, factors));
+        Self { readout, path: self.path.scaled(factors), weight: self.weight, placement }
     }
 
     /// The same motion of the frame turned clockwise by a quarter.
@@ -63,13 +81,14 @@ impl FrameMotion {
     pub fn turned(&self) -> Self {
         let Readout { width, height, direction, time } = self.readout;
         let readout = Readout { width: height, height: width, direction: direction.turned(), time };
-        Self { readout, path: self.path.turned(), weight: self.weight }
+        let placement = self.placement.map(|placement| turned(&placement));
+        Self { readout, path: self.path.turned(), weight: self.weight, placement }
     }
 
-    /// Whether no correction is applied: nothing moved, or the weight is 0.
+    /// Whether no correction is applied: nothing moved or the weight is 0, and the frame is not stabilised.
     #[must_use]
     pub fn is_still(&self) -> bool {
-        self.weight == 0.0 || self.path.is_still()
+        self.placement.is_none() && (self.weight == 0.0 || self.path.is_still())
     }
 }
 
@@ -158,6 +177,29 @@ mod tests {
                 assert_eq!(back.readout(), motion.readout());
             }
         }
+    }
+
+    #[test]
+    fn a_placement_is_scaled_and_turned_with_the_frame() {
+        use nalgebra::Vector2;
+        let readout =
+            Readout::new(640, 480, ReadoutDirection::TopToBottom, ReadoutTime::WholePeriod, 0.02).unwrap();
+        let placement = Matrix3::new(0.9, -0.1, 20.0, 0.1, 0.95, -7.0, 1e-5, 2e-5, 1.0);
+        let motion = FrameMotion::new(readout, MotionPath::STILL).with_placement(Some(placement * 3.0));
+        let shown = |motion: &FrameMotion, point: Vector2<f64>| {
+            let shown = motion.placement().unwrap() * point.push(1.0);
+            shown.xy() / shown.z
+        };
+        let point = Vector2::new(100.0, -60.0);
+        let expected = placement * point.push(1.0);
+        let expected = expected.xy() / expected.z;
+        assert!(!motion.is_still() && (shown(&motion, point) - expected).norm() < 1e-9);
+        let half = shown(&motion.scaled_to(320, 120), Vector2::new(50.0, -15.0));
+        assert!((half - Vector2::new(expected.x / 2.0, expected.y / 4.0)).norm() < 1e-9);
+        let turned = shown(&motion.turned(), Vector2::new(60.0, 100.0));
+        assert!((turned - Vector2::new(-expected.y, expected.x)).norm() < 1e-9);
+        let flat = motion.with_placement(Some(Matrix3::zeros()));
+        assert!(flat.placement().is_none() && flat.is_still());
     }
 
     #[test]

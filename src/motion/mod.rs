@@ -13,6 +13,7 @@ mod twist;
 
 pub use frame::FrameMotion;
 pub use generators::Model;
+pub(crate) use path::project;
 pub use path::{IntervalMotion, MotionPath};
 pub(crate) use precision::{rounded_homography, rounded_velocity};
 pub use residual::{MeshError, ResidualField, ResidualMesh};

@@ -1,6 +1,6 @@
 //! The motion path of one frame through its readout.
 
-use super::{ResidualField, Rigid, SampledPath, Twist};
+use super::{ResidualField, SampledPath, Twist};
 use nalgebra::{Matrix3, Vector2};
 use std::sync::Arc;
 
@@ -76,7 +76,7 @@ impl MotionPath {
                 let motions: Vec<_> = (0..=STEPS)
                     .map(|index| {
                         let share = f64::from(index) / f64::from(STEPS);
-                        matrix(twist.after(-share * readout_time))
+                        twist.after(-share * readout_time).to_homogeneous()
                     })
                     .collect();
                 match SampledPath::new(&motions, *readout_time) {
@@ -122,10 +122,17 @@ impl MotionPath {
     #[must_use]
     pub fn over(&self, from: f64, to: f64) -> IntervalMotion {
         let motion = match &self.global {
-            Global::Uniform { twist, readout_time } => matrix(twist.after((to - from) * readout_time)),
+            Global::Uniform { twist, readout_time } => {
+                twist.after((to - from) * readout_time).to_homogeneous()
+            }
             Global::Sampled(path) => path.between(from, to),
         };
         IntervalMotion { motion, elapsed: to - from }
+    }
+
+    /// The homography of an interval, that of the global motion.
+    pub(crate) fn global_over(&self, from: f64, to: f64) -> Matrix3<f64> {
+        self.over(from, to).motion
     }
 
     /// Moves the point that the frame shows at `point` (centred pixels) by an interval.
@@ -164,14 +171,8 @@ impl From<SampledPath> for MotionPath {
     }
 }
 
-/// A rigid motion as a homography.
-fn matrix(rigid: Rigid) -> Matrix3<f64> {
-    let Rigid { cos, sin, shift } = rigid;
-    Matrix3::new(cos, -sin, shift.x, sin, cos, shift.y, 0.0, 0.0, 1.0)
-}
-
 /// Applies a homography to a point.
-fn project(motion: &Matrix3<f64>, point: Vector2<f64>) -> Vector2<f64> {
+pub(crate) fn project(motion: &Matrix3<f64>, point: Vector2<f64>) -> Vector2<f64> {
     let row = |i: usize| motion[(i, 0)] * point.x + motion[(i, 1)] * point.y + motion[(i, 2)];
     Vector2::new(row(0), row(1)) / row(2).max(MIN_W)
 }

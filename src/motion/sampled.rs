@@ -69,23 +69,14 @@ impl SampledPath {
     }
 
     /// The same path in pixels that are smaller by these factors along x and y.
-    pub(super) fn scaled(&self, [x, y]: [f64; 2]) -> Self {
-        // S·H·S⁻¹ with S = diag(x, y, 1), linear in H.
-        let scaled = |motion: &Matrix3<f64>| {
-            let factors = [x, y, 1.0];
-            Matrix3::from_fn(|row, column| motion[(row, column)] * factors[row] / factors[column])
-        };
-        let all = |motions: &[Matrix3<f64>]| motions.iter().map(scaled).collect();
+    pub(super) fn scaled(&self, factors: [f64; 2]) -> Self {
+        let all = |motions: &[Matrix3<f64>]| motions.iter().map(|motion| scaled(motion, factors)).collect();
         Self { motions: all(&self.motions), slopes: all(&self.slopes), readout_time: self.readout_time }
     }
 
     /// The same path in a frame turned clockwise by a quarter.
     pub(super) fn turned(&self) -> Self {
-        // R·H·R⁻¹ with R: (x, y) → (−y, x), linear in H.
-        let turn = Matrix3::new(0.0, -1.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0);
-        let all = |motions: &[Matrix3<f64>]| {
-            motions.iter().map(|motion| turn * motion * turn.transpose()).collect()
-        };
+        let all = |motions: &[Matrix3<f64>]| motions.iter().map(turned).collect();
         Self { motions: all(&self.motions), slopes: all(&self.slopes), readout_time: self.readout_time }
     }
 
@@ -136,8 +127,20 @@ impl SampledPath {
     }
 }
 
+/// S·H·S⁻¹ with S = diag(x, y, 1), linear in H.
+pub(super) fn scaled(motion: &Matrix3<f64>, [x, y]: [f64; 2]) -> Matrix3<f64> {
+    let factors = [x, y, 1.0];
+    Matrix3::from_fn(|row, column| motion[(row, column)] * factors[row] / factors[column])
+}
+
+/// R·H·R⁻¹ with R: (x, y) → (−y, x), linear in H.
+pub(super) fn turned(motion: &Matrix3<f64>) -> Matrix3<f64> {
+    let turn = Matrix3::new(0.0, -1.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0);
+    turn * motion * turn.transpose()
+}
+
 /// The homography scaled so that its last element is 1; `None` if it is invalid: see [`PathError::Singular`].
-fn normalised(motion: &Matrix3<f64>) -> Option<Matrix3<f64>> {
+pub(super) fn normalised(motion: &Matrix3<f64>) -> Option<Matrix3<f64>> {
     let scaled = motion / motion[(2, 2)];
     let is_valid = scaled.iter().all(|element| element.is_finite()) && scaled.determinant() > MIN_DETERMINANT;
     is_valid.then_some(scaled)

@@ -1,6 +1,6 @@
 //! The twist: the 2D rotation of 25.2 in a parametrisation without singularities.
 
-use nalgebra::{Matrix2, Matrix2x3, Vector2, Vector3};
+use nalgebra::{Matrix2, Matrix2x3, Matrix3, Vector2, Vector3};
 
 /// The velocity of a rigid image motion: a rotation by ω about c = (−v_y/ω, v_x/ω).
 ///
@@ -130,6 +130,12 @@ impl Rigid {
     #[must_use]
     pub fn rotation(&self) -> Matrix2<f64> {
         Matrix2::new(self.cos, -self.sin, self.sin, self.cos)
+    }
+
+    /// The motion as a homography.
+    pub(crate) fn to_homogeneous(self) -> Matrix3<f64> {
+        let Self { cos, sin, shift } = self;
+        Matrix3::new(cos, -sin, shift.x, sin, cos, shift.y, 0.0, 0.0, 1.0)
     }
 
     /// Applies the motion to a point (centred pixels).

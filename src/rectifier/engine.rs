@@ -8,7 +8,7 @@ use crate::readout::{Readout, ReadoutPosterior};
 use crate::solve::continuous::{Camera, Continuous};
 use crate::solve::residual::LocalMotions;
 use crate::solve::{FrameSolution, FrameTiming, Link, MotionCandidate, Window};
-use nalgebra::Vector2;
+use nalgebra::{Matrix3, Vector2};
 
 /// Standard deviation of a measured coordinate in analysed pixels, for the paper's window, which assumes the
 /// same for all: that of the sampler on compressed footage.
@@ -54,6 +54,8 @@ pub(super) struct Sequential {
     expected: Twist,
     /// The shutters of the waiting frames.
     readouts: std::collections::VecDeque<Readout>,
+    /// The motion of the frame settled last.
+    settled: Option<Twist>,
     /// Buffer for the correspondences of small variance.
     certain: Vec<Correspondence>,
 }
@@ -116,6 +118,17 @@ impl Engine {
         }
     }
 
+    /// Motions of the scene in centred pixels from the frame settled last to those after it, as far as they are known; `interval`
+    /// in seconds to the next frame.
+    pub fn increments(&self, interval: f64) -> Vec<Matrix3<f64>> {
+        match self {
+            Self::Sequential(sequential) => {
+                sequential.settled.iter().map(|twist| twist.after(interval).to_homogeneous()).collect()
+            }
+            Self::Continuous(continuous) => continuous.path.increments().collect(),
+        }
+    }
+
     /// The estimated shutter, or `stated` if it is not estimated, and the standard deviation of its readout
     /// ratio.
     pub fn belief(&self, stated: &Readout) -> (Readout, f64) {
@@ -165,6 +178,7 @@ impl Engine {
                 sequential.window.reset();
                 sequential.expected = Twist::ZERO;
                 sequential.readouts.clear();
+                sequential.settled = None;
             }
             Self::Continuous(continuous) => {
                 continuous.path.restart();
@@ -186,6 +200,7 @@ impl Sequential {
 
     fn settle(&mut self) -> Option<FrameSolution> {
         let settled = self.window.settle();
+        self.settled = settled.as_ref().map(|candidate| candidate.fit.twist);
         let readout = self.readouts.pop_front()?;
         settled.map(|MotionCandidate { fit, origin }| FrameSolution {
             motion: FrameMotion::new(readout, MotionPath::uniform(fit.twist, readout.time)),

@@ -7,6 +7,9 @@ mod error;
 mod settings;
 #[cfg(test)]
 mod sparse_tests;
+mod steady;
+#[cfg(test)]
+mod steady_tests;
 #[cfg(test)]
 mod tests;
 
@@ -15,6 +18,7 @@ use crate::motion::{FrameMotion, MotionPath};
 use crate::plane::Luma;
 use crate::readout::{Readout, ReadoutPosterior};
 use crate::solve::continuous::Camera;
+use crate::stabilize::Stabilizer;
 use clock::Clock;
 use duplicates::Duplicates;
 use engine::{Engine, Step};
@@ -24,7 +28,7 @@ use std::time::{Duration, Instant};
 pub use crate::solve::residual::REGIONS;
 pub use crate::solve::{FittedCorrespondence, FocalLength, FrameSolution, FrameTiming, Origin, Timeline};
 pub use error::{PushError, SettingsError};
-pub use settings::{Effort, Estimator, Settings};
+pub use settings::{Effort, Estimator, MOTION_LOOKAHEAD, Settings};
 
 /// Whether a frame is a duplicate of its predecessor, as after a conversion to a higher frame rate.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
@@ -49,6 +53,8 @@ pub struct Timings {
 /// A frame whose motion has not been solved yet.
 #[derive(Clone, Copy, Debug)]
 struct Waiting {
+    /// Seconds.
+    time: f64,
     readout: Readout,
     correspondences: usize,
     /// The frame is a duplicate of its predecessor and not in the window.
@@ -74,6 +80,7 @@ pub struct Rectifier {
     duplicates: Duplicates,
     engine: Engine,
     waiting: VecDeque<Waiting>,
+    stabilizer: Stabilizer<FrameSolution>,
     solved: VecDeque<FrameSolution>,
     /// The motion settled last, for duplicates of its frame.
     last: Option<FrameSolution>,
@@ -123,6 +130,7 @@ impl Rectifier {
             duplicates: Duplicates::default(),
             engine,
             waiting: VecDeque::new(),
+            stabilizer: Stabilizer::new([width, height], settings.target()),
             solved: VecDeque::new(),
             last: None,
             timings: Timings::default(),
@@ -158,15 +166,22 @@ impl Rectifier {
             && (duplicate == Duplicate::Known
                 || self.duplicates.is_repeated(self.sampler.difference(&self.before, &self.now)));
         let readout = self.readout();
-        self.waiting.push_back(Waiting { readout, correspondences: 0, repeats, begins_shot: false });
+        self.waiting.push_back(Waiting {
+            time: tick.time,
+            readout,
+            correspondences: 0,
+            repeats,
+            begins_shot: false,
+        });
         if repeats {
             self.timings.correspond += started.elapsed();
         } else {
             self.compare(tick.time, &readout, started);
         }
-        while self.waiting.len() > self.settings.lookahead {
+        while self.waiting.len() > self.motion_lookahead() {
             self.settle();
         }
+        while self.stabilizer.waiting() + self.waiting.len() > self.settings.lookahead && self.place() {}
         Ok(())
     }
 
@@ -178,8 +193,9 @@ impl Rectifier {
     /// The motion of the oldest frame not yet popped, from the frames pushed so far, without waiting for
     /// `lookahead` later ones. `None` if every frame pushed has been popped.
     pub fn pop_early(&mut self) -> Option<FrameSolution> {
-        if self.solved.is_empty() {
+        if self.solved.is_empty() && !self.place() {
             self.settle();
+            self.place();
         }
         self.solved.pop_front()
     }
@@ -190,6 +206,7 @@ impl Rectifier {
         while !self.waiting.is_empty() {
             self.settle();
         }
+        while self.place() {}
         self.start_segment();
     }
 
@@ -215,6 +232,7 @@ impl Rectifier {
 
     fn start_segment(&mut self) {
         self.engine.restart();
+        self.stabilizer.restart();
         self.clock.restart();
         self.duplicates = Duplicates::default();
         self.reference = None;
@@ -274,7 +292,7 @@ impl Rectifier {
             },
             None => self.untouched(&frame),
         };
-        self.solved.push_back(solution);
+        self.pass_on(solution, &frame);
         self.timings.solve += started.elapsed();
     }
 

@@ -15,6 +15,10 @@ pub enum Estimator {
     Sequential,
 }
 
+/// Most frames that the motion waits for where the picture is stabilised: more do not make it better (`docs/accuracy.md`), but the
+/// smoothing.
+pub const MOTION_LOOKAHEAD: usize = 8;
+
 /// How a stream is analysed.
 ///
 /// ```
@@ -50,6 +54,13 @@ pub struct Settings {
     /// Whether the frames were moved after their readout, as by stabilisation in the camera, so that only the
     /// changes of their lean are used; `None` to find out from the picture. Ignored by the sequential estimator.
     pub stabilised: Option<bool>,
+    /// Standard deviation in seconds of the smoothing of the virtual camera's path, 0 to 10; 0: the picture is rectified but not
+    /// stabilised. Frames are smoothed over 2.65 deviations before and after, as far as [`lookahead`](Self::lookahead) reaches:
+    /// of that, the motion itself takes at most [`MOTION_LOOKAHEAD`] frames.
+    pub stabilization: f64,
+    /// How far an edge of the frame may come into the picture where it is stabilised, as a share of the width or height, 0 to
+    /// 0.5: what a zoom hides, (1 − 1/zoom)/2.
+    pub margin: f64,
     /// Whether [`FrameSolution::fitted`](super::FrameSolution::fitted) is filled, which takes memory for each frame.
     pub keep_correspondences: bool,
 }
@@ -68,6 +79,8 @@ impl Default for Settings {
             readout_time: ReadoutTime::Unknown,
             readout_prior: None,
             stabilised: None,
+            stabilization: 0.0,
+            margin: 0.1,
             keep_correspondences: false,
         }
     }

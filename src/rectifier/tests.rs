@@ -11,7 +11,7 @@ pub(super) const HEIGHT: usize = 240;
 pub(super) const PERIOD: f64 = 0.04;
 
 /// Smooth, non-repetitive texture at three scales.
-fn texture(x: f64, y: f64) -> f64 {
+pub(super) fn texture(x: f64, y: f64) -> f64 {
     128.0
         + 60.0 * noise(x / 4.0, y / 4.0)
         + 60.0 * noise(x / 11.0, y / 11.0)
@@ -187,7 +187,13 @@ fn a_duplicate_is_corrected_as_much_as_its_frame() {
         fitted: Vec::new(),
     };
     rectifier.last = Some(found.clone());
-    rectifier.waiting.push_back(Waiting { readout, correspondences: 0, repeats: true, begins_shot: false });
+    rectifier.waiting.push_back(Waiting {
+        time: 0.0,
+        readout,
+        correspondences: 0,
+        repeats: true,
+        begins_shot: false,
+    });
     let solution = rectifier.pop_early().unwrap();
     assert_eq!(solution, FrameSolution { origin: Origin::Repeated, begins_shot: false, ..found });
 }

@@ -2,9 +2,9 @@
 
 use super::axis::Axis;
 use super::settings::WarpSettings;
-use crate::motion::{FrameMotion, IntervalMotion, MotionPath, image_centre};
+use crate::motion::{FrameMotion, IntervalMotion, MotionPath, image_centre, project};
 use crate::readout::Readout;
-use nalgebra::Vector2;
+use nalgebra::{Matrix3, Vector2};
 
 /// Largest zoom.
 const MAX_ZOOM: f64 = 8.0;
@@ -20,19 +20,32 @@ pub(super) struct Correction<'a> {
     path: &'a MotionPath,
     pub centre: Vector2<f64>,
     reference: f64,
+    /// Share of the path's displacement that is applied.
     strength: f64,
+    /// The placement and the share of its displacement that is applied.
+    placement: Option<(Matrix3<f64>, f64)>,
     pub zoom: f64,
 }
 
 impl<'a> Correction<'a> {
     pub fn new(motion: &'a FrameMotion, settings: &WarpSettings) -> Self {
         let (readout, path) = (motion.readout(), motion.path());
+        let reference = within(settings.reference_row, 0.0, 1.0, 0.5);
+        let share = within(settings.strength, 0.0, 1.0, 1.0);
+        let strength = motion.weight() * share;
+        // From the reference to the middle of the readout, as far as the path is applied at all.
+        let to_middle = |placement: &Matrix3<f64>| {
+            let identity = Matrix3::identity();
+            let back = identity + (path.global_over(reference, 0.5) - identity) * strength;
+            (if reference == 0.5 { *placement } else { placement * back }, share)
+        };
         Self {
             readout,
             path,
             centre: image_centre(readout.width, readout.height),
-            reference: within(settings.reference_row, 0.0, 1.0, 0.5),
-            strength: motion.weight() * within(settings.strength, 0.0, 1.0, 1.0),
+            reference,
+            strength,
+            placement: motion.placement().map(to_middle),
             zoom: within(settings.zoom, 1.0, MAX_ZOOM, 1.0),
         }
     }
@@ -49,10 +62,23 @@ impl<'a> Correction<'a> {
         self.path.over(self.readout.share(x, y), self.reference)
     }
 
+    /// The same from a point of the frame (centred pixels).
+    pub fn interval_at(&self, point: Vector2<f64>) -> IntervalMotion {
+        let pixel = point + self.centre;
+        self.interval(pixel.x, pixel.y)
+    }
+
     /// Displacement of a point of the frame (centred pixels), before the zoom: finite, and at most one and
     /// a half frames.
     pub fn displacement(&self, interval: &IntervalMotion, point: Vector2<f64>) -> Vector2<f64> {
         let moved = self.strength * (self.path.carry_by(interval, point) - point);
+        let moved = match &self.placement {
+            Some((placement, share)) => {
+                let rectified = point + moved;
+                moved + *share * (project(placement, rectified) - rectified)
+            }
+            None => moved,
+        };
         let bound = |value: f64, size: usize| within(value, -1.5 * size as f64, 1.5 * size as f64, 0.0);
         Vector2::new(bound(moved.x, self.readout.width), bound(moved.y, self.readout.height))
     }

@@ -4,7 +4,8 @@
 //!
 //! > y = z · (x + α · (carry(x, s, ref) − x))
 //!
-//! with the strength α, the reference share ref and the zoom z; α = 1, z = 1 is 25.11. Moving a point for
+//! with the strength α, the reference share ref and the zoom z; α = 1, z = 1 is 25.11. The placement P of a frame that is
+//! stabilised applies before the zoom, y = z · P(x + …). Moving a point for
 //! a share α of the time instead would not fade a vibration: of 2.3 cycles a frame, α = 0.9 can leave 0.7 of
 //! the amplitude in the first row.
 //!

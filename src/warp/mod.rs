@@ -1,7 +1,8 @@
 //! A frame's motion path and a plane → the rectified plane.
 //!
 //! A point at x in the frame (centred pixels, exposed at share s) is moved to
-//! z · (x + α·(carry(x, s, ref) − x)) in the rectified frame: 25.11 with a strength α and a zoom z.
+//! z · (x + α·(carry(x, s, ref) − x)) in the rectified frame: 25.11 with a strength α and a zoom z. A frame that is stabilised
+//! has a placement besides, a homography P after all this but the zoom: by z · P(…).
 //! [`Warper::prepare`] inverts this map once a frame, [`PreparedFrame::warp`] resamples any of the
 //! frame's planes by it, in two passes: first down the columns, then along the rows (see `kernels`).
 //!
@@ -11,6 +12,7 @@
 mod axis;
 mod blocks;
 mod border;
+mod borders;
 mod correction;
 mod inverse;
 mod kernels;
@@ -24,6 +26,7 @@ mod tests;
 mod weights;
 
 pub use crate::cpu::CpuLevel;
+pub use borders::least_zoom;
 pub use placement::Placement;
 pub use settings::{BorderMode, Interpolation, WarpSettings};
 

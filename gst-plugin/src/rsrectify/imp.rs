@@ -184,6 +184,11 @@ pub struct RsRectify {
     #[property(name = "stabilised", get, set, type = Stabilised, member = stabilised, default,
         nick = "Stabilised",
         blurb = "Whether the frames were moved after their readout, as by stabilisation in the camera; such frames are rectified by the changes of their lean alone, as far as these tell it; auto: found from the picture (sequential: no)", mutable_playing)]
+    /// Standard deviation of the smoothing of the virtual camera's path, in seconds.
+    #[property(name = "stabilization", get, set, type = f64, member = stabilization,
+        nick = "Stabilisation",
+        blurb = "Steadies the picture: standard deviation of the smoothing of the camera's path, in seconds; 0: off; 0.5 takes out the shake of a hand; needs a lookahead of some 2.6 deviations, at most 64 frames, and border-mode=crop to hide the borders",
+        minimum = 0.0, maximum = 10.0, default = Settings::DEFAULT.stabilization, mutable_playing, controllable)]
     pub(super) settings: Shared,
     /// Set before the element is started.
     pub(super) hooks: Mutex<Hooks>,

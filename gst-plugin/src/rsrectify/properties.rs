@@ -40,6 +40,7 @@ pub struct Settings {
     pub expected_readout_deviation: u64,
     pub expected_readout_direction: ReadoutDirection,
     pub stabilised: Stabilised,
+    pub stabilization: f64,
 }
 
 impl Default for Settings {
@@ -75,6 +76,7 @@ impl Settings {
         expected_readout_deviation: 0,
         expected_readout_direction: ReadoutDirection::Auto,
         stabilised: Stabilised::Auto,
+        stabilization: 0.0,
     };
 
     /// How the stream is analysed.
@@ -100,6 +102,10 @@ impl Settings {
         settings.readout_time = readout_time;
         settings.readout_prior = self.readout_prior();
         settings.stabilised = self.stabilised.into();
+        settings.stabilization = self.stabilization;
+        if self.border_mode == BorderMode::Crop {
+            settings.margin = self.crop / 200.0;
+        }
         settings
     }
 

@@ -68,6 +68,17 @@ fn crop_enlarges_in_its_own_mode_only() {
 }
 
 #[test]
+fn stabilisation_may_use_half_of_what_is_cropped_on_each_side() {
+    let mut settings = Settings { crop: 20.0, stabilization: 0.5, ..Settings::default() };
+    let usual = rectifier::Settings::default().margin;
+    assert_eq!((settings.analysis().stabilization, settings.analysis().margin), (0.5, usual));
+    settings.border_mode = BorderMode::Crop;
+    let margin = settings.analysis().margin;
+    // The window that is shown is 1/zoom of the frame.
+    assert!((margin - (1.0 - 1.0 / settings.warp().zoom) / 2.0).abs() < 1e-12);
+}
+
+#[test]
 fn every_setting_is_read_from_where_it_is_written() {
     gst::init().unwrap();
     let element: RsRectify = glib::Object::new();

@@ -138,17 +138,28 @@ impl State {
         buffer.flags().contains(gst::BufferFlags::DISCONT) && !follows().unwrap_or(false)
     }
 
-    /// Grid and lookahead stay as they were when the caps came: latency and buffers depend on them.
+    /// Grid and lookahead stay as they were when the caps came: latency and buffers depend on them. Stabilisation changes
+    /// gradually, without a new analysis.
     fn fixed(&self, mut analysis: rectifier::Settings) -> rectifier::Settings {
         analysis.grid_columns = self.analysis.grid_columns;
         analysis.grid_rows = self.analysis.grid_rows;
         analysis.lookahead = self.analysis.lookahead;
+        analysis.stabilization = self.analysis.stabilization;
+        analysis.margin = self.analysis.margin;
         analysis
     }
 
     /// Takes over the settings; the queue has been drained where they change the analysis.
     pub fn configure(&mut self, settings: &Settings) -> Result<(), rayon::ThreadPoolBuildError> {
-        let analysis = self.fixed(settings.analysis());
+        let wanted = settings.analysis();
+        let (stabilization, margin) = (wanted.stabilization, wanted.margin);
+        if (stabilization, margin) != (self.analysis.stabilization, self.analysis.margin) {
+            (self.analysis.stabilization, self.analysis.margin) = (stabilization, margin);
+            if let Some(rectifier) = &mut self.rectifier {
+                rectifier.set_stabilization(stabilization, margin);
+            }
+        }
+        let analysis = self.fixed(wanted);
         if analysis != self.analysis {
             self.analysis = analysis;
             self.forget_camera();

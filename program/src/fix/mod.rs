@@ -3,6 +3,7 @@
 mod options;
 mod pipeline;
 mod plan;
+mod steady;
 
 use crate::clips;
 use crate::damage::{self, Complaints};
@@ -100,8 +101,16 @@ fn one(job: &Job, options: &FixOptions, interruption: &Interruption) -> Result<(
     }
     interruption.check()?;
     let progress = Arc::new(Progress::default());
+    if !has_motion {
+        steady::set_lookahead(&job.input, &mut recipe.rectifier, interruption)?;
+    }
     let lookahead = recipe.rectifier.analysis.settings().lookahead;
     let part = options.part.of(&job.input, lookahead, interruption)?;
+    if !has_motion
+        && let Some(found) = steady::set_crop(&job.input, &mut recipe.rectifier, part.as_ref(), interruption)?
+    {
+        println!("{found}");
+    }
     let excerpt = part.map(|part| Arc::new(Excerpt::new(part)));
     let is_part = excerpt.is_some();
     let expected = excerpt.as_ref().map(|excerpt| excerpt.frames().len());

@@ -8,7 +8,7 @@ use clap::Args;
 use std::path::PathBuf;
 
 /// Options of the analysis, of which there is none with a motion that is given.
-const MOTION_IS_GIVEN: [&str; 11] = [
+const MOTION_IS_GIVEN: [&str; 12] = [
     "readout_time",
     "inter_frame_delay",
     "readout_direction",
@@ -20,6 +20,7 @@ const MOTION_IS_GIVEN: [&str; 11] = [
     "lookahead",
     "grid_columns",
     "grid_rows",
+    "stabilize",
 ];
 
 /// What the user may ask of `fix`.

@@ -17,6 +17,8 @@ use crate::solve::solution::{FittedCorrespondence, FocalLength, FrameSolution, O
 use nalgebra::{Matrix3, Vector2};
 use std::collections::VecDeque;
 
+mod increments;
+
 /// Frames kept before the one that is settled.
 const PAST: usize = 10;
 /// Pairs of a window after its frame, at most: later ones hardly change the path.

@@ -1,0 +1,88 @@
+//! What stabilisation and a crop take beforehand: the frames to look ahead, and how much is to be cut away.
+
+use crate::analysis::Analysis;
+use crate::interruption::Interruption;
+use crate::part::Part;
+use crate::progress;
+use crate::rectifier_options::{Crop, RectifierOptions};
+use anyhow::{Result, bail};
+use rsrectify::rectifier::MOTION_LOOKAHEAD;
+use rsrectify::warp::{WarpSettings, least_zoom};
+use std::path::Path;
+
+/// Most frames that the element looks ahead.
+const MAX_LOOKAHEAD: u32 = 64;
+/// Half the support of the smoothing in standard deviations.
+const SUPPORT: f64 = 2.65;
+/// Per cent that are cut away at most where the picture is steadied: a quarter more zoom.
+const MAX_CROP: f64 = 20.0;
+/// Share of the margin that the smoothed path uses: where no more is needed, a smaller margin changes nothing.
+const SHARE: f64 = 0.9;
+/// Largest crop in per cent that the element takes.
+const LARGEST: f64 = 50.0;
+
+/// Frames that smoothing with this deviation takes ahead, at so many seconds from frame to frame.
+pub fn lookahead(stabilization: f64, period: f64) -> u32 {
+    let frames = (SUPPORT * stabilization / period).ceil() + MOTION_LOOKAHEAD as f64;
+    // No overflow: conversions saturate.
+    (frames as u32).min(MAX_LOOKAHEAD)
+}
+
+/// Sets the frames to look ahead where the picture is steadied.
+pub fn set_lookahead(clip: &Path, options: &mut RectifierOptions, interruption: &Interruption) -> Result<()> {
+    let stabilization = options.stabilization();
+    if stabilization > 0.0 && options.analysis.lookahead.is_none() {
+        let analysis = Analysis::open(clip, options.analysis.settings(), interruption)?;
+        let period = analysis.period().unwrap_or(1.0 / 30.0);
+        options.analysis.lookahead = Some(lookahead(stabilization, period));
+    }
+    Ok(())
+}
+
+/// Finds the least crop, where that is asked for; what is to be said of it.
+pub fn set_crop(
+    clip: &Path,
+    options: &mut RectifierOptions,
+    part: Option<&Part>,
+    interruption: &Interruption,
+) -> Result<Option<String>> {
+    if options.crop() != Some(Crop::Auto) {
+        return Ok(None);
+    }
+    let stabilization = options.stabilization();
+    let mut settings = options.analysis.settings();
+    settings.stabilization = stabilization;
+    settings.margin = MAX_CROP / 200.0;
+    let mut warp = WarpSettings::default();
+    warp.reference_row = options.reference_row.unwrap_or(warp.reference_row);
+    warp.strength = options.strength.unwrap_or(warp.strength);
+    if options.interpolation.as_deref() == Some("lanczos") {
+        warp.interpolation = rsrectify::warp::Interpolation::Lanczos;
+    }
+    let mut analysis = Analysis::open(clip, settings, interruption)?;
+    if let Some(part) = part {
+        analysis.go_to(part.clone(), interruption)?;
+    }
+    let bar = progress::spinner()?;
+    let (mut zoom, mut frames): (f64, u64) = (1.0, 0);
+    analysis.run(None, interruption, &mut |frame| {
+        zoom = zoom.max(least_zoom(&frame.solution.motion, &warp));
+        frames += 1;
+        bar.set_message(format!("looking for the least crop: {frames} frames"));
+        bar.tick();
+        Ok(())
+    })?;
+    bar.finish_and_clear();
+    if !zoom.is_finite() {
+        bail!("no crop hides the borders: they cross the middle of the picture");
+    }
+    let least = 100.0 * (1.0 - 1.0 / zoom);
+    // The window may not come nearer to the edge than it did here, or the path would be another one.
+    let crop = if stabilization > 0.0 { (least / SHARE).min(MAX_CROP.max(least)) } else { least };
+    let crop = (crop * 100.0).ceil() / 100.0;
+    if crop > LARGEST {
+        bail!("hiding the borders would take a crop of {crop:.0} %");
+    }
+    options.crop = Some(Crop::PerCent(crop));
+    Ok(Some(format!("crop: {crop:.1} % (zoom {:.3})", 1.0 / (1.0 - crop / 100.0))))
+}
