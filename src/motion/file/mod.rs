@@ -42,7 +42,7 @@
 //! | 8 | readout time of the path in seconds |
 //! | 8, 8, 8 | uniform: ω in rad/s, vx and vy in px/s at the centre; otherwise 0 |
 //! | 8, 8, 8, 8 | origin x and y of the mesh in centred pixels, and its spacing in x and y; without a mesh 0 |
-//! | 4 | bytes of the integers, the last field |
+//! | 4 | how many bytes the integers take |
 //! | 4 | checksum: the low 32 bits of the FNV-1a hash (64 bits) of bytes 4 to 119 and of the integers' bytes |
 //! | | the integers, coded as below |
 //!
