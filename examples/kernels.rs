@@ -5,7 +5,7 @@
 //! ```
 //!
 //! A part is `pyramid`; `flow`; `analysis`, the flow and the correspondences sampled from it; or a warp of I420: `warp`,
-//! `warp10` in 10 bits. What N + 1 rounds take less what N take is one round. Prints a checksum of the results: it is the
+//! `warp10` in 10 bits; or one of BGRA: `warpbgra`. What N + 1 rounds take less what N take is one round. Prints a checksum of the results: it is the
 //! same where they are equal to the last digit.
 
 use nalgebra::Vector2;
@@ -46,11 +46,29 @@ fn print_checksum(words: impl Iterator<Item = u32>) {
     println!("checksum {:016x}", words.fold(0xcbf2_9ce4_8422_2325, add));
 }
 
-fn warp(level: CpuLevel, format: SampleFormat, rounds: usize) -> Result<(), Box<dyn Error>> {
+fn motion() -> Result<FrameMotion, Box<dyn Error>> {
     let readout = Readout::new(WIDTH, HEIGHT, ReadoutDirection::TopToBottom, ReadoutTime::Seconds(1.0), 1.0)?;
-    let motion = FrameMotion::new(readout, MotionPath::uniform(Twist::new(0.02, 14.0, -7.0), readout.time()));
+    Ok(FrameMotion::new(readout, MotionPath::uniform(Twist::new(0.02, 14.0, -7.0), readout.time())))
+}
+
+fn warp_interleaved(level: CpuLevel, rounds: usize) -> Result<(), Box<dyn Error>> {
     let mut warper = Warper::with_cpu(level);
-    let frame = warper.prepare(&motion, &WarpSettings::default());
+    let frame = warper.prepare(&motion()?, &WarpSettings::default());
+    let packed = PlaneLayout::packed(WIDTH, HEIGHT, SampleFormat::U8);
+    let layout = PlaneLayout { stride: 4 * WIDTH, step: 4, channels: 4, ..packed };
+    let data: Vec<u8> = (0..4 * WIDTH * HEIGHT).map(|i| (i % 251) as u8).collect();
+    let mut target = data.clone();
+    let source = Plane::new(&data, layout)?;
+    for _ in 0..rounds {
+        frame.warp(&source, &mut PlaneMut::new(&mut target, layout)?, Placement::FULL, [0; 4])?;
+    }
+    print_checksum(target.into_iter().map(u32::from));
+    Ok(())
+}
+
+fn warp(level: CpuLevel, format: SampleFormat, rounds: usize) -> Result<(), Box<dyn Error>> {
+    let mut warper = Warper::with_cpu(level);
+    let frame = warper.prepare(&motion()?, &WarpSettings::default());
     // Words of at most 10 bits where a sample has two bytes.
     let source: Vec<u8> = (0..2 * WIDTH * HEIGHT).map(|i| (i % 4) as u8).collect();
     let mut target = source.clone();
@@ -76,6 +94,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     match part.as_str() {
         "warp" => return warp(level, SampleFormat::U8, rounds),
         "warp10" => return warp(level, SampleFormat::U10, rounds),
+        "warpbgra" => return warp_interleaved(level, rounds),
         _ => {}
     }
     let (first, second) = (frame(0, [0, 0]), frame(1, [600, -275]));

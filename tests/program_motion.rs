@@ -135,6 +135,31 @@ fn parts_and_proxies_are_rectified_by_the_file_of_the_whole() {
 }
 
 #[test]
+fn the_file_states_how_players_show_the_clip() {
+    let folder = Folder::new("shown");
+    let [clip, motion] = shaken(&folder);
+    let shown = MotionFile::open(&motion).unwrap().clip().clone();
+    assert_eq!((shown.mirrored, shown.turned, shown.pixel_aspect), (false, 0, [1, 1]));
+    // The first element of the matrix in the header of the only track, by ISO/IEC 14496-12, made negative.
+    let mut bytes = std::fs::read(&clip).unwrap();
+    let header = bytes.windows(4).position(|name| name == b"tkhd").unwrap() + 4;
+    let element = &mut bytes[header + 40..header + 44];
+    assert_eq!(element, [0, 1, 0, 0]);
+    element.copy_from_slice(&[0xff, 0xff, 0, 0]);
+    let (mirrored, motion) = (folder.file("mirrored.mp4"), folder.file("mirrored.motion"));
+    std::fs::write(&mirrored, bytes).unwrap();
+    let told = succeeds("track", &mirrored, &[&["--motion", text(&motion)], &READOUT[..]].concat());
+    assert!(told.contains("players mirror the clip"), "{told}");
+    assert!(MotionFile::open(&motion).unwrap().clip().mirrored);
+
+    let video = "videotestsrc num-buffers=12 ! video/x-raw,format=I420,width=160,height=120,framerate=25/1,pixel-aspect-ratio=2/1 \
+        ! x264enc speed-preset=ultrafast ! mux.";
+    let (narrow, motion) = (folder.clip("narrow.mkv", "matroskamux", video), folder.file("narrow.motion"));
+    succeeds("track", &narrow, &[&["--motion", text(&motion)], &READOUT[..]].concat());
+    assert_eq!(MotionFile::open(&motion).unwrap().clip().pixel_aspect, [2, 1]);
+}
+
+#[test]
 fn a_file_that_does_not_fit_is_refused() {
     let folder = Folder::new("motion-misfit");
     let [clip, motion] = shaken(&folder);

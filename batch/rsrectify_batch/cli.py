@@ -19,6 +19,9 @@ EXIT_CODES = """Exit codes: 0 all was done, 1 a clip failed and the others were 
 # Frames before a part of a film that is steadied: after four seconds at 60 frames a second, the virtual camera is where it
 # would be in the whole film.
 STEADIED_HALO = 240
+# Options of `rsrectify fix` by which it finds the motion.
+ANALYSIS = {f"--{name}" for name in ("readout-time", "inter-frame-delay", "readout-direction", "camera", "stabilised", "effort",
+                                    "estimator", "model", "focal-length", "lookahead", "grid-columns", "grid-rows")}
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -77,8 +80,12 @@ def _parser() -> argparse.ArgumentParser:
     written = rectify.add_argument_group("files that are written")
     for name in ("codec", "container", "quality", "bitrate", "audio"):
         written.add_argument(f"--{name}", help="as for rsrectify fix")
-    written.add_argument("--stabilize", type=float, metavar="SECONDS",
-                         help="steady the picture, as for rsrectify fix; 10 per cent are cut away, or what --fix --crop says")
+    # A motion file does not hold the steadied path.
+    steadied_or_kept = written.add_mutually_exclusive_group()
+    steadied_or_kept.add_argument("--stabilize", type=float, metavar="SECONDS",
+                                  help="steady the picture, as for rsrectify fix; 10 per cent are cut away, or what --fix --crop says")
+    steadied_or_kept.add_argument("--motion", action="store_true",
+                         help="beside each result a motion file of the clip, for filters in editors: CLIP.motion")
     written.add_argument("--fix", nargs=argparse.REMAINDER, default=[], metavar="OPTION",
                          help="further options of rsrectify fix, up to the end of the line")
 
@@ -100,6 +107,18 @@ def _given(options: argparse.Namespace, *names: str) -> list[str]:
     return [f"--{name}={value}" for name, value in values if value is not None]
 
 
+def _analysis_first(options: list[str]) -> tuple[list[str], list[str]]:
+    """Options of `rsrectify fix`, those of the analysis, which `rsrectify track` has, too, and the rest."""
+    analysis, rest = [], []
+    chosen = rest
+    for option in options:
+        # A value follows its option, or is one with it.
+        if option.startswith("--"):
+            chosen = analysis if option.split("=")[0] in ANALYSIS else rest
+        chosen.append(option)
+    return analysis, rest
+
+
 def _rectify(options: argparse.Namespace) -> int:
     is_given = options.readout_time is not None
     direction, focal_length = _given(options, "readout-direction"), _given(options, "focal-length")
@@ -107,6 +126,10 @@ def _rectify(options: argparse.Namespace) -> int:
     # Parts of a film must be cropped alike; and a steadied path depends on more frames before it.
     is_steadied = bool(options.stabilize)
     crop = ["--crop=10"] if is_steadied and not any(one.startswith("--crop") for one in options.fix) else []
+    fix_options = [*_given(options, "codec", "quality", "bitrate", "stabilize"), *crop, *focal_length, *camera, *options.fix]
+    track_options = []
+    if options.motion:
+        track_options, fix_options = _analysis_first(fix_options)
     settings = Settings(
         program=options.program,
         part=options.part,
@@ -114,9 +137,10 @@ def _rectify(options: argparse.Namespace) -> int:
         same_camera=options.same_camera,
         readout=[*_given(options, "readout-time"), *direction] if is_given else [],
         measure_options=[] if is_given else [*direction, *focal_length, *camera],
-        fix_options=[*_given(options, "codec", "quality", "bitrate", "stabilize"), *crop, *focal_length, *camera,
-                     *options.fix],
+        fix_options=fix_options,
         join_options=_given(options, "audio"),
+        motion=options.motion,
+        track_options=track_options,
         processors=options.processors,
         retries=options.retries,
     )
@@ -124,7 +148,8 @@ def _rectify(options: argparse.Namespace) -> int:
     jobs = _jobs(program, options.clips, options.output.resolve(), settings, _given(options, "container"))
     options.output.mkdir(parents=True, exist_ok=True)
     # What changes the result; not who works on it.
-    decisive = ("part", "halo", "same_camera", "readout", "measure_options", "fix_options", "join_options")
+    decisive = ("part", "halo", "same_camera", "readout", "measure_options", "fix_options", "join_options", "motion",
+                "track_options")
     result = {"program_version": program.run("--version").strip()}
     result |= {name: getattr(settings, name) for name in decisive}
     state = Manifest(options.output, result, options.afresh)
@@ -136,12 +161,12 @@ def _rectify(options: argparse.Namespace) -> int:
 
 def _run(jobs: list[Job], settings: Settings, options: argparse.Namespace, state: Manifest) -> int:
     executor = Ray(options.address, options.processors) if options.address else Local(options.workers)
-    progress = Progress(measures=not settings.readout)
+    progress = Progress(passes=1 + (not settings.readout) + settings.motion)
     try:
         run = Run(jobs, settings, executor, state, progress)
         for clip in run.clips:
-            if clip.is_in_the_way and not options.overwrite:
-                raise ManifestError(f"{clip.job.output} is there already; --overwrite replaces it")
+            if (file := clip.in_the_way) and not options.overwrite:
+                raise ManifestError(f"{file} is there already; --overwrite replaces it")
         failed = asyncio.run(run.all())
     finally:
         executor.close()
@@ -160,7 +185,7 @@ def _jobs(program: Program, clips: list[str], output: Path, settings: Settings, 
     carry out."""
     arguments = [Path(clip).resolve() for clip in clips]
     # Files that are there are looked at later: they may be this run's own.
-    given = [*settings.readout, *settings.all_fix_options, *settings.join_options, *container]
+    given = [*settings.readout, *settings.all_fix_options, *settings.track_options, *settings.join_options, *container]
     found = program.json("fix", "--dry-run", "--json", "--recursive", "--output", f"{output}/", *given, *arguments)
     return [Job(one["clip"], one["output"], one["codec"]) for one in found]
 

@@ -3,12 +3,18 @@
 import json
 import shutil
 import subprocess
+import sys
 import threading
+from importlib.util import find_spec
 from pathlib import Path
 
 # What the program exits with where a clip fails, with the reason, and where the command line cannot be carried out.
 FAILED = 1
 USAGE = 2
+
+
+# What it is called where nothing else is said.
+NAME = "rsrectify"
 
 
 class ProgramError(Exception):
@@ -41,9 +47,7 @@ class Program:
 
     def run(self, *arguments: object) -> str:
         """What a call writes to its standard output; `ProgramError` where it fails."""
-        if not shutil.which(self.path):
-            raise ProgramError(f"{self.path}: no such program", USAGE)
-        command = [self.path, *map(str, arguments)]
+        command = [*self._command(), *map(str, arguments)]
         # A call must not outlive the worker that waits for it: another worker tries the same again.
         if shutil.which("setpriv"):
             command = ["setpriv", "--pdeathsig", "KILL", *command]
@@ -60,6 +64,15 @@ class Program:
         if process.returncode != 0:
             raise ProgramError(_reason(errors) or f"it ended with {process.returncode}", process.returncode)
         return output
+
+    def _command(self) -> list[str]:
+        """How it is started."""
+        if shutil.which(self.path):
+            return [self.path]
+        # A wheel holds both, and its environment need not be on PATH.
+        if self.path == NAME and find_spec("rsrectify_program"):
+            return [sys.executable, "-m", "rsrectify_program"]
+        raise ProgramError(f"{self.path}: no such program", USAGE)
 
     def json(self, *arguments: object):
         """The same of a call that writes JSON."""

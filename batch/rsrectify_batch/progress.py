@@ -6,10 +6,10 @@ from tqdm import tqdm
 
 
 class Progress:
-    """Frames measured and rectified of all clips that are known, as a bar where there is a terminal; and lines."""
+    """Frames of all clips that are known, in each of so many passes, as a bar where there is a terminal; and lines."""
 
-    def __init__(self, measures: bool):
-        self._measures = measures
+    def __init__(self, passes: int):
+        self._passes = passes
         self._known: set[str] = set()
         self._bar = tqdm(total=0, unit=" frames", disable=None, smoothing=0.05, dynamic_ncols=True)
 
@@ -21,11 +21,11 @@ class Progress:
         self._known.add(clip.job.clip)
         frames = index["frames"]
         done = sum(one["end"] - one["first"] for one in clip.known.get("measured", []) if "found" in one)
-        self._bar.total += frames * (2 if self._measures else 1)
+        self._bar.total += frames * self._passes
         self._bar.update(done)
 
     def done(self, frames: int) -> None:
-        """Adds frames that were measured, or rectified."""
+        """Adds frames of a pass."""
         self._bar.update(frames)
 
     def say(self, line: str) -> None:

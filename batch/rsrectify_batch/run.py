@@ -1,6 +1,6 @@
 """A run: all clips, each from its index to the checked file.
 
-    index → measure parts → combine → rectify parts → join
+    index → measure parts → combine → (motion file →) rectify parts → join
 
 Clips go through it side by side, and so do the parts of each, as many at a time as there are workers. What is done is in the
 manifest, and is not done again.
@@ -48,6 +48,10 @@ class Settings:
     measure_options: list[str] = field(default_factory=list)
     fix_options: list[str] = field(default_factory=list)
     join_options: list[str] = field(default_factory=list)
+    # Whether the motion of each clip is found at one go, and kept in a file beside its result.
+    motion: bool = False
+    # Options of `rsrectify track`; with a motion file, `fix_options` has none of the analysis.
+    track_options: list[str] = field(default_factory=list)
     # Processors of each rectifier.
     processors: int = 1
     # How often a step that fails is tried again.
@@ -62,24 +66,32 @@ class Settings:
 class Clip:
     """A clip on its way."""
 
-    def __init__(self, job: Job, known: dict, folder: Path):
+    def __init__(self, job: Job, known: dict, folder: Path, has_motion: bool):
         self.job = job
         # Its entry of the manifest.
         self.known = known
         name = sha256(job.clip.encode()).hexdigest()[:16]
         self.folder = folder / WORK / f"{Path(job.clip).stem}-{name}"
         self.index = str(self.folder / "index.json")
+        # The clip's whole name, as two of one folder may differ in their extension only.
+        self.motion = str(Path(job.output).with_name(f"{Path(job.clip).name}.motion")) if has_motion else None
+
+    @property
+    def has_motion(self) -> bool:
+        """Whether its motion file is written, where there is to be one."""
+        return self.motion is None or _has_size(self.motion, self.known.get("motion"))
 
     @property
     def is_done(self) -> bool:
         result = self.known.get("result")
-        return self.known["state"] == "done" and _has_size(self.job.output, result)
+        return self.known["state"] == "done" and _has_size(self.job.output, result) and self.has_motion
 
     @property
-    def is_in_the_way(self) -> bool:
-        """Whether there is a file under the output's name that no run has written."""
+    def in_the_way(self) -> str | None:
+        """A file under the name of one that is to be written, which no run has written."""
         is_new = "index" not in self.known or self.known["state"] == "done"
-        return is_new and not self.is_done and Path(self.job.output).exists()
+        files = [file for file in (self.job.output, self.motion) if file and Path(file).exists()]
+        return files[0] if is_new and not self.is_done and files else None
 
     @property
     def measurements(self) -> list[dict]:
@@ -105,7 +117,7 @@ class Run:
         self.executor = executor
         self.manifest = manifest
         self.progress = progress
-        self.clips = [Clip(job, manifest.clip(job.clip, job.output), folder) for job in jobs]
+        self.clips = [Clip(job, manifest.clip(job.clip, job.output), folder, settings.motion) for job in jobs]
         # Each clip that is begun has a step to do: with as many of them as there are slots no worker is idle, and no more
         # parts than needed wait to be joined.
         self._begun = asyncio.Semaphore(executor.slots)
@@ -178,11 +190,12 @@ class Run:
 
     def tell(self, clip: Clip, found: readout.Readout | None) -> None:
         """Has all parts of a clip rectified with one readout."""
-        options = found.options(self.settings.fix_options) if found else readout.OPEN
+        options = found.options([*self.settings.fix_options, *self.settings.track_options]) if found else readout.OPEN
         told = {"options": options, "said": str(found)}
         if clip.known.get("readout") != told:
             # What was rectified with another one is of no use.
-            clip.known.pop("parts", None)
+            for one in ("parts", "motion"):
+                clip.known.pop(one, None)
             clip.known["readout"] = told
 
     async def rectify(self, clip: Clip) -> None:
@@ -193,6 +206,8 @@ class Run:
         known.setdefault("parts", [part.entry for part in parts(frames, settings.part, clip.cuts)])
         common = (settings.program, job.clip, clip.index)
         Path(job.output).parent.mkdir(parents=True, exist_ok=True)
+        if settings.motion:
+            told = await self._track(clip, told)
         if len(known["parts"]) == 1:
             options = [*told, *settings.all_fix_options, *settings.join_options]
             known["result"] = await self.step("fix_all", *common, frames, job.output, options)
@@ -207,6 +222,19 @@ class Run:
         shutil.rmtree(clip.folder, ignore_errors=True)
         self.progress.say(f"{job.output}: {frames} frames")
 
+    async def _track(self, clip: Clip, told: list[str]) -> list[str]:
+        """Writes the motion of a clip to a file; the options by which `rsrectify fix` applies it."""
+        known, frames = clip.known, clip.known["index"]["frames"]
+        if not clip.has_motion:
+            # What was rectified by another file is of no use.
+            for one in known["parts"]:
+                one.pop("result", None)
+            options = [*told, *self.settings.track_options]
+            known["motion"] = await self.step("track", self.settings.program, clip.job.clip, frames, clip.motion, options)
+            self.manifest.save(now=True)
+        self.progress.done(frames)
+        return ["--motion", clip.motion]
+
     def _has(self, clip: Clip, one: dict) -> bool:
         part = Part.of(one)
         is_there = _has_size(clip.output_of(part), one.get("result"))
@@ -217,8 +245,10 @@ class Run:
     async def _fix(self, clip: Clip, one: dict, told: list[str]) -> None:
         part, settings = Part.of(one), self.settings
         output, options = clip.output_of(part), [*told, *settings.all_fix_options]
+        # With a motion file nothing is analysed.
+        halo = 0 if settings.motion else settings.halo
         one["result"] = await self.step(
-            "fix", settings.program, clip.job.clip, clip.index, part, settings.halo, output, options
+            "fix", settings.program, clip.job.clip, clip.index, part, halo, output, options
         )
         self.progress.done(part.frames)
         self.manifest.save()

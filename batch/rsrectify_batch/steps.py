@@ -17,6 +17,8 @@ from .program import USAGE, Program, ProgramError
 
 # The coarsest clock of the containers, Matroska's, by default.
 CLOCK_NS = 1_000_000
+# Of a motion file.
+HEADER_BYTES = 1024
 
 
 def index(program: str, clip: str, file: str) -> dict:
@@ -33,6 +35,18 @@ def measure(program: str, clip: str, index_file: str, part: Part, options: list[
     part_options = ["--frames", part, "--halo", 1, "--index", index_file]
     found = Program(program).json("measure", "--json", clip, *part_options, *options)
     return found["clips"][0]
+
+
+def track(program: str, clip: str, frames: int, output: str, options: list[str]) -> dict:
+    """Writes the motion of a clip's frames, found at one go, to a file."""
+    with _replaced(output) as attempt:
+        Program(program).run("track", clip, "--motion", attempt, *options)
+        # The file begins with lines of text.
+        with open(attempt, "rb") as file:
+            header = file.read(HEADER_BYTES).decode().splitlines()
+        if f"frames: {frames}" not in header:
+            raise ProgramError(f"the motion file does not have the clip's {frames} frames", 1)
+        return {"bytes": os.path.getsize(attempt)}
 
 
 def fix(program: str, clip: str, index_file: str, part: Part, halo: int, output: str, options: list[str]) -> dict:
@@ -95,7 +109,7 @@ def _replaced(output: str):
         attempt.unlink(missing_ok=True)
 
 
-STEPS = {step.__name__: step for step in (index, measure, fix, fix_all, join)}
+STEPS = {step.__name__: step for step in (index, measure, track, fix, fix_all, join)}
 
 
 def carry_out(step: str, arguments: tuple):

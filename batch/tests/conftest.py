@@ -71,6 +71,16 @@ def index(file: Path) -> dict:
     return json.loads(subprocess.run([PROGRAM, "index", file], check=True, capture_output=True).stdout)
 
 
+def pixels(file: Path) -> bytes:
+    """All decoded frames of a Matroska file of FFV1."""
+    raw = file.with_suffix(".raw")
+    elements = ["filesrc", f"location={file}", "!", "matroskademux", "!", "avdec_ffv1", "!", "filesink", f"location={raw}"]
+    subprocess.run(["gst-launch-1.0", "-q", *elements], check=True)
+    found = raw.read_bytes()
+    raw.unlink()
+    return found
+
+
 def fix(clip: Path, output: Path, *options: str) -> None:
     """Rectifies a clip by the program itself."""
     subprocess.run([PROGRAM, "fix", clip, "--output", output, *options], check=True, capture_output=True)

@@ -7,7 +7,7 @@ import time
 
 import pytest
 
-from conftest import FILM, FRAMES, PART, READOUT_ERROR_MS, READOUT_MS, fix, index, readout_said, sha256_of_frames
+from conftest import FILM, FRAMES, PART, READOUT_ERROR_MS, READOUT_MS, fix, index, pixels, readout_said, sha256_of_frames
 
 READOUT = ("--readout-time", "26.7", "--readout-direction", "top-to-bottom")
 
@@ -46,6 +46,52 @@ def test_a_clip_of_one_part_is_what_the_program_makes_of_it(output, tmp_path):
     output.run(FILM, options=("--part", "600", *READOUT))
     fix(FILM, tmp_path / "alone.mp4", *READOUT)
     assert sha256_of_frames(output.folder / "film-rectified.mp4") == sha256_of_frames(tmp_path / "alone.mp4")
+
+
+def _as_it_was(folder):
+    """The film, without loss."""
+    fix(FILM, folder / "still.mkv", "--codec", "ffv1", "--strength", "0", *READOUT)
+    return folder / "still.mkv"
+
+
+def test_a_motion_file_beside_the_result_is_what_was_applied(output, tmp_path):
+    options = ("--motion", "--codec", "ffv1", *READOUT, "--fix", "--border-mode", "mirror", "--lookahead", "3")
+    output.run(FILM, options=options)
+    assert output.files == ["film-rectified.mkv", "film.mp4.motion"]
+    clip = output.manifest["clips"][str(FILM)]
+    assert len(clip["parts"]) == FRAMES // PART
+    # The parts, joined, are what the program makes of the whole film, with the file and without.
+    written, file = output.folder / "film-rectified.mkv", output.folder / "film.mp4.motion"
+    given = ("--codec", "ffv1", "--border-mode", "mirror")
+    fix(FILM, tmp_path / "applied.mkv", "--motion", file, *given)
+    fix(FILM, tmp_path / "alone.mkv", *READOUT, "--lookahead", "3", *given)
+    expected = pixels(tmp_path / "alone.mkv")
+    assert len(expected) > FRAMES * 320 * 240 and expected != pixels(_as_it_was(tmp_path))
+    assert pixels(written) == expected and pixels(tmp_path / "applied.mkv") == expected
+    # Nobody's file is replaced; a file of this run that is gone is written again, with what was made by it.
+    before = file.read_bytes()
+    file.unlink()
+    output.run(FILM, options=("--overwrite", *options))
+    assert file.read_bytes() == before and pixels(written) == expected
+    file.write_text("mine")
+    written.unlink()
+    assert "film.mp4.motion is there already" in output.run(FILM, options=("--afresh", *options), code=2)
+    assert file.read_text() == "mine"
+
+
+def test_motion_files_of_measured_clips(output, tmp_path):
+    archive = tmp_path / "archive"
+    archive.mkdir()
+    for name in ("one.mp4", "one.mov", "broken.mov"):
+        shutil.copy(FILM, archive / name)
+    (archive / "broken.mov").write_text("no video")
+    said = output.run(archive, options=("--motion", "--part", "600", "--fix", "--model", "rotation"), code=1)
+    assert "2 of 3 clips rectified" in said
+    written = [name for name in output.files if not name.startswith(".rsrectify-batch")]
+    assert written == ["one-rectified.mov", "one-rectified.mp4", "one.mov.motion", "one.mp4.motion"]
+    files = [(output.folder / f"one.{ending}.motion").read_bytes()[:1024].decode() for ending in ("mp4", "mov")]
+    assert all(f"\nframes: {FRAMES}\n" in header for header in files)
+    assert "\nclip: one.mov\n" in files[1]
 
 
 def test_an_archive_keeps_its_folders_and_a_bad_clip_stops_no_other(output, tmp_path):

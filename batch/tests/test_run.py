@@ -8,7 +8,7 @@ import pytest
 
 from rsrectify_batch.cli import _done
 from rsrectify_batch.executors import WorkerLost
-from rsrectify_batch.program import ProgramError
+from rsrectify_batch.program import Program, ProgramError
 from rsrectify_batch.run import Run, Settings
 
 
@@ -59,3 +59,18 @@ def test_a_finished_clip_of_one_part_is_counted():
     assert _done({"state": "waiting", "parts": [written, two]}).strip() == "1 of 2 parts rectified"
     assert _done({"state": "waiting", "measured": [{**one, "found": {}}, two]}).strip() == "1 of 2 parts measured"
     assert _done({"state": "waiting"}).strip() == "0 of 0 parts measured"
+
+
+def test_a_program_that_is_not_on_path_is_that_of_the_wheel(monkeypatch, tmp_path):
+    monkeypatch.setenv("PATH", str(tmp_path))
+    with pytest.raises(ProgramError, match="no such program"):
+        Program("rsrectify").run("--version")
+    package = tmp_path / "rsrectify_program"
+    package.mkdir()
+    (package / "__init__.py").touch()
+    (package / "__main__.py").write_text("import sys; print(sys.argv[1:])")
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+    assert Program("rsrectify").run("--version").strip() == "['--version']"
+    with pytest.raises(ProgramError, match="no such program"):
+        Program("another").run("--version")

@@ -73,9 +73,38 @@ fn written(u: &mut Unstructured<'_>) -> Result<()> {
                 *byte = u.arbitrary()?;
             }
         }
+        if u.arbitrary()? {
+            mend_checksums(&mut damaged, end);
+        }
         read(damaged);
     }
     Ok(())
+}
+
+/// Writes the checksums of records anew, so that what is in them is read although it was damaged.
+fn mend_checksums(bytes: &mut [u8], index: usize) {
+    // Where the integers begin, the last bytes before which are the checksum.
+    const FIXED: usize = 124;
+    let entries = bytes.get(index..).unwrap_or_default().as_chunks::<ENTRY>().0;
+    let offsets: Vec<_> = entries
+        .iter()
+        .filter_map(|entry| Some(u64::from_le_bytes(*entry.last_chunk::<8>()?) as usize))
+        .collect();
+    for offset in offsets {
+        let Some(record) = bytes.get_mut(offset..index) else { continue };
+        let Some(length) = record.get(FIXED - 8..).and_then(|field| field.first_chunk::<4>()) else {
+            continue;
+        };
+        let packed = FIXED..FIXED.saturating_add(u32::from_le_bytes(*length) as usize);
+        let Some(packed) = record.get(packed) else { continue };
+        let hashed = record.iter().take(FIXED - 4).skip(4).chain(packed);
+        let hash = hashed.fold(0xcbf2_9ce4_8422_2325_u64, |hash, byte| {
+            (hash ^ u64::from(*byte)).wrapping_mul(0x0000_0100_0000_01b3)
+        });
+        if let Some(field) = record.get_mut(FIXED - 4..FIXED) {
+            field.copy_from_slice(&(hash as u32).to_le_bytes());
+        }
+    }
 }
 
 /// All records of a file; `None` for one that cannot be read.

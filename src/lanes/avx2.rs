@@ -137,6 +137,30 @@ impl WordCpu for Avx2 {
     }
 
     #[inline(always)]
+    fn prefetch(self, address: *const u8) {
+        // Any address is allowed.
+        avx2!(_mm_prefetch::<_MM_HINT_T0>(address.cast()));
+    }
+
+    #[inline(always)]
+    fn doubled<const LAST: bool>(self, Words(words): Words) -> Words {
+        if LAST {
+            Words(avx2!(_mm256_unpackhi_epi16(words, words)))
+        } else {
+            Words(avx2!(_mm256_unpacklo_epi16(words, words)))
+        }
+    }
+
+    #[inline(always)]
+    fn doubled_pairs<const LAST: bool>(self, Words(words): Words) -> Words {
+        if LAST {
+            Words(avx2!(_mm256_unpackhi_epi32(words, words)))
+        } else {
+            Words(avx2!(_mm256_unpacklo_epi32(words, words)))
+        }
+    }
+
+    #[inline(always)]
     unsafe fn columns(self, rows: &[*const i16; WORDS]) -> [Words; 6] {
         // SAFETY: the caller's promise, and `self` is a proof of AVX2.
         unsafe {

@@ -111,6 +111,16 @@ pub(crate) trait WordCpu: Cpu {
     /// The lanes whose low and high bytes are those of `bytes` at the given positions, 0 to 7.
     fn shuffled(self, bytes: &[u8; 8], positions: &[u8; 2 * WORDS]) -> Self::Words;
 
+    /// Asks for what is in memory at an address, which may be any, to be brought near; nothing where the compiler has no such
+    /// instruction.
+    fn prefetch(self, address: *const u8);
+
+    /// Of each half of eight lanes the first four, or (`LAST`) the last four, each twice.
+    fn doubled<const LAST: bool>(self, words: Self::Words) -> Self::Words;
+
+    /// The same of pairs: of each half the first two pairs of lanes, or the last two, each twice.
+    fn doubled_pairs<const LAST: bool>(self, words: Self::Words) -> Self::Words;
+
     /// The first six columns of sixteen rows of numbers.
     ///
     /// # Safety

@@ -154,6 +154,31 @@ impl WordCpu for Neon {
     }
 
     #[inline(always)]
+    fn prefetch(self, _: *const u8) {}
+
+    #[inline(always)]
+    fn doubled<const LAST: bool>(self, Words(low, high): Words) -> Words {
+        if LAST {
+            neon!(Words(vzip2q_s16(low, low), vzip2q_s16(high, high)))
+        } else {
+            neon!(Words(vzip1q_s16(low, low), vzip1q_s16(high, high)))
+        }
+    }
+
+    #[inline(always)]
+    fn doubled_pairs<const LAST: bool>(self, Words(low, high): Words) -> Words {
+        neon!({
+            let (low, high) = (vreinterpretq_s32_s16(low), vreinterpretq_s32_s16(high));
+            let (low, high) = if LAST {
+                (vzip2q_s32(low, low), vzip2q_s32(high, high))
+            } else {
+                (vzip1q_s32(low, low), vzip1q_s32(high, high))
+            };
+            Words(vreinterpretq_s16_s32(low), vreinterpretq_s16_s32(high))
+        })
+    }
+
+    #[inline(always)]
     unsafe fn columns(self, rows: &[*const i16; WORDS]) -> [Words; 6] {
         // SAFETY: the caller's promise, and `self` is a proof of NEON.
         unsafe {

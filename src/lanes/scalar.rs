@@ -127,6 +127,19 @@ impl WordCpu for Scalar {
     }
 
     #[inline(always)]
+    fn prefetch(self, _: *const u8) {}
+
+    #[inline(always)]
+    fn doubled<const LAST: bool>(self, Words(words): Words) -> Words {
+        Words(from_fn(|lane| words[lane / 8 * 8 + lane % 8 / 2 + if LAST { 4 } else { 0 }]))
+    }
+
+    #[inline(always)]
+    fn doubled_pairs<const LAST: bool>(self, Words(words): Words) -> Words {
+        Words(from_fn(|lane| words[lane / 8 * 8 + lane % 8 / 4 * 2 + lane % 2 + if LAST { 4 } else { 0 }]))
+    }
+
+    #[inline(always)]
     unsafe fn columns(self, rows: &[*const i16; WORDS]) -> [Words; 6] {
         // SAFETY: the caller's promise.
         from_fn(|column| Words(rows.map(|row| unsafe { *row.add(column) })))

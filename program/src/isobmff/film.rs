@@ -117,6 +117,15 @@ impl<'a> Track<'a> {
         Some(Self { id, handler, content })
     }
 
+    /// Whether players mirror its pictures: the matrix of its header has a negative determinant.
+    pub fn is_mirrored(&self) -> bool {
+        let header = child(self.content, &[b"tkhd"]).unwrap_or_default();
+        // The last words of the header are the nine of the matrix, width and height.
+        let matrix = header.len().checked_sub(44).and_then(|at| header.get(at..)).unwrap_or_default();
+        let element = |index: usize| f64::from(number(matrix, 4 * index).unwrap_or(0) as i32);
+        element(0) * element(4) < element(1) * element(3)
+    }
+
     fn is_enabled(&self) -> bool {
         child(self.content, &[b"tkhd"]).and_then(|header| header.get(3)).is_some_and(|flags| flags & 1 != 0)
     }

@@ -6,6 +6,7 @@
 use crate::decoder;
 use crate::elements::{NO_VIDEO, launch, make, named, pad};
 use crate::interruption::Interruption;
+use crate::isobmff::Film;
 use crate::picture::Picture;
 use crate::playback::{Event, Playback};
 use crate::progress;
@@ -31,15 +32,27 @@ pub fn write<W: Write + Seek + Send + 'static>(
 ) -> Result<(W, usize)> {
     let name = clip.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
     let bytes = std::fs::metadata(clip).context("cannot be read")?.len();
-    let writing: Writing<W> =
-        Arc::new(Mutex::new(MotionWriter::new(output, Clip { name, bytes, turned: 0 })));
-    play(clip, analysis, &writing, interruption)?;
+    let picture = Picture::of(clip)?;
+    let mut identity = Clip::new(name, bytes);
+    let film = Film::read(clip);
+    let video = film.as_ref().and_then(|film| film.track(film.main_video()?));
+    identity.mirrored = video.is_some_and(|track| track.is_mirrored());
+    let aspect = picture.info.as_ref().map(|info| [info.par().numer(), info.par().denom()]);
+    let aspect = aspect.map(|aspect| aspect.map(|side| u32::try_from(side).unwrap_or(0)));
+    identity.pixel_aspect = aspect.filter(|aspect| !aspect.contains(&0)).unwrap_or(identity.pixel_aspect);
+    let writing: Writing<W> = Arc::new(Mutex::new(MotionWriter::new(output, identity)));
+    play(clip, picture.delay, analysis, &writing, interruption)?;
     // The pipeline is gone, and with it the other one who held this.
     let writer = Arc::into_inner(writing).context("the rectifier has not ended")?;
-    let writer = writer.into_inner().unwrap_or_else(PoisonError::into_inner)?;
+    let mut writer = writer.into_inner().unwrap_or_else(PoisonError::into_inner)?;
     let frames = writer.frames();
     if frames == 0 {
         bail!("no frame could be decoded");
+    }
+    if writer.clip_mut().mirrored {
+        eprintln!(
+            "warning: players mirror the clip: `rsrectify fix` applies the file, filters leave the frames as they are"
+        );
     }
     Ok((writer.finish()?, frames))
 }
@@ -47,6 +60,7 @@ pub fn write<W: Write + Seek + Send + 'static>(
 /// Runs the clip through the rectifier, which does not change it, to its end.
 fn play<W: Write + Seek + Send + 'static>(
     clip: &Path,
+    delay: usize,
     analysis: &AnalysisOptions,
     writing: &Writing<W>,
     interruption: &Interruption,
@@ -64,7 +78,7 @@ fn play<W: Write + Seek + Send + 'static>(
     })?;
     note_orientation(&pad(&frames, "sink")?, writing.clone());
     let straightened = times::straighten(&pad(&frames, "src")?);
-    times::mend(&pipeline, Picture::of(clip)?.delay);
+    times::mend(&pipeline, delay);
     let rectifier = named(&pipeline, "rectifier")?;
     let options = RectifierOptions { analysis: analysis.clone(), strength: Some(0.0), ..Default::default() };
     options.apply(&rectifier)?;
@@ -114,7 +128,8 @@ fn note_orientation<W: Write + Seek + Send + 'static>(frames: &gst::Pad, writing
         if let Some(gst::EventView::Tag(tags)) = info.event().map(|event| event.view())
             && let Some(orientation) = tags.tag().get::<gst::tags::ImageOrientation>()
         {
-            let turned = match orientation.get() {
+            let orientation = orientation.get();
+            let turned = match orientation.strip_prefix("flip-").unwrap_or(orientation) {
                 "rotate-90" => 90,
                 "rotate-180" => 180,
                 "rotate-270" => 270,
@@ -122,6 +137,7 @@ fn note_orientation<W: Write + Seek + Send + 'static>(frames: &gst::Pad, writing
             };
             if let Ok(writer) = &mut *writing.lock().unwrap_or_else(PoisonError::into_inner) {
                 writer.clip_mut().turned = turned;
+                writer.clip_mut().mirrored |= orientation.starts_with("flip-");
             }
         }
         gst::PadProbeReturn::Ok

@@ -56,6 +56,11 @@ pub enum MotionFileError {
         /// Width and height in the file.
         file: [usize; 2],
     },
+    /// A clip that players mirror: programs differ in whether they do so before filters.
+    #[error(
+        "players mirror the clip, programs at different places: apply the motion file by `rsrectify fix` first"
+    )]
+    Mirrored,
     /// A frame whose time is not after that of the frame before.
     #[error("the frame at {time} ns does not follow the one at {before} ns")]
     Order {
@@ -87,9 +92,9 @@ pub enum RecordError {
     /// A frame, a path or a mesh that is too large.
     #[error("its frame, path or mesh is too large")]
     TooLarge,
-    /// Integers that cannot be unpacked, or are of another number.
-    #[error("its numbers cannot be unpacked")]
-    Packing,
+    /// Bytes that are not those that were written.
+    #[error("its bytes are not those that were written")]
+    Checksum,
     /// An element of a homography, or a velocity, that is too large to be stored.
     #[error("a number of its motion is too large")]
     Range,

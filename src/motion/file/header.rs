@@ -33,8 +33,13 @@ impl Header {
         }
         let ([major, minor], Self { clip, frames, times, index }) = (VERSION, self);
         let mut text = format!(
-            "{TITLE}{major}.{minor}\nclip: {name}\nclip-bytes: {}\nturned: {}\nframes: {frames}\ntimes-fnv1a: {times:016x}\nindex: {index}\n",
-            clip.bytes, clip.turned
+            "{TITLE}{major}.{minor}\nclip: {name}\nclip-bytes: {}\nturned: {}\nmirrored: {}\npixel-aspect: {}:{}\n\
+             frames: {frames}\ntimes-fnv1a: {times:016x}\nindex: {index}\n",
+            clip.bytes,
+            clip.turned,
+            if clip.mirrored { "yes" } else { "no" },
+            clip.pixel_aspect[0],
+            clip.pixel_aspect[1]
         );
         let padding = HEADER_BYTES.saturating_sub(text.len() + 1);
         text.extend(std::iter::repeat_n(' ', padding));
@@ -65,9 +70,20 @@ impl Header {
         let turned = number("turned")?;
         let turned = [0, 90, 180, 270].into_iter().find(|degrees| u64::from(*degrees) == turned);
         let turned = turned.ok_or(MotionFileError::Header("turned"))?;
+        let mirrored = match value("mirrored")? {
+            "yes" => true,
+            "no" => false,
+            _ => return Err(MotionFileError::Header("mirrored")),
+        };
+        let aspect = value("pixel-aspect")?.split_once(':').and_then(|(width, height)| {
+            let side = |text: &str| text.parse().ok().filter(|side| *side > 0);
+            Some([side(width)?, side(height)?])
+        });
+        let pixel_aspect = aspect.ok_or(MotionFileError::Header("pixel-aspect"))?;
         let times = u64::from_str_radix(value("times-fnv1a")?, 16);
+        let clip = Clip::new(value("clip")?, number("clip-bytes")?);
         Ok(Self {
-            clip: Clip { name: value("clip")?.to_owned(), bytes: number("clip-bytes")?, turned },
+            clip: Clip { turned, mirrored, pixel_aspect, ..clip },
             frames: number("frames")?,
             times: times.map_err(|_| MotionFileError::Header("times-fnv1a"))?,
             index: number("index")?,
@@ -75,21 +91,13 @@ impl Header {
     }
 }
 
-/// The 64-bit FNV-1a hash of times, each as eight little-endian bytes.
-pub(super) fn hash(times: impl IntoIterator<Item = i64>) -> u64 {
-    let bytes = times.into_iter().flat_map(i64::to_le_bytes);
-    // Offset basis and prime of the hash's definition.
-    bytes.fold(0xcbf2_9ce4_8422_2325, |hash, byte| {
-        (hash ^ u64::from(byte)).wrapping_mul(0x0000_0100_0000_01b3)
-    })
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
 
     fn header() -> Header {
-        let clip = Clip { name: "Straße 1.mp4".to_owned(), bytes: 123_456, turned: 270 };
+        let clip = Clip::new("Straße 1.mp4", 123_456);
+        let clip = Clip { turned: 270, mirrored: true, pixel_aspect: [64, 45], ..clip };
         Header { clip, frames: 103, times: 0x0123_4567_89ab_cdef, index: 98_765 }
     }
 
@@ -98,10 +106,11 @@ mod tests {
         let text = header().text();
         assert_eq!(text.len(), HEADER_BYTES);
         assert!(text.starts_with(
-            "rsrectify motion 1.0\nclip: Straße 1.mp4\nclip-bytes: 123456\nturned: 270\nframes: 103\n"
+            "rsrectify motion 1.0\nclip: Straße 1.mp4\nclip-bytes: 123456\nturned: 270\nmirrored: yes\n\
+             pixel-aspect: 64:45\nframes: 103\n"
         ));
         assert_eq!(Header::parse(text.as_bytes()).unwrap(), header());
-        let clip = Clip { name: "ä\n".repeat(2000), bytes: 0, turned: 0 };
+        let clip = Clip::new("ä\n".repeat(2000), 0);
         let text = Header { clip, ..header() }.text();
         assert_eq!(text.len(), HEADER_BYTES);
         assert_eq!(Header::parse(text.as_bytes()).unwrap().frames, 103);
@@ -124,22 +133,17 @@ mod tests {
 
     #[test]
     fn what_is_missing_is_named() {
-        for key in ["clip", "clip-bytes", "turned", "frames", "times-fnv1a", "index"] {
+        for key in
+            ["clip", "clip-bytes", "turned", "mirrored", "pixel-aspect", "frames", "times-fnv1a", "index"]
+        {
             let text = header().text().replace(&format!("\n{key}: "), &format!("\n{}- ", key));
             let error = Header::parse(text.as_bytes()).unwrap_err();
             assert!(error.to_string().ends_with(key), "{error}");
         }
+        for (value, other) in [("64:45", "64:0"), ("64:45", "64"), ("mirrored: yes", "mirrored: maybe")] {
+            assert!(Header::parse(header().text().replace(value, other).as_bytes()).is_err(), "{other}");
+        }
         let cut = header().text();
         assert!(matches!(Header::parse(&cut.as_bytes()[..900]), Err(MotionFileError::Header(_))));
-    }
-
-    #[test]
-    fn the_hash_is_fnv_1a() {
-        // Published values of the hash of nothing and of the bytes 'a', 'b', … 'h'.
-        assert_eq!(hash([]), 0xcbf2_9ce4_8422_2325);
-        let by_hand = b"abcdefgh".iter().fold(14_695_981_039_346_656_037_u64, |hash, byte| {
-            (hash ^ u64::from(*byte)).wrapping_mul(1_099_511_628_211)
-        });
-        assert_eq!(hash([i64::from_le_bytes(*b"abcdefgh")]), by_hand);
     }
 }

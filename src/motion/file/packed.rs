@@ -1,58 +1,128 @@
-//! Integers in few bytes: predicted, as varints, compressed.
+//! Integers in few bytes: predicted, and coded with probabilities that are learnt from those before.
 
-use super::error::RecordError;
-use miniz_oxide::deflate::compress_to_vec_zlib;
-use miniz_oxide::inflate::decompress_to_vec_zlib_with_limit;
+use super::arithmetic::{Coder, Decoder, Encoder, Probability};
+use crate::motion::precision::ELEMENTS;
 
-/// Bytes of the longest varint: 64 bits in groups of 7.
-const LONGEST_VARINT: usize = 10;
-/// Of levels 0 to 10, that from which on files hardly get smaller.
-const COMPRESSION: u8 = 7;
 /// How often differences are taken of the samples of a path. Their noise from rounding grows with the order, to 8 steps for four;
 /// the path itself is smooth over four of 32 samples.
 const ORDER: usize = 4;
+/// Of a number of the mesh, the most steps from 1 that are counted one by one.
+const COUNTED: usize = 20;
+/// Classes of numbers: by their bits.
+const CLASSES: usize = 64;
+/// Upper limits of the activities of the first classes of them.
+const ACTIVITIES: [u64; 12] = [0, 1, 2, 3, 4, 6, 8, 12, 17, 25, 40, 70];
+const ACTIVITY_CLASSES: usize = ACTIVITIES.len() + 1;
+/// Classes of the fraction that the prediction has beyond its integer.
+const FRACTIONS: usize = 8;
+/// A prediction is in units of 1/32.
+const UNIT: i64 = 32;
 
-/// Compresses integers.
-pub(super) fn pack(values: impl IntoIterator<Item = i64>) -> Vec<u8> {
-    let mut bytes = Vec::new();
-    for value in values {
-        let mut rest = (value.wrapping_shl(1) ^ (value >> 63)) as u64;
-        while rest >= 0x80 {
-            bytes.push(rest as u8 | 0x80);
-            rest >>= 7;
-        }
-        bytes.push(rest as u8);
-    }
-    compress_to_vec_zlib(&bytes, COMPRESSION)
+/// The integers of a record.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub(super) struct Integers {
+    /// Of each element in turn, its samples.
+    pub(super) path: Vec<i64>,
+    /// Velocities in x and in y, row by row.
+    pub(super) mesh: [Vec<i64>; 2],
 }
 
-/// Decompresses exactly `count` integers.
-pub(super) fn unpack(bytes: &[u8], count: usize) -> Result<Vec<i64>, RecordError> {
-    let unpacked = decompress_to_vec_zlib_with_limit(bytes, count * LONGEST_VARINT);
-    let bytes = unpacked.map_err(|_| RecordError::Packing)?;
-    let mut values = Vec::with_capacity(count);
-    let (mut value, mut shift) = (0u64, 0u32);
-    for byte in bytes {
-        let bits = u64::from(byte & 0x7f);
-        // The tenth byte has one bit left.
-        if shift > 63 || shift == 63 && bits > 1 {
-            return Err(RecordError::Packing);
-        }
-        value |= bits << shift;
-        shift += 7;
-        if byte & 0x80 == 0 {
-            values.push((value >> 1) as i64 ^ -((value & 1) as i64));
-            (value, shift) = (0, 0);
+impl Integers {
+    /// As many, all zero.
+    fn zeros(samples: usize, nodes: usize) -> Self {
+        Self { path: vec![0; samples * ELEMENTS], mesh: [vec![0; nodes], vec![0; nodes]] }
+    }
+
+    /// Codes all of them; they are replaced by those that were read.
+    fn code(&mut self, coder: &mut impl Coder, columns: usize) {
+        let samples = self.path.len() / ELEMENTS;
+        code_path(coder, &mut self.path, samples.max(1));
+        let mut model = MeshModel::new();
+        for axis in &mut self.mesh {
+            model.code(coder, axis, columns.max(1));
         }
     }
-    if values.len() != count || shift != 0 {
-        return Err(RecordError::Packing);
+
+    /// The bytes of the integers; the mesh has so many columns.
+    pub(super) fn pack(mut self, columns: usize) -> Vec<u8> {
+        let mut encoder = Encoder::new();
+        self.code(&mut encoder, columns);
+        encoder.finish()
     }
-    Ok(values)
+
+    /// The integers of a path of so many samples, and of a mesh. Bytes that nobody has written become some integers.
+    pub(super) fn unpack(bytes: &[u8], samples: usize, [columns, rows]: [usize; 2]) -> Self {
+        let mut integers = Self::zeros(samples, columns.saturating_mul(rows));
+        integers.code(&mut Decoder::new(bytes), columns);
+        integers
+    }
+}
+
+/// A number of at least 1: how many bits it has, with a probability for each, and these but the first.
+fn code_magnitude(coder: &mut impl Coder, classes: &mut [Probability; CLASSES], value: u64) -> u64 {
+    let wanted = value.checked_ilog2().unwrap_or(0);
+    let mut bits = 0;
+    for (class, probability) in (0..CLASSES as u32 - 1).zip(classes.iter_mut()) {
+        if !coder.bit(probability, class < wanted) {
+            break;
+        }
+        bits = class + 1;
+    }
+    (0..bits).rev().fold(1, |read, bit| {
+        read << 1 | u64::from(coder.bit(&mut Probability::EVEN.clone(), value >> bit & 1 == 1))
+    })
+}
+
+fn signed(magnitude: u64, is_negative: bool) -> i64 {
+    if is_negative { (magnitude as i64).wrapping_neg() } else { magnitude as i64 }
+}
+
+/// Probabilities of the numbers of a path in one context.
+#[derive(Clone, Copy)]
+struct PathModel {
+    zero: Probability,
+    negative: Probability,
+    classes: [Probability; CLASSES],
+}
+
+/// Contexts of a path's numbers: each of the first ones, and the others by the class of those before.
+const PATH_CONTEXTS: usize = ORDER + 8;
+
+/// Fourth differences of each element, each in the context of its place or of the two before.
+fn code_path(coder: &mut impl Coder, path: &mut [i64], samples: usize) {
+    let none = PathModel {
+        zero: Probability::EVEN,
+        negative: Probability::EVEN,
+        classes: [Probability::EVEN; CLASSES],
+    };
+    let mut models = [none; PATH_CONTEXTS];
+    for values in path.chunks_mut(samples) {
+        difference(values);
+        let mut before = [0u64; 2];
+        for (index, value) in values.iter_mut().enumerate() {
+            let activity = before[0].saturating_add(before[1]);
+            let context = if index < ORDER { index } else { ORDER + activity_class(activity).min(7) };
+            if let Some(model) = models.get_mut(context) {
+                *value = model.code(coder, *value);
+            }
+            before = [before[1], value.unsigned_abs()];
+        }
+        sum(values);
+    }
+}
+
+impl PathModel {
+    fn code(&mut self, coder: &mut impl Coder, value: i64) -> i64 {
+        if coder.bit(&mut self.zero, value == 0) {
+            return 0;
+        }
+        let is_negative = coder.bit(&mut self.negative, value < 0);
+        signed(code_magnitude(coder, &mut self.classes, value.unsigned_abs()), is_negative)
+    }
 }
 
 /// Replaces values by their fourth differences.
-pub(super) fn difference(values: &mut [i64]) {
+fn difference(values: &mut [i64]) {
     for _ in 0..ORDER {
         let mut before = 0;
         for value in values.iter_mut() {
@@ -62,7 +132,7 @@ pub(super) fn difference(values: &mut [i64]) {
 }
 
 /// Undoes [`difference`].
-pub(super) fn sum(values: &mut [i64]) {
+fn sum(values: &mut [i64]) {
     for _ in 0..ORDER {
         let mut before = 0i64;
         for value in values.iter_mut() {
@@ -72,37 +142,108 @@ pub(super) fn sum(values: &mut [i64]) {
     }
 }
 
-/// The prediction of a node from its neighbours to the left, above, and above the left one: that of LOCO-I
-/// (Weinberger, Seroussi and Sapiro, 2000). 0 at the first node.
-fn prediction(values: &[i64], columns: usize, index: usize) -> i64 {
+fn activity_class(activity: u64) -> usize {
+    ACTIVITIES.iter().position(|limit| activity <= *limit).unwrap_or(ACTIVITIES.len())
+}
+
+/// Probabilities of the numbers of a mesh: of errors of prediction, by how much the velocities around them and the errors beside
+/// them vary, and by the fraction of the prediction.
+struct MeshModel {
+    zero: [[Probability; FRACTIONS]; ACTIVITY_CLASSES],
+    negative: [[Probability; FRACTIONS]; ACTIVITY_CLASSES],
+    steps: [[Probability; COUNTED]; ACTIVITY_CLASSES],
+    beyond: [Probability; CLASSES],
+}
+
+/// What is expected of a node.
+struct Expected {
+    /// In 1/[`UNIT`].
+    prediction: i64,
+    activity: u64,
+}
+
+impl MeshModel {
+    const fn new() -> Self {
+        const EVEN: Probability = Probability::EVEN;
+        Self {
+            zero: [[EVEN; FRACTIONS]; ACTIVITY_CLASSES],
+            negative: [[EVEN; FRACTIONS]; ACTIVITY_CLASSES],
+            steps: [[EVEN; COUNTED]; ACTIVITY_CLASSES],
+            beyond: [EVEN; CLASSES],
+        }
+    }
+
+    fn code(&mut self, coder: &mut impl Coder, values: &mut [i64], columns: usize) {
+        // Of the nodes of the row above and of this row so far.
+        let mut errors = vec![0u64; columns];
+        for index in 0..values.len() {
+            let column = index % columns;
+            let Expected { prediction, activity } = expected(values, columns, index);
+            let left = column.checked_sub(1).and_then(|left| errors.get(left)).copied().unwrap_or(0);
+            let above = errors.get(column).copied().unwrap_or(0);
+            let class = activity_class(activity.saturating_add(left).saturating_add(above));
+            let whole = prediction.wrapping_add(UNIT / 2).div_euclid(UNIT);
+            let fraction =
+                prediction.wrapping_add(UNIT / 2).rem_euclid(UNIT) as usize * FRACTIONS / UNIT as usize;
+            let Some(value) = values.get_mut(index) else { return };
+            let error = self.error(coder, class, fraction, value.wrapping_sub(whole));
+            *value = whole.wrapping_add(error);
+            if let Some(place) = errors.get_mut(column) {
+                *place = error.unsigned_abs();
+            }
+        }
+    }
+
+    /// An error of prediction.
+    fn error(&mut self, coder: &mut impl Coder, class: usize, fraction: usize, value: i64) -> i64 {
+        // Both are in range.
+        let (class, fraction) = (class.min(ACTIVITY_CLASSES - 1), fraction.min(FRACTIONS - 1));
+        if coder.bit(&mut self.zero[class][fraction], value == 0) {
+            return 0;
+        }
+        let is_negative = coder.bit(&mut self.negative[class][fraction], value < 0);
+        let wanted = value.unsigned_abs().saturating_sub(1);
+        for (count, probability) in (0..).zip(self.steps[class].iter_mut()) {
+            if coder.bit(probability, wanted == count) {
+                return signed(count + 1, is_negative);
+            }
+        }
+        let counted = COUNTED as u64;
+        let beyond = code_magnitude(coder, &mut self.beyond, (wanted + 1).saturating_sub(counted));
+        signed(beyond.saturating_add(counted), is_negative)
+    }
+}
+
+/// What the nodes before let expect of a node: those to the left (W) and above (N), and their neighbours.
+fn expected(values: &[i64], columns: usize, index: usize) -> Expected {
+    let (row, column) = (index / columns, index % columns);
     let at = |back: usize| index.checked_sub(back).and_then(|index| values.get(index)).copied().unwrap_or(0);
-    match (index >= columns, !index.is_multiple_of(columns.max(1))) {
-        (false, _) => at(1),
-        (true, false) => at(columns),
-        (true, true) => {
-            let (left, above, corner) = (at(1), at(columns), at(columns + 1));
-            let plane = left.wrapping_add(above).wrapping_sub(corner);
-            plane.clamp(left.min(above), left.max(above))
+    let [w, n, nw, ne, ww, nn] = match (row, column) {
+        (0, 0) => [0; 6],
+        (0, _) => {
+            let w = at(1);
+            [w, w, w, w, if column > 1 { at(2) } else { w }, w]
         }
-    }
-}
-
-/// The differences of the values of a mesh, row by row, from their predictions.
-pub(super) fn mesh_differences(values: &[i64], columns: usize) -> impl Iterator<Item = i64> + '_ {
-    values
-        .iter()
-        .enumerate()
-        .map(move |(index, value)| value.wrapping_sub(prediction(values, columns, index)))
-}
-
-/// Undoes [`mesh_differences`] in place.
-pub(super) fn undo_mesh_differences(values: &mut [i64], columns: usize) {
-    for index in 0..values.len() {
-        let predicted = prediction(values, columns, index);
-        if let Some(value) = values.get_mut(index) {
-            *value = value.wrapping_add(predicted);
+        (_, 0) => {
+            let n = at(columns);
+            let (ne, nn) =
+                (if columns > 1 { at(columns - 1) } else { n }, if row > 1 { at(2 * columns) } else { n });
+            [n, n, n, ne, n, nn]
         }
-    }
+        _ => {
+            let (w, n) = (at(1), at(columns));
+            let ne = if column + 1 < columns { at(columns - 1) } else { n };
+            let ww = if column > 1 { at(2) } else { w };
+            [w, n, at(columns + 1), ne, ww, if row > 1 { at(2 * columns) } else { n }]
+        }
+    };
+    // Found by least squares over real clips.
+    let terms = [(w, 21i64), (n, 20), (nw, -12), (ne, 1), (ww, 1), (nn, 1)];
+    let prediction =
+        terms.iter().fold(0i64, |sum, (value, weight)| sum.wrapping_add(value.wrapping_mul(*weight)));
+    let steps = [w.wrapping_sub(nw), n.wrapping_sub(nw), n.wrapping_sub(ne)];
+    let activity = steps.iter().fold(0u64, |sum, step| sum.saturating_add(step.unsigned_abs()));
+    Expected { prediction, activity }
 }
 
 #[cfg(test)]
@@ -112,47 +253,46 @@ mod tests {
 
     proptest! {
         #[test]
-        fn integers_come_back(values in prop::collection::vec(any::<i64>(), 0..200), columns in 1..20usize) {
-            prop_assert_eq!(unpack(&pack(values.iter().copied()), values.len()).unwrap(), values.clone());
-            let mut changed = values.clone();
-            difference(&mut changed);
-            sum(&mut changed);
-            prop_assert_eq!(&changed, &values);
-            let mut changed: Vec<_> = mesh_differences(&values, columns).collect();
-            undo_mesh_differences(&mut changed, columns);
-            prop_assert_eq!(&changed, &values);
+        fn integers_come_back(
+            path in prop::collection::vec(any::<i64>(), 0..9),
+            x in prop::collection::vec(prop_oneof![any::<i64>(), -40..40_i64], 0..200),
+            columns in 1..20usize,
+        ) {
+            let rows = x.len() / columns;
+            let x = x[..rows * columns].to_vec();
+            let y: Vec<_> = x.iter().map(|value| value / 7).collect();
+            let integers = Integers { path: path.repeat(ELEMENTS), mesh: [x, y] };
+            let bytes = integers.clone().pack(columns);
+            prop_assert_eq!(Integers::unpack(&bytes, path.len(), [columns, rows]), integers);
         }
 
         #[test]
-        fn any_bytes_are_read_or_refused(bytes in prop::collection::vec(any::<u8>(), 0..80), count in 0..50usize) {
-            if let Ok(values) = unpack(&bytes, count) {
-                prop_assert_eq!(values.len(), count);
-            }
-            if let Ok(values) = unpack(&compress_to_vec_zlib(&bytes, 1), count) {
-                prop_assert_eq!(values.len(), count);
-            }
+        fn any_bytes_are_some_integers(bytes in prop::collection::vec(any::<u8>(), 0..80), samples in 0..40usize) {
+            let integers = Integers::unpack(&bytes, samples, [5, 7]);
+            prop_assert_eq!(integers.path.len(), samples * ELEMENTS);
         }
     }
 
     #[test]
-    fn the_encoding_is_that_of_the_documentation() {
-        // 300 << 1 = 600 = 4·128 + 88; −1 becomes 1.
-        let bytes = decompress_to_vec_zlib_with_limit(&pack([300, -1, 0]), 10).unwrap();
-        assert_eq!(bytes, [88 | 0x80, 4, 1, 0]);
+    fn smooth_integers_take_few_bytes() {
         // A cubic has constant third differences, so the fourth are 0 but at the beginning.
         let mut cubic: Vec<i64> = (0..9).map(|i| i * i * i - 7 * i).collect();
         difference(&mut cubic);
         assert!(cubic[4..].iter().all(|value| *value == 0), "{cubic:?}");
-        // 3 columns: 10 above 14 and so on; the planar prediction of 17 is 12 + 16 − 11.
-        let mesh = [10, 11, 16, 10, 12, 17];
-        assert_eq!(mesh_differences(&mesh, 3).collect::<Vec<_>>(), [10, 1, 5, 0, 1, 1]);
+        let plane: Vec<i64> = (0..6400).map(|node| node % 80 / 3 + node / 80 / 5).collect();
+        let integers = Integers { path: Vec::new(), mesh: [plane.clone(), plane] };
+        let length = integers.pack(80).len();
+        assert!(length < 2000, "{length} bytes");
     }
 
     #[test]
-    fn a_number_of_more_than_64_bits_is_refused() {
-        let long = [0xff; 9].into_iter().chain([0x02]).collect::<Vec<u8>>();
-        assert_eq!(unpack(&compress_to_vec_zlib(&long, 1), 1), Err(RecordError::Packing));
-        let largest = [0xff; 9].into_iter().chain([0x01]).collect::<Vec<u8>>();
-        assert_eq!(unpack(&compress_to_vec_zlib(&largest, 1), 1), Ok(vec![i64::MIN]));
+    fn the_prediction_is_that_of_the_documentation() {
+        // 3 columns; of the last node w = 12, n = 16, nw = 11, ne = n and nn = n beyond the edges, ww = 10.
+        let values = [10, 11, 16, 10, 12, 0];
+        let Expected { prediction, activity } = expected(&values, 3, 5);
+        assert_eq!(prediction, 21 * 12 + 20 * 16 - 12 * 11 + 16 + 10 + 16);
+        assert_eq!(activity, 1 + 5);
+        assert_eq!(expected(&values, 3, 0).prediction, 0);
+        assert_eq!(expected(&values, 3, 1).prediction, 32 * 10);
     }
 }

@@ -2,7 +2,8 @@
 
 use super::clip::Clip;
 use super::error::{MotionFileError, RecordError};
-use super::header::{HEADER_BYTES, Header, hash};
+use super::hash::hash;
+use super::header::{HEADER_BYTES, Header};
 use super::record::{FIXED_BYTES, MotionRecord};
 use super::source::Source;
 use crate::motion::FrameMotion;
@@ -123,34 +124,37 @@ impl MotionFile {
         (age < self.interval - self.interval / TOLERANCE).then_some(last)
     }
 
-    /// The motion of the frame that is shown at a time (see [`at`](Self::at)), scaled to `width` × `height` pixels;
-    /// `None` where there is none.
+    /// The motion of the frame that is shown at a time (see [`at`](Self::at)), scaled to `width` × `height` pixels, which may
+    /// be square where those of the clip are not; `None` where there is none.
     ///
     /// # Errors
     /// If its record cannot be read or is damaged, or is of frames of another shape.
-    pub fn motion(
-        &self,
-        time: i64,
-        [width, height]: [usize; 2],
-    ) -> Result<Option<FrameMotion>, MotionFileError> {
+    pub fn motion(&self, time: i64, size: [usize; 2]) -> Result<Option<FrameMotion>, MotionFileError> {
         let Some(frame) = self.at(time) else { return Ok(None) };
-        fitted(&self.record(frame)?.motion, [width, height]).map(Some)
+        fitted(&self.record(frame)?.motion, size, self.clip().pixel_ratio()).map(Some)
     }
 
     /// The same of a frame that a program has turned upright, as [`Clip::turned`] states it; a frame of another shape than turned ones
     /// counts as not turned.
     ///
     /// # Errors
-    /// As [`motion`](Self::motion).
+    /// As [`motion`](Self::motion), and if the clip is [mirrored](Clip::mirrored).
     pub fn upright_motion(
         &self,
         time: i64,
         size: [usize; 2],
     ) -> Result<Option<FrameMotion>, MotionFileError> {
+        let clip = self.clip();
+        if clip.mirrored {
+            return Err(MotionFileError::Mirrored);
+        }
         let Some(frame) = self.at(time) else { return Ok(None) };
         let motion = self.record(frame)?.motion;
-        let turned = (0..self.header.clip.turned / 90).fold(motion.clone(), |motion, _| motion.turned());
-        fitted(&turned, size).or_else(|_| fitted(&motion, size)).map(Some)
+        let quarters = clip.turned / 90;
+        let turned = (0..quarters).fold(motion.clone(), |motion, _| motion.turned());
+        let ratio = clip.pixel_ratio();
+        let upright_ratio = if quarters.is_multiple_of(2) { ratio } else { 1.0 / ratio };
+        fitted(&turned, size, upright_ratio).or_else(|_| fitted(&motion, size, ratio)).map(Some)
     }
 
     /// The record of a frame.
@@ -173,13 +177,18 @@ impl MotionFile {
     }
 }
 
-/// The motion scaled to frames of another size.
-fn fitted(motion: &FrameMotion, [width, height]: [usize; 2]) -> Result<FrameMotion, MotionFileError> {
+/// The motion scaled to frames of another size, with pixels as in the clip or square ones in place of those that have this
+/// ratio of width to height.
+fn fitted(
+    motion: &FrameMotion,
+    [width, height]: [usize; 2],
+    pixel_ratio: f64,
+) -> Result<FrameMotion, MotionFileError> {
     let file = [motion.readout().width(), motion.readout().height()];
     let ratio = (width * file[1]) as f64 / (height * file[0]) as f64;
     // Not of frames without pixels: 0 or NaN.
-    let is_alike = (1.0 / SHAPE_TOLERANCE..SHAPE_TOLERANCE).contains(&ratio);
-    is_alike
+    let is_like = |expected: f64| (1.0 / SHAPE_TOLERANCE..SHAPE_TOLERANCE).contains(&(ratio / expected));
+    (is_like(1.0) || is_like(pixel_ratio))
         .then(|| motion.scaled_to(width, height))
         .ok_or(MotionFileError::Shape { frame: [width, height], file })
 }

@@ -1,7 +1,8 @@
 //! The record of one frame.
 
 use super::error::RecordError;
-use super::packed::{difference, mesh_differences, pack, sum, undo_mesh_differences, unpack};
+use super::hash::fnv1a;
+use super::packed::Integers;
 use crate::motion::path::Global;
 use crate::motion::precision::{self, ELEMENTS, Steps};
 use crate::motion::{FrameMotion, MotionPath, ResidualField, ResidualMesh, SampledPath, Twist};
@@ -9,7 +10,9 @@ use crate::readout::{Readout, ReadoutDirection, ReadoutTime};
 use nalgebra::Matrix3;
 
 /// Bytes of a record before what is packed.
-pub(super) const FIXED_BYTES: usize = 120;
+pub(super) const FIXED_BYTES: usize = 124;
+/// Bytes before the checksum.
+const BEFORE_CHECKSUM: usize = FIXED_BYTES - 4;
 /// Largest side of a frame in pixels, as of the rectifier.
 const MAX_SIDE: u32 = 1 << 20;
 /// Most samples of a path and nodes of a mesh. The rectifier's have 33, and 120 × 120.
@@ -63,21 +66,21 @@ impl MotionRecord {
         if width.max(height) > MAX_SIDE {
             return Err(RecordError::TooLarge);
         }
-        let mut integers = Vec::new();
+        let mut integers = Integers::default();
         let (kind, samples, twist, path_time) = match path.global() {
             Global::Uniform { twist, readout_time } => (UNIFORM, 0, *twist, *readout_time),
             Global::Sampled(path) => {
-                let samples = encode_path(path, readout, &mut integers)?;
+                let samples = encode_path(path, readout, &mut integers.path)?;
                 (SAMPLED, samples, Twist::ZERO, path.readout_time())
             }
         };
         let none = ResidualMesh { columns: 0, rows: 0, origin: [0.0; 2], spacing: [0.0; 2] };
         let mesh = path.residual().map_or(none, |field| *field.mesh());
         if let Some(field) = path.residual() {
-            encode_field(field, &mut integers)?;
+            integers.mesh = encode_field(field)?;
         }
         let short = |count: usize| u16::try_from(count).map_err(|_| RecordError::TooLarge);
-        let packed = pack(integers);
+        let packed = integers.pack(mesh.columns);
         let length = u32::try_from(FIXED_BYTES + packed.len()).map_err(|_| RecordError::TooLarge)?;
         let mut bytes = Vec::with_capacity(FIXED_BYTES + packed.len());
         let direction = DIRECTIONS.iter().position(|one| *one == readout.direction()).unwrap_or_default();
@@ -93,6 +96,7 @@ impl MotionRecord {
             bytes.extend(value.to_le_bytes());
         }
         bytes.extend((packed.len() as u32).to_le_bytes());
+        bytes.extend(checksum(&bytes, &packed).to_le_bytes());
         bytes.extend(packed);
         Ok(bytes)
     }
@@ -110,9 +114,13 @@ impl MotionRecord {
         let origin = [fields.f64()?, fields.f64()?];
         let spacing = [fields.f64()?, fields.f64()?];
         let packed = fields.u32()? as usize;
+        let expected_checksum = fields.u32()?;
         let packed = fields.0.get(..packed).ok_or(RecordError::CutShort)?;
         if length < FIXED_BYTES + packed.len() || bytes.len() < length {
             return Err(RecordError::CutShort);
+        }
+        if checksum(bytes.get(..BEFORE_CHECKSUM).unwrap_or_default(), packed) != expected_checksum {
+            return Err(RecordError::Checksum);
         }
         let nodes = columns * rows;
         if width.max(height) > MAX_SIDE || samples > MAX_SAMPLES || nodes > MAX_NODES {
@@ -122,12 +130,11 @@ impl MotionRecord {
         let (width, height) = (width as usize, height as usize);
         let readout = Readout::new(width, height, *direction, ReadoutTime::Seconds(readout_time), 1.0)?;
         let samples = if kind == SAMPLED { samples } else { 0 };
-        let mut integers = unpack(packed, samples * ELEMENTS + nodes * 2)?;
-        let field = integers.split_off(samples * ELEMENTS);
+        let Integers { path: steps, mesh: field } = Integers::unpack(packed, samples, [columns, rows]);
         let path = match kind {
             UNIFORM if twist.is_finite() && path_time.is_finite() => MotionPath::uniform(twist, path_time),
             UNIFORM => return Err(RecordError::NotFinite),
-            SAMPLED => MotionPath::from(decode_path(integers, samples, &readout, path_time)?),
+            SAMPLED => MotionPath::from(decode_path(&steps, samples, &readout, path_time)?),
             other => return Err(RecordError::Kind(other)),
         };
         let path = if nodes > 0 {
@@ -151,23 +158,20 @@ fn encode_path(path: &SampledPath, readout: &Readout, integers: &mut Vec<i64>) -
     let steps: Option<Vec<Steps>> = motions.iter().map(|motion| precision::steps(motion, radius)).collect();
     let steps = steps.ok_or(RecordError::Range)?;
     for element in 0..ELEMENTS {
-        let mut values: Vec<i64> = steps.iter().filter_map(|steps| steps.get(element)).copied().collect();
-        difference(&mut values);
-        integers.extend(values);
+        integers.extend(steps.iter().filter_map(|steps| steps.get(element)));
     }
     samples.ok_or(RecordError::TooLarge)
 }
 
 fn decode_path(
-    mut integers: Vec<i64>,
+    integers: &[i64],
     samples: usize,
     readout: &Readout,
     path_time: f64,
 ) -> Result<SampledPath, RecordError> {
     let radius = precision::radius(readout.width(), readout.height());
     let mut all = vec![Steps::default(); samples];
-    for (element, values) in integers.chunks_mut(samples.max(1)).enumerate() {
-        sum(values);
+    for (element, values) in integers.chunks(samples.max(1)).enumerate() {
         for (steps, value) in all.iter_mut().zip(values) {
             if let Some(step) = steps.get_mut(element) {
                 *step = *value;
@@ -178,31 +182,29 @@ fn decode_path(
     Ok(SampledPath::new(&motions, path_time)?)
 }
 
-/// Appends the integers of a field, those of the velocities in x first.
-fn encode_field(field: &ResidualField, integers: &mut Vec<i64>) -> Result<(), RecordError> {
+/// The integers of a field, along each axis.
+fn encode_field(field: &ResidualField) -> Result<[Vec<i64>; 2], RecordError> {
     let mesh = field.mesh();
     if field.velocities().len() > MAX_NODES {
         return Err(RecordError::TooLarge);
     }
-    for (axis, spacing) in mesh.spacing.into_iter().enumerate() {
+    let along = |axis: usize, spacing: f64| -> Option<Vec<i64>> {
         let velocities = field.velocities().iter().filter_map(|velocity| velocity.get(axis));
-        let steps: Option<Vec<i64>> =
-            velocities.map(|velocity| precision::velocity_steps(*velocity, spacing)).collect();
-        integers.extend(mesh_differences(&steps.ok_or(RecordError::Range)?, mesh.columns));
-    }
-    Ok(())
+        velocities.map(|velocity| precision::velocity_steps(*velocity, spacing)).collect()
+    };
+    let [across, down] = mesh.spacing;
+    Ok([along(0, across).ok_or(RecordError::Range)?, along(1, down).ok_or(RecordError::Range)?])
 }
 
-fn decode_field(mut integers: Vec<i64>, mesh: ResidualMesh) -> Result<ResidualField, RecordError> {
-    let [mut x, mut y] = {
-        let y = integers.split_off(mesh.columns * mesh.rows);
-        [integers, y]
-    };
-    undo_mesh_differences(&mut x, mesh.columns);
-    undo_mesh_differences(&mut y, mesh.columns);
+fn decode_field([x, y]: [Vec<i64>; 2], mesh: ResidualMesh) -> Result<ResidualField, RecordError> {
     let [across, down] = mesh.spacing;
     let velocity = |(x, y)| [precision::velocity(x, across), precision::velocity(y, down)];
     Ok(ResidualField::new(mesh, x.into_iter().zip(y).map(velocity).collect())?)
+}
+
+/// The checksum of a record: of all but its length, which later versions change, and the checksum itself.
+fn checksum(before: &[u8], packed: &[u8]) -> u32 {
+    fnv1a(before.iter().skip(4).chain(packed).copied()) as u32
 }
 
 /// What is left of a record's bytes.

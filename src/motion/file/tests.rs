@@ -49,7 +49,7 @@ fn records() -> Vec<MotionRecord> {
 }
 
 fn written(records: &[MotionRecord]) -> Vec<u8> {
-    let clip = Clip { name: "phone.mp4".to_owned(), bytes: 12345, turned: 0 };
+    let clip = Clip::new("phone.mp4", 12345);
     let mut writer = MotionWriter::new(Cursor::new(Vec::new()), clip).unwrap();
     records.iter().for_each(|record| writer.push(record).unwrap());
     writer.finish().unwrap().into_inner()
@@ -63,7 +63,7 @@ fn motions_come_back_exactly() {
     let files = [MotionFile::from_bytes(bytes).unwrap(), MotionFile::open(&path).unwrap()];
     std::fs::remove_file(&path).unwrap();
     for file in files {
-        assert_eq!(file.clip(), &Clip { name: "phone.mp4".to_owned(), bytes: 12345, turned: 0 });
+        assert_eq!(file.clip(), &Clip::new("phone.mp4", 12345));
         assert_eq!(file.frames(), 4);
         // In any order.
         for frame in [2, 0, 3, 1] {
@@ -154,6 +154,33 @@ fn frames_that_were_turned_upright_have_turned_motions() {
     assert_eq!(upright.readout().direction(), ReadoutDirection::RightToLeft);
     assert_eq!(file.upright_motion(0, [800, 600]).unwrap().as_ref(), Some(motion));
     assert!(file.upright_motion(0, [800, 450]).is_err() && file.motion(0, [300, 400]).is_err());
+}
+
+#[test]
+fn square_pixels_may_take_the_place_of_others() {
+    let mut writer = MotionWriter::new(Cursor::new(Vec::new()), Clip::default()).unwrap();
+    writer.push(&records()[1]).unwrap();
+    writer.clip_mut().pixel_aspect = [4, 3];
+    writer.clip_mut().turned = 90;
+    let file = MotionFile::from_bytes(writer.finish().unwrap().into_inner()).unwrap();
+    let motion = &records()[1].motion;
+    for size in [[800, 600], [1066, 600]] {
+        assert_eq!(file.motion(0, size).unwrap(), Some(motion.scaled_to(size[0], size[1])));
+    }
+    // Upright, the pixels are narrow.
+    let upright = file.upright_motion(0, [600, 1066]).unwrap().unwrap();
+    assert_eq!(upright, motion.turned().scaled_to(600, 1066));
+    assert!(file.motion(0, [600, 600]).is_err() && file.upright_motion(0, [600, 600]).is_err());
+}
+
+#[test]
+fn mirrored_clips_are_left_to_who_knows_the_stored_frames() {
+    let mut writer = MotionWriter::new(Cursor::new(Vec::new()), Clip::default()).unwrap();
+    writer.push(&records()[1]).unwrap();
+    writer.clip_mut().mirrored = true;
+    let file = MotionFile::from_bytes(writer.finish().unwrap().into_inner()).unwrap();
+    assert!(matches!(file.upright_motion(0, [800, 600]), Err(MotionFileError::Mirrored)));
+    assert_eq!(file.motion(0, [800, 600]).unwrap().as_ref(), Some(&records()[1].motion));
 }
 
 #[test]

@@ -2,7 +2,8 @@
 
 use super::clip::Clip;
 use super::error::MotionFileError;
-use super::header::{HEADER_BYTES, Header, hash};
+use super::hash::hash;
+use super::header::{HEADER_BYTES, Header};
 use super::record::MotionRecord;
 use std::io::{Seek, SeekFrom, Write};
 

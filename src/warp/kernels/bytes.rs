@@ -5,6 +5,9 @@
 //! steps: position → integer part and fraction → weights → taps. A tap is a vector at a constant distance
 //! from the previous one (a row in the vertical pass, a pixel in the horizontal one); if the integer part
 //! varies inside a block, the vectors of the next integer part are blended in.
+//!
+//! With four samples a pixel, positions and weights of the 16 pixels are computed in one vector ([`QUARTERS`]) and
+//! each is repeated for the four samples.
 
 use super::passes::{Passes, with_kernel};
 use super::scalar::{self, Fixed};
@@ -20,6 +23,7 @@ use crate::warp::weights::{
 pub(super) const MAX_STEP: usize = 4;
 
 /// The pixels of a block to which the 16 lanes of one vector belong.
+#[derive(Clone, Copy)]
 #[repr(C, align(32))]
 pub(super) struct LaneMap {
     /// Byte shuffle that gives each lane the start of its half of the block.
@@ -33,22 +37,42 @@ pub(super) struct LaneMap {
 /// `LANE_MAPS[step − 1][vector]`.
 pub(super) static LANE_MAPS: [[LaneMap; MAX_STEP]; MAX_STEP] = [lanes(1), lanes(2), lanes(3), lanes(4)];
 
+const EMPTY: LaneMap = LaneMap { start: [0; 32], change: [0; 32], ramp: [0; 16] };
+
 const fn lanes(step: usize) -> [LaneMap; MAX_STEP] {
-    const EMPTY: LaneMap = LaneMap { start: [0; 32], change: [0; 32], ramp: [0; 16] };
     let mut table = [EMPTY; MAX_STEP];
     let mut sample = 0;
     while sample < BLOCK * step {
         let (vector, lane, pixel) = (sample / 16, sample % 16, sample / step);
-        // A block starts with two starts and two changes, 16 bits each.
-        let start = (pixel / 8 * 2) as u8;
-        table[vector].start[2 * lane] = start;
-        table[vector].start[2 * lane + 1] = start + 1;
-        table[vector].change[2 * lane] = start + 4;
-        table[vector].change[2 * lane + 1] = start + 5;
-        table[vector].ramp[lane] = ((pixel % 8) << 12) as i16;
+        table[vector] = with_lane(table[vector], lane, pixel);
         sample += 1;
     }
     table
+}
+
+/// One lane a pixel, in the order in which [`WordCpu::doubled`] and [`WordCpu::doubled_pairs`] repeat them: lanes 2N and 2N + 1 of
+/// both halves are pixels 4N to 4N + 3.
+static QUARTERS: LaneMap = {
+    let mut map = EMPTY;
+    let mut lane = 0;
+    while lane < WORDS {
+        let (half, within) = (lane / 8, lane % 8);
+        map = with_lane(map, lane, within / 2 * 4 + half * 2 + within % 2);
+        lane += 1;
+    }
+    map
+};
+
+/// The map with the pixel of a lane.
+const fn with_lane(mut map: LaneMap, lane: usize, pixel: usize) -> LaneMap {
+    // A block starts with two starts and two changes, 16 bits each.
+    let start = (pixel / 8 * 2) as u8;
+    map.start[2 * lane] = start;
+    map.start[2 * lane + 1] = start + 1;
+    map.change[2 * lane] = start + 4;
+    map.change[2 * lane + 1] = start + 5;
+    map.ramp[lane] = ((pixel % 8) << 12) as i16;
+    map
 }
 
 /// A kernel whose weights are computed in vectors.
@@ -149,38 +173,109 @@ pub(super) fn positions<C: WordCpu>(cpu: C, block: &Block, lanes: &LaneMap) -> C
     start + cpu.scaled(change, cpu.load_words(&lanes.ramp))
 }
 
-/// The sum of weight × sample for 16 lanes of a block.
-///
-/// # Safety
-/// `taps` 0 to `K::TAPS − 1 + span` must be readable.
-#[inline(always)]
-unsafe fn sum<C: WordCpu, K: VectorKernel>(
-    cpu: C,
-    taps: impl TapVectors,
-    block: &Block,
-    lanes: &LaneMap,
-) -> C::Words {
-    let position = positions(cpu, block, lanes);
-    let weights = K::weights(cpu, cpu.and(position, cpu.splat_words(ONE as i16 - 1)));
-    let mut samples = [cpu.splat_words(0); MAX_TAPS];
-    for (tap, samples) in samples.iter_mut().enumerate().take(K::TAPS) {
-        // SAFETY: the caller's promise.
-        *samples = unsafe { taps.load(cpu, tap) };
+/// Positions of 16 lanes of a block and the weights of their taps.
+#[derive(Clone, Copy)]
+struct Weighted<C: WordCpu> {
+    position: C::Words,
+    weights: [C::Words; MAX_TAPS],
+}
+
+impl<C: WordCpu> Weighted<C> {
+    #[inline(always)]
+    fn of<K: VectorKernel>(cpu: C, block: &Block, lanes: &LaneMap) -> Self {
+        let position = positions(cpu, block, lanes);
+        Self { position, weights: K::weights(cpu, cpu.and(position, cpu.splat_words(ONE as i16 - 1))) }
     }
-    // A block spans at most 14 integer displacements: the limit is below 2¹⁵.
-    for more in 1..=block.span as usize {
-        let limit = cpu.splat_words(more as i16 * ONE as i16 - 1);
+
+    /// Those of eight pixels, each twice, from those of [`QUARTERS`].
+    #[inline(always)]
+    fn doubled<K: VectorKernel, const LAST: bool>(mut self, cpu: C) -> Self {
+        self.position = cpu.doubled::<LAST>(self.position);
+        for weights in self.weights.iter_mut().take(K::TAPS) {
+            *weights = cpu.doubled::<LAST>(*weights);
+        }
+        self
+    }
+
+    /// Those of four pixels, each four times, from [`doubled`](Self::doubled) ones.
+    #[inline(always)]
+    fn quadrupled<K: VectorKernel, const LAST: bool>(mut self, cpu: C) -> Self {
+        self.position = cpu.doubled_pairs::<LAST>(self.position);
+        for weights in self.weights.iter_mut().take(K::TAPS) {
+            *weights = cpu.doubled_pairs::<LAST>(*weights);
+        }
+        self
+    }
+
+    /// The sum of weight × sample, of a block that spans so many integer displacements.
+    ///
+    /// # Safety
+    /// `taps` 0 to `K::TAPS − 1 + span` must be readable.
+    #[inline(always)]
+    unsafe fn sum<K: VectorKernel>(self, cpu: C, taps: impl TapVectors, span: usize) -> C::Words {
+        let mut samples = [cpu.splat_words(0); MAX_TAPS];
         for (tap, samples) in samples.iter_mut().enumerate().take(K::TAPS) {
             // SAFETY: the caller's promise.
-            let next = unsafe { taps.load(cpu, tap + more) };
-            *samples = cpu.above(position, limit, next, *samples);
+            *samples = unsafe { taps.load(cpu, tap) };
         }
+        // A block spans at most 14 integer displacements: the limit is below 2¹⁵.
+        if span == 1 {
+            // Most blocks that are not of one integer part: the next tap's samples are there but for the last.
+            let limit = cpu.splat_words(ONE as i16 - 1);
+            for tap in 1..K::TAPS {
+                samples[tap - 1] = cpu.above(self.position, limit, samples[tap], samples[tap - 1]);
+            }
+            // SAFETY: the caller's promise.
+            let next = unsafe { taps.load(cpu, K::TAPS) };
+            samples[K::TAPS - 1] = cpu.above(self.position, limit, next, samples[K::TAPS - 1]);
+        } else {
+            for more in 1..=span {
+                let limit = cpu.splat_words(more as i16 * ONE as i16 - 1);
+                for (tap, samples) in samples.iter_mut().enumerate().take(K::TAPS) {
+                    // SAFETY: the caller's promise.
+                    let next = unsafe { taps.load(cpu, tap + more) };
+                    *samples = cpu.above(self.position, limit, next, *samples);
+                }
+            }
+        }
+        let mut sum = cpu.scaled(samples[0], self.weights[0]);
+        for (samples, weights) in samples.into_iter().zip(self.weights).take(K::TAPS).skip(1) {
+            sum = sum + cpu.scaled(samples, weights);
+        }
+        sum
     }
-    let mut sum = cpu.scaled(samples[0], weights[0]);
-    for tap in 1..K::TAPS {
-        sum = sum + cpu.scaled(samples[tap], weights[tap]);
+}
+
+/// The sums of weight × sample of the `STEP` vectors of a block, each with its number handed to `put`.
+///
+/// # Safety
+/// Taps 0 to `K::TAPS − 1 + span` of each of the vectors of `taps` must be readable.
+#[inline(always)]
+unsafe fn sums<C: WordCpu, K: VectorKernel, const STEP: usize, T: TapVectors>(
+    cpu: C,
+    taps: impl Fn(usize) -> T,
+    block: &Block,
+    mut put: impl FnMut(usize, C::Words),
+) {
+    let span = block.span as usize;
+    if STEP == 4 {
+        let pixels = Weighted::of::<K>(cpu, block, &QUARTERS);
+        // SAFETY: the caller's promise.
+        unsafe {
+            let eight = pixels.doubled::<K, false>(cpu);
+            put(0, eight.quadrupled::<K, false>(cpu).sum::<K>(cpu, taps(0), span));
+            put(1, eight.quadrupled::<K, true>(cpu).sum::<K>(cpu, taps(1), span));
+            let eight = pixels.doubled::<K, true>(cpu);
+            put(2, eight.quadrupled::<K, false>(cpu).sum::<K>(cpu, taps(2), span));
+            put(3, eight.quadrupled::<K, true>(cpu).sum::<K>(cpu, taps(3), span));
+        }
+        return;
     }
-    sum
+    for (vector, lanes) in LANE_MAPS[STEP - 1].iter().enumerate().take(STEP) {
+        let weighted = Weighted::of::<K>(cpu, block, lanes);
+        // SAFETY: the caller's promise.
+        put(vector, unsafe { weighted.sum::<K>(cpu, taps(vector), span) });
+    }
 }
 
 /// `STEP` is the plane's step, a constant so that the loop around a block's few instructions is unrolled.
@@ -199,14 +294,21 @@ fn vertical<C: WordCpu, K: VectorKernel, const STEP: usize>(
         let window = task.window::<K>(index, patch);
         let last = window.offset + (K::TAPS - 1 + block.span as usize) * window.stride;
         let bytes = &window.bytes[window.offset..last + BLOCK * STEP];
+        // The row below is new to the next output row. Without this, half of the time of large frames is spent waiting for it.
+        if STEP == MAX_STEP {
+            cpu.prefetch(bytes.as_ptr().wrapping_add(last - window.offset + window.stride));
+        }
         let outs = out.as_chunks_mut::<WORDS>().0;
-        for (vector, (out, lanes)) in outs.iter_mut().zip(&LANE_MAPS[STEP - 1]).enumerate().take(STEP) {
-            // SAFETY: `bytes` holds 16 · STEP samples in each row of the window.
-            let sum = unsafe {
-                let taps = ByteRows(bytes.as_ptr().add(WORDS * vector), window.stride);
-                sum::<C, K>(cpu, taps, block, lanes)
-            };
-            *out = cpu.store_words(sum);
+        // SAFETY: `bytes` holds 16 · STEP samples in each row of the window.
+        unsafe {
+            sums::<C, K, STEP, _>(
+                cpu,
+                #[inline(always)]
+                |vector| ByteRows(bytes.as_ptr().add(WORDS * vector), window.stride),
+                block,
+                #[inline(always)]
+                |vector, sum| outs[vector] = cpu.store_words(sum),
+            );
         }
     }
 }
@@ -245,13 +347,18 @@ fn horizontal_block<C: WordCpu, K: VectorKernel, const STEP: usize>(
     let at = ((index * BLOCK) as isize + block.first as isize + K::FIRST - task.column) as usize * STEP;
     let read = &task.middle[at..at + (BLOCK + K::TAPS - 1 + block.span as usize) * STEP];
     let outs = out[..BLOCK * STEP].as_chunks_mut::<WORDS>().0;
-    for (vector, (out, lanes)) in outs.iter_mut().zip(&LANE_MAPS[STEP - 1]).enumerate().take(STEP) {
-        // SAFETY: `read` holds 16 · STEP samples from each tap on.
-        let sum = unsafe {
-            let taps = PixelTaps(read.as_ptr().add(WORDS * vector), STEP);
-            sum::<C, K>(cpu, taps, block, lanes)
-        };
-        *out = cpu.store_bytes(cpu.shifted_right::<5>(sum + cpu.splat_words(16)));
+    // SAFETY: `read` holds 16 · STEP samples from each tap on.
+    unsafe {
+        sums::<C, K, STEP, _>(
+            cpu,
+            #[inline(always)]
+            |vector| PixelTaps(read.as_ptr().add(WORDS * vector), STEP),
+            block,
+            #[inline(always)]
+            |vector, sum| {
+                outs[vector] = cpu.store_bytes(cpu.shifted_right::<5>(sum + cpu.splat_words(16)));
+            },
+        );
     }
 }
 
