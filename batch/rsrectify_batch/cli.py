@@ -85,7 +85,7 @@ def _parser() -> argparse.ArgumentParser:
     steadied_or_kept.add_argument("--stabilize", type=float, metavar="SECONDS",
                                   help="steady the picture, as for rsrectify fix; 10 per cent are cut away, or what --fix --crop says")
     steadied_or_kept.add_argument("--motion", action="store_true",
-                         help="beside each result a motion file of the clip, for filters in editors: CLIP.motion")
+                                  help="beside each result a motion file of the clip, for filters in editors: CLIP.motion")
     written.add_argument("--fix", nargs=argparse.REMAINDER, default=[], metavar="OPTION",
                          help="further options of rsrectify fix, up to the end of the line")
 

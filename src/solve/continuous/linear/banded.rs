@@ -271,12 +271,12 @@ fn less_column(c: &[f64; SIDE], a: &Tile, b: &[f64; SIDE]) -> [f64; SIDE] {
 #[inline(always)]
 fn divided_by_transposed(a: &Tile, factor: &Tile) -> Tile {
     let mut x = *a;
-    for c in 0..SIDE {
+    for (c, own) in factor.iter().enumerate() {
         let (known, rest) = x.split_at_mut(c);
-        for (k, known) in known.iter().enumerate() {
-            rest[0].iter_mut().zip(known).for_each(|(rest, value)| *rest -= value * factor[k][c]);
+        for (known, by) in known.iter().zip(factor) {
+            rest[0].iter_mut().zip(known).for_each(|(rest, value)| *rest -= value * by[c]);
         }
-        rest[0].iter_mut().for_each(|value| *value /= factor[c][c]);
+        rest[0].iter_mut().for_each(|value| *value /= own[c]);
     }
     x
 }
@@ -304,11 +304,11 @@ fn factor_of(tile: &Tile) -> Option<Tile> {
 #[inline(always)]
 fn inverse_of(factor: &Tile) -> Tile {
     let mut inverse = ZERO;
-    for c in 0..SIDE {
+    for (c, column) in inverse.iter_mut().enumerate() {
         for r in c..SIDE {
             let one = f64::from(u8::from(r == c));
-            let sum = (c..r).fold(one, |sum, k| sum - factor[k][r] * inverse[c][k]);
-            inverse[c][r] = sum / factor[r][r];
+            let sum = (c..r).fold(one, |sum, k| sum - factor[k][r] * column[k]);
+            column[r] = sum / factor[r][r];
         }
     }
     inverse
