@@ -34,7 +34,7 @@ pub struct AnalysisOptions {
     /// far as the changes of their lean tell it. Found from the picture where it is not given.
     #[arg(long, value_enum)]
     pub stabilised: Option<Stabilised>,
-    /// How finely frames are analysed: `fast` takes about half the time of `balanced`, the default.
+    /// How finely frames are analysed: `fast` takes half the time of `balanced`, the default, on easy scenes.
     #[arg(long, value_enum)]
     pub effort: Option<Effort>,
     /// How the motion is estimated.
