@@ -130,7 +130,8 @@ impl FromStr for Crop {
 }
 
 fn deviation(text: &str) -> Result<f64, String> {
-    in_range(text, 0.0..=10.0)
+    let hint = |error| format!("{error}; without seconds, --stabilize stands behind the clips");
+    in_range(text, 0.0..=10.0).map_err(hint)
 }
 
 fn milliseconds(text: &str) -> Result<f64, String> {
