@@ -16,7 +16,7 @@ use nalgebra::Vector2;
 use rsrectify::Rectifier;
 use rsrectify::correspond::Correspondence;
 use rsrectify::readout::Readout;
-use rsrectify::rectifier::FrameSolution;
+use rsrectify::rectifier::{FrameSolution, Settings};
 use std::fmt;
 use std::fs;
 use std::path::Path;
@@ -54,7 +54,7 @@ pub struct Verdict {
 /// If the clip has fewer than three frames, the shutter is nonsense, or stills cannot be written.
 pub fn judge(clip: &Clip, shutter: &Shutter, lookahead: usize, out: Option<&Path>) -> Result<Verdict> {
     ensure!(clip.frames.len() >= 3, "the clip has {} frames; it takes 3 or more", clip.frames.len());
-    let solutions = solve(clip, shutter, lookahead)?;
+    let solutions = solve(clip, shutter.settings(1.0 / clip.fps, lookahead)?)?;
     let readout = *solutions[solutions.len() - 1].motion.readout();
     let confidence = median(&mut solutions.iter().map(|solution| solution.confidence).collect::<Vec<_>>());
     let corrections = corrections(solutions);
@@ -80,9 +80,9 @@ pub fn judge(clip: &Clip, shutter: &Shutter, lookahead: usize, out: Option<&Path
     })
 }
 
-fn solve(clip: &Clip, shutter: &Shutter, lookahead: usize) -> Result<Vec<FrameSolution>> {
+/// The motion of each frame of a clip.
+pub(crate) fn solve(clip: &Clip, settings: Settings) -> Result<Vec<FrameSolution>> {
     let period = 1.0 / clip.fps;
-    let settings = shutter.settings(period, lookahead)?;
     let mut rectifier = Rectifier::new(settings, clip.width, clip.height, Some(period))?;
     let stamped = clip.frames.iter().enumerate().map(|(k, frame)| (frame, k as f64 * period));
     motions(&mut rectifier, stamped.progress_with(bar(clip.frames.len(), "finding the motion")))
@@ -97,15 +97,15 @@ fn bar(length: usize, message: &'static str) -> ProgressBar {
 
 /// What successive frames show.
 #[derive(Default)]
-struct Seen {
+pub(crate) struct Seen {
     /// Of each pair whose motion was found.
-    wobble: Vec<f64>,
+    pub wobble: Vec<f64>,
     /// From each frame to the next.
-    motions: Vec<Option<Homography>>,
+    pub motions: Vec<Option<Homography>>,
 }
 
 /// Follows successive pictures, leaving out what repeats their borders.
-fn seen(
+pub(crate) fn seen(
     clip: &Clip,
     readout: Readout,
     message: &'static str,
@@ -130,7 +130,8 @@ impl Seen {
     }
 }
 
-fn as_it_is(frame: &Frame) -> Rectified {
+/// A frame all of which is picture.
+pub(crate) fn as_it_is(frame: &Frame) -> Rectified {
     Rectified { frame: frame.clone(), inside: vec![true; frame.width * frame.height] }
 }
 

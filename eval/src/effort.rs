@@ -3,9 +3,8 @@
 use crate::footage::Footage;
 use crate::methods::product::{self, Delay};
 use crate::metrics::displacement;
-use crate::metrics::stats::Stats;
 use anyhow::Result;
-use rsrectify::rectifier::{Effort, Estimator, Settings};
+use rsrectify::rectifier::{Effort, Estimator};
 use std::time::Instant;
 
 /// The heading of the table.
@@ -19,13 +18,13 @@ pub const HEADING: &str = "| sequence | size | uncorrected px | balanced: left p
 pub fn row(footage: &Footage, lookahead: usize) -> Result<String> {
     let uncorrected = footage.uncorrected();
     let left = |effort| -> Result<(String, f64)> {
-        let unknown = product::settings(footage.settings(), Delay::Unknown, Estimator::Continuous, lookahead);
-        let mut settings: Settings = unknown;
+        let mut settings =
+            product::settings(footage.settings(), Delay::Unknown, Estimator::Continuous, lookahead);
         settings.effort = effort;
         let started = Instant::now();
         let solutions = product::solve(footage, settings)?;
         let seconds = started.elapsed().as_secs_f64();
-        let left: Stats = displacement::left(&footage.truth, &product::corrections(solutions));
+        let left = displacement::left(&footage.truth, &product::corrections(solutions));
         let share =
             left.share_of(&uncorrected).map_or("–".into(), |share| format!("{:.1} %", 100.0 * share));
         Ok((format!("{:.2}, {share}", left.rms), seconds))

@@ -4,22 +4,20 @@
 //! the jitter is the root mean square second difference of the places of a grid of points, and the wobble what rows are displaced
 //! by beside that. The library is given the crop that vid.stab took, so that both keep the same share of the picture.
 
-use crate::correspondences::Follower;
+use crate::clip::{as_it_is, seen, solve};
 use crate::footage::Footage;
 use crate::media::{self, Clip};
 use crate::methods::Correction;
 use crate::methods::product::{self, Delay, carried};
-use crate::metrics::homography::Homography;
 use crate::metrics::resample::{Rectified, rectified};
-use crate::metrics::{Stats, jitter, wobble};
+use crate::metrics::{Stats, jitter};
 use crate::scene::Frame;
 use crate::video;
 use anyhow::{Context, Result, ensure};
 use nalgebra::Vector2;
-use rsrectify::Rectifier;
 use rsrectify::motion::{FrameMotion, image_centre};
 use rsrectify::readout::{Readout, ReadoutTime};
-use rsrectify::rectifier::{Estimator, FrameSolution, Settings};
+use rsrectify::rectifier::{Estimator, Settings};
 use rsrectify::warp::{WarpSettings, least_zoom};
 use std::path::Path;
 use std::process::Command;
@@ -88,12 +86,14 @@ fn row_of(
     asked: Asked,
     out: Option<&Path>,
 ) -> Result<String> {
-    let as_it_is =
-        |frame: &Frame| Rectified { frame: frame.clone(), inside: vec![true; frame.width * frame.height] };
-    let before: Vec<_> = clip.frames.iter().map(as_it_is).collect();
-    let original = steadiness(&before, readout)?;
+    let judge = |message, pictures: &mut dyn Iterator<Item = Rectified>| {
+        let seen = seen(clip, readout, message, pictures)?;
+        let jitter = jitter::content([clip.width, clip.height], &seen.motions).rms;
+        anyhow::Ok(Steadiness { jitter, wobble: Stats::of(seen.wobble).rms })
+    };
+    let original = judge("measuring the input", &mut clip.frames.iter().map(as_it_is))?;
     let (steady, its_zoom) = vid_stab(clip)?;
-    let theirs = steadiness(&steady.frames.iter().map(as_it_is).collect::<Vec<_>>(), readout)?;
+    let theirs = judge("measuring vid.stab's", &mut steady.frames.iter().map(as_it_is))?;
     let zoom = asked.zoom.unwrap_or(its_zoom).max(1.0);
     let mut analysis = analysis;
     analysis.stabilization = asked.deviation;
@@ -114,7 +114,7 @@ fn row_of(
         .zip(&solutions)
         .map(|(frame, solution)| rectified(frame, &Shown { motion: solution.motion.clone(), zoom }))
         .collect();
-    let ours = steadiness(&shown, readout)?;
+    let ours = judge("measuring the output", &mut shown.iter().cloned())?;
     if let Some(folder) = out {
         std::fs::create_dir_all(folder)?;
         let write = |kind: &str, frames: &mut dyn Iterator<Item = Frame>| {
@@ -142,13 +142,6 @@ fn row_of(
     ))
 }
 
-fn solve(clip: &Clip, settings: Settings) -> Result<Vec<FrameSolution>> {
-    let period = 1.0 / clip.fps;
-    let mut rectifier = Rectifier::new(settings, clip.width, clip.height, Some(period))?;
-    let stamped = clip.frames.iter().enumerate().map(|(k, frame)| (frame, k as f64 * period));
-    product::motions(&mut rectifier, stamped)
-}
-
 /// Where the output shows a pixel.
 struct Shown {
     motion: FrameMotion,
@@ -159,38 +152,8 @@ impl Correction for Shown {
     fn correct(&self, pixel: Vector2<f64>) -> Vector2<f64> {
         let readout = self.motion.readout();
         let centre = image_centre(readout.width(), readout.height());
-        let rectified = carried(&self.motion, pixel) - centre;
-        let placed = match self.motion.placement() {
-            Some(placement) => {
-                let shown = placement * rectified.push(1.0);
-                shown.xy() / shown.z
-            }
-            None => rectified,
-        };
-        placed * self.zoom + centre
+        (carried(&self.motion, pixel) - centre) * self.zoom + centre
     }
-}
-
-/// Follows successive pictures.
-fn steadiness(pictures: &[Rectified], readout: Readout) -> Result<Steadiness> {
-    let first = &pictures.first().context("a clip without frames")?.frame;
-    let size = [first.width, first.height];
-    let mut follower = Follower::new(size[0], size[1]);
-    let (mut motions, mut wobbles) = (Vec::new(), Vec::new());
-    let mut before: &[bool] = &[];
-    for picture in pictures {
-        if let Some(mut pairs) = follower.follow(&picture.frame)? {
-            let shows = |inside: &[bool], at: Vector2<f64>| {
-                let (x, y) = (at.x.round().max(0.0) as usize, at.y.round().max(0.0) as usize);
-                x < size[0] && inside.get(y * size[0] + x).copied().unwrap_or(false)
-            };
-            pairs.retain(|pair| shows(before, pair.from) && shows(&picture.inside, pair.to));
-            wobbles.extend(wobble::between(&pairs, &readout));
-            motions.push(Homography::fit(&pairs));
-        }
-        before = &picture.inside;
-    }
-    Ok(Steadiness { jitter: jitter::content(size, &motions).rms, wobble: Stats::of(wobbles).rms })
 }
 
 /// What vid.stab makes of a clip in two passes at its defaults, and its zoom.

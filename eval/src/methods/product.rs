@@ -93,13 +93,18 @@ pub fn corrected(solution: &FrameSolution, pixel: Vector2<f64>) -> Vector2<f64> 
     carried(&solution.motion, pixel)
 }
 
-/// Where a motion takes a pixel: to the middle of the readout, as far as it is applied.
+/// Where a motion takes a pixel: to the middle of the readout, as far as it is applied, and to where a frame that is stabilised
+/// is placed.
 pub fn carried(motion: &FrameMotion, pixel: Vector2<f64>) -> Vector2<f64> {
     let (readout, path) = (motion.readout(), motion.path());
     let centre = image_centre(readout.width(), readout.height());
     let share = readout.share(pixel.x, pixel.y);
     let carried = path.carry(pixel - centre, share, 0.5) + centre;
-    pixel + (carried - pixel) * motion.weight()
+    let rectified = pixel + (carried - pixel) * motion.weight();
+    motion.placement().map_or(rectified, |placement| {
+        let shown = placement * (rectified - centre).push(1.0);
+        shown.xy() / shown.z + centre
+    })
 }
 
 #[cfg(test)]
