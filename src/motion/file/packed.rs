@@ -214,7 +214,7 @@ impl MeshModel {
     }
 }
 
-/// What the nodes before let expect of a node: those to the left (W) and above (N), and their neighbours.
+/// What is expected of a node by those before it: to the left (W), above (N), and their neighbours.
 fn expected(values: &[i64], columns: usize, index: usize) -> Expected {
     let (row, column) = (index / columns, index % columns);
     let at = |back: usize| index.checked_sub(back).and_then(|index| values.get(index)).copied().unwrap_or(0);
