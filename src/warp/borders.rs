@@ -1,7 +1,7 @@
 //! How much a frame must be enlarged so that its borders stay out of sight.
 
 use super::correction::Correction;
-use super::settings::{Interpolation, WarpSettings};
+use super::settings::WarpSettings;
 use crate::motion::FrameMotion;
 
 /// Points along each edge: as many as the warp's map has nodes along the readout, and more than a residual field has cells.
@@ -17,12 +17,7 @@ pub fn least_zoom(motion: &FrameMotion, settings: &WarpSettings) -> f64 {
     if motion.is_still() || settings.strength <= 0.0 {
         return 1.0;
     }
-    let taps = match settings.interpolation {
-        Interpolation::Nearest => 0.5,
-        Interpolation::Linear => 1.0,
-        Interpolation::Cubic => 2.0,
-        Interpolation::Lanczos => 3.0,
-    };
+    let taps = settings.interpolation.taps() as f64 / 2.0;
     let correction = Correction::new(motion, &settings);
     let half = correction.centre;
     let seen = half.map(|half| (half - taps).max(0.0));
@@ -49,6 +44,7 @@ mod tests {
     use super::*;
     use crate::motion::MotionPath;
     use crate::readout::Readout;
+    use crate::warp::Interpolation;
     use nalgebra::Matrix3;
 
     #[test]
