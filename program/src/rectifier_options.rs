@@ -9,6 +9,9 @@ use rsrectify::readout::{ReadoutPrior, ReadoutTime};
 use rsrectify::rectifier::{self, Settings};
 use std::str::FromStr;
 
+/// Most frames that the element looks ahead.
+pub const MAX_LOOKAHEAD: u32 = 64;
+
 /// How the motion is found.
 #[derive(Args, Clone, Debug, Default)]
 #[command(next_help_heading = "Analysis")]
@@ -47,7 +50,7 @@ pub struct AnalysisOptions {
     #[arg(long, value_name = "WIDTHS", value_parser = widths)]
     pub focal_length: Option<f64>,
     /// Frames looked ahead: 8 for strong shake.
-    #[arg(long, value_name = "FRAMES", value_parser = clap::value_parser!(u32).range(0..=64))]
+    #[arg(long, value_name = "FRAMES", value_parser = clap::value_parser!(u32).range(0..=i64::from(MAX_LOOKAHEAD)))]
     pub lookahead: Option<u32>,
     /// Columns of the grid of correspondences.
     #[arg(long, value_name = "N")]
@@ -68,7 +71,7 @@ pub struct MeasureSettings {
     #[arg(long, value_name = "WIDTHS", value_parser = widths)]
     pub focal_length: Option<f64>,
     /// Frames looked ahead: 8 for strong shake.
-    #[arg(long, value_name = "FRAMES", value_parser = clap::value_parser!(u32).range(0..=64))]
+    #[arg(long, value_name = "FRAMES", value_parser = clap::value_parser!(u32).range(0..=i64::from(MAX_LOOKAHEAD)))]
     pub lookahead: Option<u32>,
 }
 

@@ -127,8 +127,8 @@ impl SampledPath {
     }
 }
 
-/// S·H·S⁻¹ with S = diag(x, y, 1), linear in H.
-pub(super) fn scaled(motion: &Matrix3<f64>, [x, y]: [f64; 2]) -> Matrix3<f64> {
+/// A homography in units that are smaller by the factors x and y: S·H·S⁻¹ with S = diag(x, y, 1), linear in H.
+pub(crate) fn scaled(motion: &Matrix3<f64>, [x, y]: [f64; 2]) -> Matrix3<f64> {
     let factors = [x, y, 1.0];
     Matrix3::from_fn(|row, column| motion[(row, column)] * factors[row] / factors[column])
 }

@@ -27,8 +27,9 @@ use std::time::{Duration, Instant};
 
 pub use crate::solve::residual::REGIONS;
 pub use crate::solve::{FittedCorrespondence, FocalLength, FrameSolution, FrameTiming, Origin, Timeline};
+pub use crate::stabilize::PLANNED_SHARE;
 pub use error::{PushError, SettingsError};
-pub use settings::{Effort, Estimator, MOTION_LOOKAHEAD, Settings};
+pub use settings::{Effort, Estimator, MOTION_LOOKAHEAD, Settings, stabilization_lookahead};
 
 /// Whether a frame is a duplicate of its predecessor, as after a conversion to a higher frame rate.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]

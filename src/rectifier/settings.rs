@@ -3,6 +3,7 @@
 use crate::motion::Model;
 pub use crate::pyramid::Effort;
 use crate::readout::{ReadoutDirection, ReadoutPrior, ReadoutTime};
+use crate::stabilize::SUPPORT;
 
 /// The motion estimator.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
@@ -18,6 +19,14 @@ pub enum Estimator {
 /// Most frames that the motion waits for where the picture is stabilised: more do not make it better (`docs/accuracy.md`), but the
 /// smoothing.
 pub const MOTION_LOOKAHEAD: usize = 8;
+
+/// What [`Settings::lookahead`] must be so that all later frames which the smoothing takes are there: for a deviation and an interval
+/// from frame to frame in seconds.
+#[must_use]
+pub fn stabilization_lookahead(deviation: f64, interval: f64) -> usize {
+    // No overflow: conversions saturate.
+    MOTION_LOOKAHEAD.saturating_add((SUPPORT * deviation / interval).ceil() as usize)
+}
 
 /// How a stream is analysed.
 ///

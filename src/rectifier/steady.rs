@@ -1,7 +1,6 @@
 //! What the rectifier has to do with stabilisation: solutions go through the stabiliser, which gives each a placement.
 
-use super::{Rectifier, Settings, Waiting};
-use crate::rectifier::settings::MOTION_LOOKAHEAD;
+use super::{MOTION_LOOKAHEAD, Rectifier, Settings, Waiting};
 use crate::solve::FrameSolution;
 use crate::stabilize::{Settled, Target};
 
@@ -53,7 +52,7 @@ impl Rectifier {
     /// Places the first frame that waits for it; whether there was one.
     pub(super) fn place(&mut self) -> bool {
         let Some((solution, placement)) = self.stabilizer.pop() else { return false };
-        let motion = solution.motion.clone().with_placement(placement);
+        let motion = solution.motion.with_placement(placement);
         self.solved.push_back(FrameSolution { motion, ..solution });
         true
     }

@@ -14,9 +14,9 @@ mod window;
 #[cfg(test)]
 mod tests;
 
-use crate::motion::{FrameMotion, rounded_homography};
+use crate::motion::{FrameMotion, rounded_homography, scaled};
 use logarithm::{Coordinates, exponential, logarithm};
-use nalgebra::{Matrix3, Vector2};
+use nalgebra::Matrix3;
 use plan::{Planner, Point};
 use std::collections::VecDeque;
 use window::Edges;
@@ -28,9 +28,9 @@ const EASING: f64 = 0.4;
 /// within 1/500 of where it was.
 const LEAST_DEVIATION: f64 = 1e-4;
 /// Deviations over which later frames count: at twice that, 1/100 of the filter's response is left.
-const SUPPORT: f64 = 2.65;
+pub const SUPPORT: f64 = 2.65;
 /// Share of the margin up to which the planned path may go: the rest is for what differs from the plan.
-const SHARE: f64 = 0.9;
+pub const PLANNED_SHARE: f64 = 0.9;
 /// Plans for a frame, and for the first one of a scene, each with the holds by the one before.
 const PLANS: usize = 2;
 const FIRST_PLANS: usize = 16;
@@ -189,10 +189,8 @@ impl<T> Stabilizer<T> {
             }
         }
         if !frame.repeats {
-            let scaled = |factor: f64| Matrix3::new_nonuniform_scaling(&Vector2::new(factor, factor));
-            let (scale, unscale) = (scaled(self.radius), scaled(1.0 / self.radius));
             let increment = |(at, motion): (f64, Matrix3<f64>)| {
-                let homography = unscale * motion * scale;
+                let homography = scaled(&motion, [1.0 / self.radius; 2]);
                 let homography = homography / homography.determinant().cbrt();
                 let coordinates = logarithm(&homography)?;
                 Some(Increment { until: time + (at - frame.time).abs(), homography, coordinates })
@@ -220,10 +218,8 @@ impl<T> Stabilizer<T> {
         self.given += 1;
         self.forget();
         let [width, height] = self.size;
-        let scaled = |factor: f64| Matrix3::new_nonuniform_scaling(&Vector2::new(factor, factor));
         let in_pixels = |placement: Matrix3<f64>| {
-            let exact = scaled(self.radius) * placement * scaled(1.0 / self.radius);
-            rounded_homography(&exact, width, height)
+            rounded_homography(&scaled(&placement, [self.radius; 2]), width, height)
         };
         content.map(|content| (content, placement.map(in_pixels)))
     }
@@ -335,7 +331,7 @@ impl<T> Stabilizer<T> {
 
     /// Holds the plan at the edge of what the margin allows where it goes beyond, and lets go where that is needed no more.
     fn hold(&mut self, own: usize) {
-        let most = SHARE * self.target.margin;
+        let most = PLANNED_SHARE * self.target.margin;
         let planned = self.points.iter_mut().zip(&self.places);
         for ((point, place), frame) in planned.zip(self.frames.iter_mut().skip(own)) {
             let offset = place - point.path;

@@ -3,7 +3,7 @@
 use super::*;
 use crate::motion::{MotionPath, project};
 use crate::readout::Readout;
-use nalgebra::matrix;
+use nalgebra::{Vector2, matrix};
 use std::f64::consts::TAU;
 
 const SIZE: [usize; 2] = [1920, 1080];
@@ -116,8 +116,7 @@ fn the_window_stays_inside_the_picture() {
         let poses = steadied(&scene, 200, Target { margin, ..TARGET }, 60, None);
         for (k, shown) in poses.iter().enumerate() {
             let placement = shown * pose(scene(k as f64 * PERIOD)).try_inverse().unwrap();
-            let scale = |factor: f64| Matrix3::new_nonuniform_scaling(&Vector2::repeat(factor));
-            let inside = Edges::new(&still(), 960.0).inside(&(scale(1.0 / 960.0) * placement * scale(960.0)));
+            let inside = Edges::new(&still(), 960.0).inside(&scaled(&placement, [1.0 / 960.0; 2]));
             // Three rows are border where there is no margin at all.
             assert!(inside <= margin.max(3.0 / 1080.0) + 1e-4, "margin {margin}, frame {k}: {inside}");
         }

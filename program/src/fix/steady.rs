@@ -4,29 +4,16 @@ use crate::analysis::Analysis;
 use crate::interruption::Interruption;
 use crate::part::Part;
 use crate::progress;
-use crate::rectifier_options::{Crop, RectifierOptions};
+use crate::rectifier_options::{Crop, MAX_LOOKAHEAD, RectifierOptions};
 use anyhow::{Result, bail};
-use rsrectify::rectifier::MOTION_LOOKAHEAD;
+use rsrectify::rectifier::{PLANNED_SHARE, stabilization_lookahead};
 use rsrectify::warp::{WarpSettings, least_zoom};
 use std::path::Path;
 
-/// Most frames that the element looks ahead.
-const MAX_LOOKAHEAD: u32 = 64;
-/// Half the support of the smoothing in standard deviations.
-const SUPPORT: f64 = 2.65;
 /// Per cent that are cut away at most where the picture is steadied: a quarter more zoom.
 const MAX_CROP: f64 = 20.0;
-/// Share of the margin that the smoothed path uses: where no more is needed, a smaller margin changes nothing.
-const SHARE: f64 = 0.9;
 /// Largest crop in per cent that the element takes.
 const LARGEST: f64 = 50.0;
-
-/// Frames that smoothing with this deviation takes ahead, at so many seconds from frame to frame.
-pub fn lookahead(stabilization: f64, period: f64) -> u32 {
-    let frames = (SUPPORT * stabilization / period).ceil() + MOTION_LOOKAHEAD as f64;
-    // No overflow: conversions saturate.
-    (frames as u32).min(MAX_LOOKAHEAD)
-}
 
 /// Sets the frames to look ahead where the picture is steadied.
 pub fn set_lookahead(clip: &Path, options: &mut RectifierOptions, interruption: &Interruption) -> Result<()> {
@@ -34,7 +21,8 @@ pub fn set_lookahead(clip: &Path, options: &mut RectifierOptions, interruption: 
     if stabilization > 0.0 && options.analysis.lookahead.is_none() {
         let analysis = Analysis::open(clip, options.analysis.settings(), interruption)?;
         let period = analysis.period().unwrap_or(1.0 / 30.0);
-        options.analysis.lookahead = Some(lookahead(stabilization, period));
+        let wanted = stabilization_lookahead(stabilization, period);
+        options.analysis.lookahead = Some(u32::try_from(wanted).unwrap_or(u32::MAX).min(MAX_LOOKAHEAD));
     }
     Ok(())
 }
@@ -78,7 +66,7 @@ pub fn set_crop(
     }
     let least = 100.0 * (1.0 - 1.0 / zoom);
     // The window may not come nearer to the edge than it did here, or the path would be another one.
-    let crop = if stabilization > 0.0 { (least / SHARE).min(MAX_CROP.max(least)) } else { least };
+    let crop = if stabilization > 0.0 { (least / PLANNED_SHARE).min(MAX_CROP.max(least)) } else { least };
     let crop = (crop * 100.0).ceil() / 100.0;
     if crop > LARGEST {
         bail!("hiding the borders would take a crop of {crop:.0} %");

@@ -1,8 +1,8 @@
 //! The motion of the scene from frame to frame.
 
 use super::{AHEAD, Continuous};
-use crate::motion::rounded_homography;
-use nalgebra::{Matrix3, Vector2};
+use crate::motion::{rounded_homography, scaled};
+use nalgebra::Matrix3;
 
 impl Continuous {
     /// Motions of the scene in centred pixels, by the path as of the frame settled last: from the middle of its readout to that
@@ -15,12 +15,10 @@ impl Continuous {
         let frames = self.frames.iter().skip(own.unwrap_or(self.frames.len()));
         let pairs = frames.map_while(|entry| entry.to_next.as_ref()).take(AHEAD);
         let [width, height] = self.size;
-        let scaled = |factor: f64| Matrix3::new_nonuniform_scaling(&Vector2::new(factor, factor));
-        let (scale, unscale) = (scaled(self.radius), scaled(1.0 / self.radius));
         pairs.map(move |pair| {
             let [from, to] = pair.stamps.map(|stamp| posterior.block(stamp, 0.5));
-            let moved = scale * homographies.until(to) * homographies.back(from) * unscale;
-            rounded_homography(&moved, width, height)
+            let moved = homographies.until(to) * homographies.back(from);
+            rounded_homography(&scaled(&moved, [self.radius; 2]), width, height)
         })
     }
 }
