@@ -10,9 +10,10 @@ use nalgebra::Matrix3;
 const POSITION_STEP: f64 = 1.0 / 4096.0;
 
 /// Steps of a residual velocity between two nodes of the mesh: the positions of points are rounded to at most
-/// 1/256 of a cell, 1/32 px for cells of 8 px, with a standard deviation of 0.01 px over the frame. The residual
-/// velocity of a cell is noisier by a factor of three.
-const VELOCITY_STEPS: f64 = 64.0;
+/// 1/96 of a cell, 1/12 px for cells of 8 px, with a standard deviation of 0.03 px over the frame. That is the noise of
+/// the residual velocity of a cell; the scenes with most parallax have errors of ten times as much. Of the phone clip, 64 steps
+/// take 4.5 kB a frame, 24 take 2.8, and the error left of a scene with a foreground grows by less than a hundredth.
+const VELOCITY_STEPS: f64 = 24.0;
 
 /// Most steps of an element of a homography: with more, a step is less than the resolution of `f64`.
 const MAX_STEPS: f64 = (1_u64 << 50) as f64;
@@ -117,7 +118,7 @@ mod tests {
             let rounded = rounded_velocity(value, spacing);
             prop_assert_eq!(rounded, rounded_velocity(rounded, spacing));
             // Half a step, and the resolution of `f32`.
-            prop_assert!((rounded - value).abs() <= spacing as f32 / 128.0 + value.abs() * 1e-6);
+            prop_assert!((rounded - value).abs() <= spacing as f32 / 48.0 + value.abs() * 1e-6);
         }
     }
 

@@ -53,7 +53,7 @@
 //! first two columns, and again by R in the last row; 1 is added on the diagonal, and the last element is 1.
 //!
 //! Then, of the mesh: for each node, row by row, the velocity in x less its prediction, and after all of these the
-//! velocities in y. A velocity in pixels per readout is its integer times 1/64 of the spacing in that axis. With the
+//! velocities in y. A velocity in pixels per readout is its integer times 1/24 of the spacing in that axis. With the
 //! integers W to the left of the node, N above it, NW, NE, WW and NN, the prediction is
 //! ⌊(21 W + 20 N − 12 NW + NE + WW + NN + 16) / 32⌋. Outside of the mesh, NN and NE stand for N, and WW for W; in the first
 //! column W and NW, too, stand for N, in the first row all but WW for W; at the first node all are 0.
