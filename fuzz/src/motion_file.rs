@@ -29,7 +29,8 @@ fn read(bytes: Vec<u8>) {
             let path = record.motion.path();
             let point = Vector2::new(3.0, -2.0);
             std::hint::black_box(path.carry(point, 0.1, 0.5));
-            std::hint::black_box(record.motion.scaled_to(7, 5).path().carry(point, 0.1, 0.5));
+            let scaled = record.motion.scaled_to(7, 5);
+            std::hint::black_box((scaled.path().carry(point, 0.1, 0.5), scaled.placement()));
         }
     }
 }
@@ -83,8 +84,9 @@ fn written(u: &mut Unstructured<'_>) -> Result<()> {
 
 /// Writes the checksums of records anew, so that what is in them is read although it was damaged.
 fn mend_checksums(bytes: &mut [u8], index: usize) {
-    // Where the integers begin, the last bytes before which are the checksum.
-    const FIXED: usize = 124;
+    // What a record has before the placement and the integers; its last bytes are the checksum. Whether there is a placement.
+    const FIXED: usize = 126;
+    const IS_PLACED: usize = 20;
     let entries = bytes.get(index..).unwrap_or_default().as_chunks::<ENTRY>().0;
     let offsets: Vec<_> = entries
         .iter()
@@ -95,9 +97,10 @@ fn mend_checksums(bytes: &mut [u8], index: usize) {
         let Some(length) = record.get(FIXED - 8..).and_then(|field| field.first_chunk::<4>()) else {
             continue;
         };
-        let packed = FIXED..FIXED.saturating_add(u32::from_le_bytes(*length) as usize);
-        let Some(packed) = record.get(packed) else { continue };
-        let hashed = record.iter().take(FIXED - 4).skip(4).chain(packed);
+        let placement = if record.get(IS_PLACED..IS_PLACED + 2) == Some(&[1, 0]) { 64 } else { 0 };
+        let after = FIXED..(FIXED + placement).saturating_add(u32::from_le_bytes(*length) as usize);
+        let Some(after) = record.get(after) else { continue };
+        let hashed = record.iter().take(FIXED - 4).skip(4).chain(after);
         let hash = hashed.fold(0xcbf2_9ce4_8422_2325_u64, |hash, byte| {
             (hash ^ u64::from(*byte)).wrapping_mul(0x0000_0100_0000_01b3)
         });
@@ -123,14 +126,8 @@ fn motion(u: &mut Unstructured<'_>) -> Result<FrameMotion> {
         MotionPath::uniform(Twist::new(small(u, 9.0)?, small(u, 900.0)?, small(u, 900.0)?), readout.time());
     let mut path = uniform;
     if u.arbitrary()? {
-        let mut samples = Vec::new();
-        for _ in 0..u.int_in_range(5..=9usize)? {
-            let mut matrix = Matrix3::identity();
-            for _ in 0..u.int_in_range(0..=3u8)? {
-                matrix[u.int_in_range(0..=8usize)?] += real(u, 0.1)?;
-            }
-            samples.push(matrix);
-        }
+        let samples: Result<Vec<_>> = (0..u.int_in_range(5..=9usize)?).map(|_| homography(u)).collect();
+        let samples = samples?;
         path = SampledPath::new(&samples, readout.time()).map_or(path, MotionPath::from);
     }
     if u.arbitrary()? {
@@ -147,5 +144,15 @@ fn motion(u: &mut Unstructured<'_>) -> Result<FrameMotion> {
             path = path.with_residual(field);
         }
     }
-    Ok(FrameMotion::new(readout, path).with_weight(real(u, 1.0)?))
+    let placement = if u.arbitrary()? { Some(homography(u)?) } else { None };
+    Ok(FrameMotion::new(readout, path).with_weight(real(u, 1.0)?).with_placement(placement))
+}
+
+/// The identity with up to three elements changed.
+fn homography(u: &mut Unstructured<'_>) -> Result<Matrix3<f64>> {
+    let mut matrix = Matrix3::identity();
+    for _ in 0..u.int_in_range(0..=3u8)? {
+        matrix[u.int_in_range(0..=8usize)?] += real(u, 0.1)?;
+    }
+    Ok(matrix)
 }

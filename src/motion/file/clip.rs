@@ -1,7 +1,7 @@
 //! The clip whose motion a file holds.
 
 /// The identity of the clip whose motion a file holds, and how it is shown.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq)]
 #[non_exhaustive]
 pub struct Clip {
     /// Name of its file, without the folder.
@@ -15,13 +15,16 @@ pub struct Clip {
     pub mirrored: bool,
     /// Width over height of its pixels, as numerator and denominator, neither 0.
     pub pixel_aspect: [u32; 2],
+    /// [Zoom](crate::warp::WarpSettings::zoom) to rectify its frames with, at least 1: the least that hides all borders, where that was
+    /// looked for.
+    pub zoom: f64,
 }
 
 impl Clip {
     /// A clip with the name and the size of its file, whose frames are shown as they are stored, with square pixels.
     #[must_use]
     pub fn new(name: impl Into<String>, bytes: u64) -> Self {
-        Self { name: name.into(), bytes, turned: 0, mirrored: false, pixel_aspect: [1, 1] }
+        Self { name: name.into(), bytes, turned: 0, mirrored: false, pixel_aspect: [1, 1], zoom: 1.0 }
     }
 
     /// Width over height of its pixels.

@@ -13,7 +13,7 @@ const VERSION: [u32; 2] = [1, 0];
 const NAME_BYTES: usize = 512;
 
 /// What the header states.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub(super) struct Header {
     pub(super) clip: Clip,
     pub(super) frames: u64,
@@ -34,12 +34,13 @@ impl Header {
         let ([major, minor], Self { clip, frames, times, index }) = (VERSION, self);
         let mut text = format!(
             "{TITLE}{major}.{minor}\nclip: {name}\nclip-bytes: {}\nturned: {}\nmirrored: {}\npixel-aspect: {}:{}\n\
-             frames: {frames}\ntimes-fnv1a: {times:016x}\nindex: {index}\n",
+             zoom: {}\nframes: {frames}\ntimes-fnv1a: {times:016x}\nindex: {index}\n",
             clip.bytes,
             clip.turned,
             if clip.mirrored { "yes" } else { "no" },
             clip.pixel_aspect[0],
-            clip.pixel_aspect[1]
+            clip.pixel_aspect[1],
+            clip.zoom
         );
         let padding = HEADER_BYTES.saturating_sub(text.len() + 1);
         text.extend(std::iter::repeat_n(' ', padding));
@@ -80,10 +81,12 @@ impl Header {
             Some([side(width)?, side(height)?])
         });
         let pixel_aspect = aspect.ok_or(MotionFileError::Header("pixel-aspect"))?;
+        let zoom = value("zoom")?.parse().ok().filter(|zoom: &f64| zoom.is_finite() && *zoom >= 1.0);
+        let zoom = zoom.ok_or(MotionFileError::Header("zoom"))?;
         let times = u64::from_str_radix(value("times-fnv1a")?, 16);
         let clip = Clip::new(value("clip")?, number("clip-bytes")?);
         Ok(Self {
-            clip: Clip { turned, mirrored, pixel_aspect, ..clip },
+            clip: Clip { turned, mirrored, pixel_aspect, zoom, ..clip },
             frames: number("frames")?,
             times: times.map_err(|_| MotionFileError::Header("times-fnv1a"))?,
             index: number("index")?,
@@ -97,7 +100,7 @@ mod tests {
 
     fn header() -> Header {
         let clip = Clip::new("Straße 1.mp4", 123_456);
-        let clip = Clip { turned: 270, mirrored: true, pixel_aspect: [64, 45], ..clip };
+        let clip = Clip { turned: 270, mirrored: true, pixel_aspect: [64, 45], zoom: 1.125, ..clip };
         Header { clip, frames: 103, times: 0x0123_4567_89ab_cdef, index: 98_765 }
     }
 
@@ -107,7 +110,7 @@ mod tests {
         assert_eq!(text.len(), HEADER_BYTES);
         assert!(text.starts_with(
             "rsrectify motion 1.0\nclip: Straße 1.mp4\nclip-bytes: 123456\nturned: 270\nmirrored: yes\n\
-             pixel-aspect: 64:45\nframes: 103\n"
+             pixel-aspect: 64:45\nzoom: 1.125\nframes: 103\n"
         ));
         assert_eq!(Header::parse(text.as_bytes()).unwrap(), header());
         let clip = Clip::new("ä\n".repeat(2000), 0);
@@ -119,7 +122,7 @@ mod tests {
     #[test]
     fn newer_minor_versions_are_read_and_other_major_ones_refused() {
         let newer =
-            header().text().replace("1.0\n", "1.7\n").replace("index: 98765\n      ", "index: 98765\nzoom: ");
+            header().text().replace("1.0\n", "1.7\n").replace("index: 98765\n      ", "index: 98765\nlens: ");
         assert_eq!(newer.len(), HEADER_BYTES);
         assert_eq!(Header::parse(newer.as_bytes()).unwrap(), header());
         let error = Header::parse(b"rsrectify motion 2.3\nall else differs").unwrap_err();
@@ -133,14 +136,24 @@ mod tests {
 
     #[test]
     fn what_is_missing_is_named() {
-        for key in
-            ["clip", "clip-bytes", "turned", "mirrored", "pixel-aspect", "frames", "times-fnv1a", "index"]
-        {
+        for key in [
+            "clip",
+            "clip-bytes",
+            "turned",
+            "mirrored",
+            "pixel-aspect",
+            "zoom",
+            "frames",
+            "times-fnv1a",
+            "index",
+        ] {
             let text = header().text().replace(&format!("\n{key}: "), &format!("\n{}- ", key));
             let error = Header::parse(text.as_bytes()).unwrap_err();
             assert!(error.to_string().ends_with(key), "{error}");
         }
-        for (value, other) in [("64:45", "64:0"), ("64:45", "64"), ("mirrored: yes", "mirrored: maybe")] {
+        for (value, other) in
+            [("64:45", "64:0"), ("64:45", "64"), ("mirrored: yes", "mirrored: maybe"), ("1.125", "0.5")]
+        {
             assert!(Header::parse(header().text().replace(value, other).as_bytes()).is_err(), "{other}");
         }
         let cut = header().text();

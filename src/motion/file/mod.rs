@@ -21,6 +21,7 @@
 //! | `turned` | degrees by which players turn the frames clockwise to show them upright: 0, 90, 180 or 270; the motions are those of the frames before |
 //! | `mirrored` | `yes` if players also mirror the frames, `no` otherwise |
 //! | `pixel-aspect` | width over height of a pixel, as `64:45` |
+//! | `zoom` | factor, 1 or more, by which the rectified frames are to be enlarged about their centre, so that no border is seen |
 //! | `frames` | number of frames |
 //! | `times-fnv1a` | FNV-1a hash, 64 bits in hexadecimal digits, of the frames' times as they are in the index, 8 bytes each |
 //! | `index` | offset of the index in the file |
@@ -35,6 +36,7 @@
 //! | 1 | kind of the path: 0 uniform, 1 sampled |
 //! | 2 | N, samples of a sampled path, 5 to 1025; otherwise 0 |
 //! | 2, 2 | columns and rows of the residual mesh, at most 65 536 nodes; 0, 0: none |
+//! | 2 | 1 if the frame is stabilised and has a placement, otherwise 0 |
 //! | 8 | readout time T in seconds |
 //! | 8 | share of the correction that is applied, 0 to 1 |
 //! | 8 | confidence in the motion, 0 to 1 |
@@ -43,8 +45,11 @@
 //! | 8, 8, 8 | uniform: ω in rad/s, vx and vy in px/s at the centre; otherwise 0 |
 //! | 8, 8, 8, 8 | origin x and y of the mesh in centred pixels, and its spacing in x and y; without a mesh 0 |
 //! | 4 | how many bytes the integers take |
-//! | 4 | checksum: the low 32 bits of the FNV-1a hash (64 bits) of bytes 4 to 119 and of the integers' bytes |
+//! | 4 | checksum: the low 32 bits of the FNV-1a hash (64 bits) of bytes 4 to 121, of the placement and of the integers' bytes |
+//! | 8 × 8 | only with a placement: the first eight elements of its homography, row by row; the last is 1 |
 //! | | the integers, coded as below |
+//!
+//! The placement maps centred pixels of the picture at the middle of the readout to where the output shows them, before the zoom.
 //!
 //! The integers are, first, of a sampled path: for each of the eight first elements of the homographies, row by row,
 //! the fourth differences over its N samples (differences of differences, four times, the first of each as if 0 came

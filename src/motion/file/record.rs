@@ -10,7 +10,7 @@ use crate::readout::{Readout, ReadoutDirection, ReadoutTime};
 use nalgebra::Matrix3;
 
 /// Bytes of a record before what is packed.
-pub(super) const FIXED_BYTES: usize = 124;
+pub(super) const FIXED_BYTES: usize = 126;
 /// Bytes before the checksum.
 const BEFORE_CHECKSUM: usize = FIXED_BYTES - 4;
 /// Largest side of a frame in pixels, as of the rectifier.
@@ -25,6 +25,8 @@ const DIRECTIONS: [ReadoutDirection; 4] = [
     ReadoutDirection::LeftToRight,
     ReadoutDirection::RightToLeft,
 ];
+/// Bytes of a placement: its homography but the last element, which is 1.
+const PLACEMENT_BYTES: usize = 8 * ELEMENTS;
 const UNIFORM: u8 = 0;
 const SAMPLED: u8 = 1;
 
@@ -80,13 +82,16 @@ impl MotionRecord {
             integers.mesh = encode_field(field)?;
         }
         let short = |count: usize| u16::try_from(count).map_err(|_| RecordError::TooLarge);
+        let placement = self.motion.placement().map(placement_bytes).unwrap_or_default();
         let packed = integers.pack(mesh.columns);
-        let length = u32::try_from(FIXED_BYTES + packed.len()).map_err(|_| RecordError::TooLarge)?;
-        let mut bytes = Vec::with_capacity(FIXED_BYTES + packed.len());
+        let length = FIXED_BYTES + placement.len() + packed.len();
+        let mut bytes = Vec::with_capacity(length);
+        let length = u32::try_from(length).map_err(|_| RecordError::TooLarge)?;
         let direction = DIRECTIONS.iter().position(|one| *one == readout.direction()).unwrap_or_default();
         [length, width, height].iter().for_each(|value| bytes.extend(value.to_le_bytes()));
         bytes.extend([direction as u8, kind]);
-        for value in [samples, short(mesh.columns)?, short(mesh.rows)?] {
+        let is_placed = u16::from(!placement.is_empty());
+        for value in [samples, short(mesh.columns)?, short(mesh.rows)?, is_placed] {
             bytes.extend(value.to_le_bytes());
         }
         let expected = self.expected_error.unwrap_or(f64::NAN);
@@ -96,7 +101,8 @@ impl MotionRecord {
             bytes.extend(value.to_le_bytes());
         }
         bytes.extend((packed.len() as u32).to_le_bytes());
-        bytes.extend(checksum(&bytes, &packed).to_le_bytes());
+        bytes.extend(checksum(&bytes, &[&placement, &packed]).to_le_bytes());
+        bytes.extend(placement);
         bytes.extend(packed);
         Ok(bytes)
     }
@@ -107,7 +113,8 @@ impl MotionRecord {
         let length = fields.u32()? as usize;
         let [width, height] = [fields.u32()?, fields.u32()?];
         let [direction, kind] = fields.take::<2>()?;
-        let [samples, columns, rows] = [fields.u16()?, fields.u16()?, fields.u16()?].map(usize::from);
+        let [samples, columns, rows, is_placed] =
+            [fields.u16()?, fields.u16()?, fields.u16()?, fields.u16()?].map(usize::from);
         let [readout_time, weight, confidence, expected, path_time] =
             [fields.f64()?, fields.f64()?, fields.f64()?, fields.f64()?, fields.f64()?];
         let twist = Twist::new(fields.f64()?, fields.f64()?, fields.f64()?);
@@ -115,11 +122,14 @@ impl MotionRecord {
         let spacing = [fields.f64()?, fields.f64()?];
         let packed = fields.u32()? as usize;
         let expected_checksum = fields.u32()?;
-        let packed = fields.0.get(..packed).ok_or(RecordError::CutShort)?;
-        if length < FIXED_BYTES + packed.len() || bytes.len() < length {
+        let placement = if is_placed == 1 { PLACEMENT_BYTES } else { 0 };
+        let (placement, rest) = fields.0.split_at_checked(placement).ok_or(RecordError::CutShort)?;
+        let packed = rest.get(..packed).ok_or(RecordError::CutShort)?;
+        if length < FIXED_BYTES + placement.len() + packed.len() || bytes.len() < length {
             return Err(RecordError::CutShort);
         }
-        if checksum(bytes.get(..BEFORE_CHECKSUM).unwrap_or_default(), packed) != expected_checksum {
+        let before = bytes.get(..BEFORE_CHECKSUM).unwrap_or_default();
+        if checksum(before, &[placement, packed]) != expected_checksum {
             return Err(RecordError::Checksum);
         }
         let nodes = columns * rows;
@@ -145,7 +155,8 @@ impl MotionRecord {
         if !(weight.is_finite() && confidence.is_finite()) {
             return Err(RecordError::NotFinite);
         }
-        let motion = FrameMotion::new(readout, path).with_weight(weight);
+        let placement = decode_placement(placement)?;
+        let motion = FrameMotion::new(readout, path).with_weight(weight).with_placement(placement);
         Ok(Self { time, motion, confidence, expected_error: expected.is_finite().then_some(expected) })
     }
 }
@@ -202,9 +213,25 @@ fn decode_field([x, y]: [Vec<i64>; 2], mesh: ResidualMesh) -> Result<ResidualFie
     Ok(ResidualField::new(mesh, x.into_iter().zip(y).map(velocity).collect())?)
 }
 
+/// A placement as it is stored: its elements but the last, row by row.
+fn placement_bytes(placement: &Matrix3<f64>) -> Vec<u8> {
+    placement.transpose().iter().take(ELEMENTS).flat_map(|value| value.to_le_bytes()).collect()
+}
+
+/// The placement that is stored, if there is one.
+fn decode_placement(bytes: &[u8]) -> Result<Option<Matrix3<f64>>, RecordError> {
+    let (elements, _) = bytes.as_chunks::<8>();
+    if elements.is_empty() {
+        return Ok(None);
+    }
+    let elements = elements.iter().map(|bytes| f64::from_le_bytes(*bytes)).chain([1.0]);
+    let placement = Matrix3::from_row_iterator(elements);
+    placement.iter().all(|value| value.is_finite()).then_some(Some(placement)).ok_or(RecordError::NotFinite)
+}
+
 /// The checksum of a record: of all but its length, which later versions change, and the checksum itself.
-fn checksum(before: &[u8], packed: &[u8]) -> u32 {
-    fnv1a(before.iter().skip(4).chain(packed).copied()) as u32
+fn checksum(before: &[u8], after: &[&[u8]]) -> u32 {
+    fnv1a(before.iter().skip(4).chain(after.iter().copied().flatten()).copied()) as u32
 }
 
 /// What is left of a record's bytes.

@@ -39,7 +39,9 @@ fn shaken(phase: f64) -> FrameMotion {
 fn records() -> Vec<MotionRecord> {
     let still = FrameMotion::new(Readout::global_shutter(800, 600), MotionPath::STILL).with_weight(0.0);
     let twist = MotionPath::uniform(Twist::new(0.3, 100.0 / 3.0, -7.0), 0.0321);
-    let uniform = FrameMotion::new(readout(ReadoutDirection::LeftToRight), twist);
+    let placement = Matrix3::new(0.99, -0.02, 11.0 / 3.0, 0.02, 1.01, -7.5, 1e-6, -1e-5 / 3.0, 1.0);
+    let uniform =
+        FrameMotion::new(readout(ReadoutDirection::LeftToRight), twist).with_placement(Some(placement));
     vec![
         MotionRecord::new(-PERIOD, still).with_confidence(0.0, None),
         MotionRecord::new(0, shaken(0.1)).with_confidence(0.75, Some(1.0 / 3.0)),
