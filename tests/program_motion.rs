@@ -81,6 +81,39 @@ fn a_motion_file_gives_the_same_bytes() {
 }
 
 #[test]
+fn a_steadied_clip_is_steadied_by_its_motion_file() {
+    let folder = Folder::new("motion-steadied");
+    let [clip, motion] = shaken(&folder);
+    let [plain, filed, other] = ["plain.mp4", "filed.mp4", "other.mp4"].map(|name| folder.file(name));
+    let steadied = [&["--stabilize=0.2"], &READOUT[..]].concat();
+    let told = succeeds("fix", &clip, &[&["--output", text(&plain)], &steadied[..]].concat());
+    let crop = told.lines().find(|line| line.starts_with("crop: ")).unwrap();
+    let told = succeeds("track", &clip, &[&["--motion", text(&motion), "--overwrite"], &steadied[..]].concat());
+    assert!(told.contains(crop), "{told}");
+    succeeds("fix", &clip, &["--output", text(&filed), "--motion", text(&motion)]);
+    assert!(std::fs::read(&plain).unwrap() == std::fs::read(&filed).unwrap(), "the files differ");
+    let file = MotionFile::open(&motion).unwrap();
+    assert!(file.clip().zoom > 1.0 && file.record(10).unwrap().motion.placement().is_some());
+    // What is asked for wins.
+    succeeds("fix", &clip, &["--output", text(&other), "--motion", text(&motion), "--border-mode", "mirror"]);
+    assert!(difference(&frames(&other)[10], &frames(&filed)[10]) > 1.0);
+    let refused = run("track", &clip, &["--stabilize=0.2"]);
+    assert!(!refused.status.success() && said(&refused).contains("--motion"), "{}", said(&refused));
+}
+
+#[test]
+fn the_least_crop_is_found_in_a_motion_file() {
+    let folder = Folder::new("motion-crop");
+    let [clip, motion] = shaken(&folder);
+    let [plain, filed] = ["plain.mp4", "filed.mp4"].map(|name| folder.file(name));
+    let found = succeeds("fix", &clip, &[&["--output", text(&plain), "--crop=auto"], &READOUT[..]].concat());
+    let read = succeeds("fix", &clip, &["--output", text(&filed), "--motion", text(&motion), "--crop=auto"]);
+    let crop = found.lines().find(|line| line.starts_with("crop: ")).unwrap();
+    assert!(read.contains(crop), "{read}");
+    assert!(std::fs::read(&plain).unwrap() == std::fs::read(&filed).unwrap(), "the files differ");
+}
+
+#[test]
 fn the_phone_clip_has_the_same_bytes() {
     let Some(data) = std::env::var_os("RSRECTIFY_DATA") else {
         return eprintln!("skipped: RSRECTIFY_DATA is not set");

@@ -19,9 +19,9 @@ EXIT_CODES = """Exit codes: 0 all was done, 1 a clip failed and the others were 
 # Frames before a part of a film that is steadied: after four seconds at 60 frames a second, the virtual camera is where it
 # would be in the whole film.
 STEADIED_HALO = 240
-# Options of `rsrectify fix` by which it finds the motion.
+# Options of `rsrectify fix` by which it finds the motion, and with it the steadied path and its crop.
 ANALYSIS = {f"--{name}" for name in ("readout-time", "inter-frame-delay", "readout-direction", "camera", "stabilised", "effort",
-                                    "estimator", "model", "focal-length", "lookahead", "grid-columns", "grid-rows")}
+                                    "estimator", "model", "focal-length", "lookahead", "grid-columns", "grid-rows", "stabilize", "crop")}
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -80,12 +80,11 @@ def _parser() -> argparse.ArgumentParser:
     written = rectify.add_argument_group("files that are written")
     for name in ("codec", "container", "quality", "bitrate", "audio"):
         written.add_argument(f"--{name}", help="as for rsrectify fix")
-    # A motion file does not hold the steadied path.
-    steadied_or_kept = written.add_mutually_exclusive_group()
-    steadied_or_kept.add_argument("--stabilize", type=float, metavar="SECONDS",
-                                  help="steady the picture, as for rsrectify fix; 10 per cent are cut away, or what --fix --crop says")
-    steadied_or_kept.add_argument("--motion", action="store_true",
-                                  help="beside each result a motion file of the clip, for filters in editors: CLIP.motion")
+    written.add_argument("--stabilize", type=float, metavar="SECONDS",
+                         help="steady the picture, as for rsrectify fix; 10 per cent are cut away, or what --fix --crop says")
+    written.add_argument("--motion", action="store_true",
+                         help="beside each result a motion file of the clip, for filters in editors: CLIP.motion; "
+                              "the least crop of each clip is then found")
     written.add_argument("--fix", nargs=argparse.REMAINDER, default=[], metavar="OPTION",
                          help="further options of rsrectify fix, up to the end of the line")
 
@@ -123,9 +122,10 @@ def _rectify(options: argparse.Namespace) -> int:
     is_given = options.readout_time is not None
     direction, focal_length = _given(options, "readout-direction"), _given(options, "focal-length")
     camera = _given(options, "camera")
-    # Parts of a film must be cropped alike; and a steadied path depends on more frames before it.
+    # Parts of a film must be cropped alike, which a motion file sees to; and a steadied path depends on more frames before it.
     is_steadied = bool(options.stabilize)
-    crop = ["--crop=10"] if is_steadied and not any(one.startswith("--crop") for one in options.fix) else []
+    is_crop_open = is_steadied and not options.motion and not any(one.startswith("--crop") for one in options.fix)
+    crop = ["--crop=10"] if is_crop_open else []
     fix_options = [*_given(options, "codec", "quality", "bitrate", "stabilize"), *crop, *focal_length, *camera, *options.fix]
     track_options = []
     if options.motion:

@@ -79,6 +79,13 @@ def test_a_motion_file_beside_the_result_is_what_was_applied(output, tmp_path):
     assert file.read_text() == "mine"
 
 
+def test_a_steadied_clip_in_parts_is_that_of_its_motion_file(output, tmp_path):
+    steadied = ("--stabilize", "0.3", *READOUT)
+    output.run(FILM, options=(*steadied, "--motion", "--codec", "ffv1"))
+    fix(FILM, tmp_path / "whole.mkv", *steadied, "--codec", "ffv1", "--container", "mkv")
+    assert pixels(output.folder / "film-rectified.mkv") == pixels(tmp_path / "whole.mkv")
+
+
 def test_motion_files_of_measured_clips(output, tmp_path):
     archive = tmp_path / "archive"
     archive.mkdir()

@@ -87,7 +87,10 @@ impl Filter {
     /// Rectifies the frame that is shown at `time` seconds of the clip; it stays as it is where the motion file has nothing
     /// for it.
     pub fn update(&self, time: f64, input: &[u8], output: &mut [u8]) {
-        let warp = lock(&self.state).values.warp();
+        let warp = {
+            let state = lock(&self.state);
+            state.values.warp(state.file.as_ref().map_or(1.0, |file| file.clip().zoom))
+        };
         let warped = self.motion(time).and_then(|motion| self.warp(&motion, &warp, input, output));
         if warped.is_none() {
             let length = input.len().min(output.len());

@@ -50,7 +50,7 @@ pub const PARAMETERS: [Parameter; 8] = [
         name: c"border-mode",
         kind: Kind::Text,
         explanation:
-            c"What is shown where the frame saw nothing: replicate, mirror, constant (black) or crop",
+            c"What is shown where the frame saw nothing: replicate, mirror, constant (black), crop, or auto: what the motion file says, a crop or replicate",
     },
     Parameter {
         name: c"crop",
@@ -94,9 +94,9 @@ pub(crate) struct Values {
 }
 
 impl Default for Values {
-    /// The defaults of the element.
+    /// The defaults of the element, but for the border.
     fn default() -> Self {
-        let texts = [c"", c"auto", c"cubic", c"replicate", c"0", c"1"].map(CString::from);
+        let texts = [c"", c"auto", c"cubic", c"auto", c"0", c"1"].map(CString::from);
         Self { texts, strength: 1.0, crop: 0.05 }
     }
 }
@@ -155,8 +155,8 @@ impl Values {
         }
     }
 
-    /// How frames are rectified; names that do not exist count as the default.
-    pub(crate) fn warp(&self) -> WarpSettings {
+    /// How frames are rectified by a file that states this zoom; names that do not exist count as the default.
+    pub(crate) fn warp(&self, zoom: f64) -> WarpSettings {
         let name = |index| self.text(index).and_then(|text| text.to_str().ok()).unwrap_or_default();
         let mut settings = WarpSettings::default();
         settings.strength = self.strength;
@@ -171,9 +171,11 @@ impl Values {
             "constant" => BorderMode::Constant,
             _ => BorderMode::Replicate,
         };
-        if name(BORDER_MODE) == "crop" {
-            settings.zoom = 1.0 / (1.0 - self.crop);
-        }
+        settings.zoom = match name(BORDER_MODE) {
+            "replicate" | "mirror" | "constant" => 1.0,
+            "crop" => 1.0 / (1.0 - self.crop),
+            _ => zoom,
+        };
         settings
     }
 }
@@ -185,7 +187,8 @@ mod tests {
     #[test]
     fn parameters_are_the_settings_of_the_warp() {
         let mut values = Values::default();
-        assert_eq!(values.warp(), WarpSettings::default());
+        assert_eq!(values.warp(1.0), WarpSettings::default());
+        assert_eq!(values.warp(1.3).zoom, 1.3);
         values.set_number(STRENGTH, 7.0);
         values.set_number(CROP, f64::NAN);
         assert_eq!((values.number(STRENGTH), values.number(CROP)), (Some(1.0), Some(0.05)));
@@ -193,10 +196,10 @@ mod tests {
         values.set_number(CROP, 0.2);
         values.set_text(INTERPOLATION, c"lanczos");
         values.set_text(BORDER_MODE, c"crop");
-        let warp = values.warp();
+        let warp = values.warp(1.3);
         assert_eq!((warp.strength, warp.zoom, warp.interpolation), (0.25, 1.25, Interpolation::Lanczos));
         values.set_text(BORDER_MODE, c"constant");
-        assert_eq!((values.warp().border, values.warp().zoom), (BorderMode::Constant, 1.0));
+        assert_eq!((values.warp(1.3).border, values.warp(1.3).zoom), (BorderMode::Constant, 1.0));
         assert_eq!(values.text(BORDER_MODE), Some(c"constant"));
     }
 

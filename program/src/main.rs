@@ -33,6 +33,7 @@ mod property_values;
 mod readout;
 mod rectifier_options;
 mod show;
+mod steady;
 mod streams;
 mod times;
 mod track;

@@ -1,10 +1,13 @@
 //! The motion of a clip from a file, applied instead of being looked for.
 
+use crate::rectifier_options::{Crop, RectifierOptions};
+use crate::steady;
 use anyhow::{Context, Result, bail};
 use gst::prelude::*;
 use gstrsrectify::rsrectify::RsRectify;
 use rsrectify::motion::FrameMotion;
 use rsrectify::motion::file::MotionFile;
+use rsrectify::warp::least_zoom;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -39,6 +42,25 @@ impl Motions {
         (of.bytes != bytes).then(|| {
             format!("{} is of {} with {} bytes: it is applied by time", path.display(), of.name, of.bytes)
         })
+    }
+
+    /// Sets the crop: that of the file, unless another one, or another border, is asked for; with `auto`, and where the file has none, the
+    /// least that hides the borders of all frames. What is to be said of it.
+    pub fn set_crop(&self, options: &mut RectifierOptions) -> Result<Option<String>> {
+        let file = &self.0.file;
+        let is_asked = options.steadiness.crop.is_some() || options.border_mode.is_some();
+        if file.clip().zoom > 1.0 && (!is_asked || options.crop() == Some(Crop::Auto)) {
+            // As it was asked for, or found, before it became a zoom.
+            let crop = 100.0 * (1.0 - 1.0 / file.clip().zoom);
+            options.steadiness.crop = Some(Crop::PerCent((crop * 1e6).round() / 1e6));
+        } else if options.crop() == Some(Crop::Auto) {
+            let warp = steady::warp_settings(options);
+            let zooms = (0..file.frames())
+                .map(|frame| file.record(frame).map(|record| least_zoom(&record.motion, &warp)));
+            let zoom = zooms.reduce(|a, b| Ok(a?.max(b?))).transpose()?;
+            return steady::crop_for(zoom.unwrap_or(1.0), options).map(Some);
+        }
+        Ok(None)
     }
 
     /// Has a rectifier apply the motions. Its frames come `later` by so many nanoseconds than in the clip.

@@ -84,6 +84,20 @@ impl MeasureSettings {
     }
 }
 
+/// How steady the picture is to be, and how much of it is cut away.
+#[derive(Args, Clone, Debug, Default)]
+#[command(next_help_heading = "Rectifier")]
+pub struct SteadinessOptions {
+    /// Per cent of the width and height that are cut away, so that no border is seen: 0 to 50, or `auto`, the least that does
+    /// it, for which the clip is analysed beforehand. `auto` is the default with --border-mode crop and with --stabilize.
+    #[arg(long, value_name = "auto|PERCENT")]
+    pub crop: Option<Crop>,
+    /// Steadies the picture: standard deviation in seconds of the smoothing of the camera's path, 0.5 without a number. As many
+    /// frames are looked ahead as that takes.
+    #[arg(long, value_name = "SECONDS", num_args = 0..=1, default_missing_value = "0.5", value_parser = deviation)]
+    pub stabilize: Option<f64>,
+}
+
 /// Properties of the element; those not given keep its defaults.
 #[derive(Args, Clone, Debug, Default)]
 #[command(next_help_heading = "Rectifier")]
@@ -99,14 +113,8 @@ pub struct RectifierOptions {
     /// What is shown where the frame saw nothing.
     #[arg(long, value_name = "MODE", value_parser = ["replicate", "mirror", "constant", "crop"])]
     pub border_mode: Option<String>,
-    /// Per cent of the width and height that are cut away, so that no border is seen: 0 to 50, or `auto`, the least that does
-    /// it, for which the clip is analysed beforehand. `auto` is the default with --border-mode crop and with --stabilize.
-    #[arg(long, value_name = "auto|PERCENT")]
-    pub crop: Option<Crop>,
-    /// Steadies the picture: standard deviation in seconds of the smoothing of the camera's path, 0.5 without a number. As many
-    /// frames are looked ahead as that takes.
-    #[arg(long, value_name = "SECONDS", num_args = 0..=1, default_missing_value = "0.5", value_parser = deviation)]
-    pub stabilize: Option<f64>,
+    #[command(flatten)]
+    pub steadiness: SteadinessOptions,
     /// How much of the correction is applied, 0 to 1.
     #[arg(long, value_name = "SHARE", value_parser = share)]
     pub strength: Option<f64>,
@@ -198,20 +206,20 @@ impl AnalysisOptions {
 impl RectifierOptions {
     /// Seconds over which the picture is steadied; 0: not at all.
     pub fn stabilization(&self) -> f64 {
-        self.stabilize.unwrap_or(0.0)
+        self.steadiness.stabilize.unwrap_or(0.0)
     }
 
     /// Whether borders are cut away.
     pub fn is_cropped(&self) -> bool {
         match &self.border_mode {
             Some(mode) => mode == "crop",
-            None => self.crop.is_some() || self.stabilization() > 0.0,
+            None => self.steadiness.crop.is_some() || self.stabilization() > 0.0,
         }
     }
 
     /// How much is cut away; `None` where nothing is.
     pub fn crop(&self) -> Option<Crop> {
-        self.is_cropped().then(|| self.crop.unwrap_or(Crop::Auto))
+        self.is_cropped().then(|| self.steadiness.crop.unwrap_or(Crop::Auto))
     }
 
     /// Sets the properties that were given.
@@ -246,7 +254,7 @@ impl RectifierOptions {
                 self.is_cropped().then(|| "crop".to_owned()).or_else(|| self.border_mode.clone()),
             ),
             ("crop", crop.map(|crop| crop.to_string())),
-            ("stabilization", self.stabilize.map(|v| v.to_string())),
+            ("stabilization", self.steadiness.stabilize.map(|v| v.to_string())),
             ("strength", self.strength.map(|v| v.to_string())),
             ("threads", self.threads.map(|v| v.to_string())),
         ];

@@ -20,15 +20,23 @@ const MOST_CROP: f64 = 0.5;
 #[derive(Clone, Copy, Debug)]
 pub struct Settings {
     warp: WarpSettings,
-    crops: bool,
+    zoom: Zoom,
     crop: f64,
     /// Seconds of the recording at which the clip's time is 0.
     start: f64,
 }
 
+/// Which zoom hides the borders, if any does.
+#[derive(Clone, Copy, Debug)]
+enum Zoom {
+    OfFile,
+    OfCrop,
+    None,
+}
+
 impl Default for Settings {
     fn default() -> Self {
-        Self { warp: WarpSettings::default(), crops: false, crop: 0.05, start: 0.0 }
+        Self { warp: WarpSettings::default(), zoom: Zoom::OfFile, crop: 0.05, start: 0.0 }
     }
 }
 
@@ -51,12 +59,16 @@ impl Settings {
 
     pub fn set_border(&mut self, name: &str) -> Result<(), String> {
         self.warp.border = match name {
-            "replicate" | "crop" => BorderMode::Replicate,
+            "auto" | "replicate" | "crop" => BorderMode::Replicate,
             "mirror" => BorderMode::Mirror,
             "constant" => BorderMode::Constant,
-            _ => return Err("border must be replicate, mirror, constant or crop".into()),
+            _ => return Err("border must be auto, replicate, mirror, constant or crop".into()),
         };
-        self.crops = name == "crop";
+        self.zoom = match name {
+            "auto" => Zoom::OfFile,
+            "crop" => Zoom::OfCrop,
+            _ => Zoom::None,
+        };
         Ok(())
     }
 
@@ -88,9 +100,11 @@ impl Rectifier {
     /// Opens the motion file of a clip.
     pub fn open(path: &Path, mut settings: Settings) -> Result<Self, String> {
         let file = MotionFile::open(path).map_err(|error| format!("{}: {error}", path.display()))?;
-        if settings.crops {
-            settings.warp.zoom = 1.0 / (1.0 - settings.crop);
-        }
+        settings.warp.zoom = match settings.zoom {
+            Zoom::OfFile => file.clip().zoom,
+            Zoom::OfCrop => 1.0 / (1.0 - settings.crop),
+            Zoom::None => 1.0,
+        };
         Ok(Self { file, settings, warpers: Mutex::default() })
     }
 

@@ -11,12 +11,12 @@ Item {
         "motion-file": "",
         "strength": 1,
         "interpolation": "cubic",
-        "border-mode": "replicate",
+        "border-mode": "auto",
         "crop": 0.05,
         "speed": 1
     })
     property var interpolations: ["nearest", "linear", "cubic", "lanczos"]
-    property var borders: ["replicate", "mirror", "constant", "crop"]
+    property var borders: ["auto", "replicate", "mirror", "constant", "crop"]
 
     function load() {
         motionFile.text = filter.get("motion-file");
@@ -132,7 +132,7 @@ Item {
         Shotcut.ComboBox {
             id: border
 
-            model: [qsTr("Repeat the edge"), qsTr("Mirror"), qsTr("Black"), qsTr("Crop")]
+            model: [qsTr("As the motion file says"), qsTr("Repeat the edge"), qsTr("Mirror"), qsTr("Black"), qsTr("Crop")]
             Layout.columnSpan: 2
             onActivated: filter.set("border-mode", borders[currentIndex])
         }

@@ -3,7 +3,6 @@
 mod options;
 mod pipeline;
 mod plan;
-mod steady;
 
 use crate::clips;
 use crate::damage::{self, Complaints};
@@ -16,6 +15,7 @@ use crate::part;
 use crate::playback::{Event, Playback, UndecodableAudio};
 use crate::progress;
 use crate::readout::{self, Extent};
+use crate::steady;
 use crate::streams::{Audio, Excerpt, Remux};
 use anyhow::{Context, Result, anyhow, bail};
 use gst::prelude::*;
@@ -75,6 +75,7 @@ fn one(job: &Job, options: &FixOptions, interruption: &Interruption) -> Result<(
         eprintln!("warning: {other}");
     }
     let has_motion = recipe.motions.is_some();
+    let asked_lookahead = recipe.rectifier.analysis.lookahead;
     let analysis = &mut recipe.rectifier.analysis;
     // What cannot be analysed may still be played; if not, playing it says why.
     let mut unsearched = None;
@@ -101,15 +102,17 @@ fn one(job: &Job, options: &FixOptions, interruption: &Interruption) -> Result<(
     }
     interruption.check()?;
     let progress = Arc::new(Progress::default());
-    if !has_motion {
+    if !has_motion && asked_lookahead.is_none() {
         steady::set_lookahead(&job.input, &mut recipe.rectifier, interruption)?;
     }
     let lookahead = recipe.rectifier.analysis.settings().lookahead;
     let part = options.part.of(&job.input, lookahead, interruption)?;
-    if !has_motion
-        && let Some(found) = steady::set_crop(&job.input, &mut recipe.rectifier, part.as_ref(), interruption)?
-    {
-        println!("{found}");
+    let crop = match &recipe.motions {
+        Some(motions) => motions.set_crop(&mut recipe.rectifier)?,
+        None => steady::set_crop(&job.input, &mut recipe.rectifier, part.as_ref(), interruption)?,
+    };
+    if let Some(crop) = crop {
+        println!("{crop}");
     }
     let excerpt = part.map(|part| Arc::new(Excerpt::new(part)));
     let is_part = excerpt.is_some();

@@ -11,7 +11,8 @@ use crate::interruption::Interruption;
 use crate::output;
 use crate::progress;
 use crate::readout::{self, Extent, Found};
-use crate::rectifier_options::AnalysisOptions;
+use crate::rectifier_options::{AnalysisOptions, RectifierOptions, SteadinessOptions};
+use crate::steady;
 use anyhow::{Context, Result, bail};
 use clap::Args;
 use rsrectify::rectifier::Origin;
@@ -48,6 +49,8 @@ pub struct TrackOptions {
     /// Replaces files that are there.
     #[arg(long)]
     pub overwrite: bool,
+    #[command(flatten)]
+    pub steadiness: SteadinessOptions,
     #[command(flatten)]
     pub analysis: AnalysisOptions,
 }
@@ -122,6 +125,9 @@ fn track(options: &TrackOptions, interruption: &Interruption) -> Result<()> {
     clips::check(&options.clip)?;
     let TrackOptions { csv, rows_csv, json, gcsv, motion, .. } = options;
     let tables = [csv, rows_csv, json, gcsv];
+    if motion.is_none() && (options.steadiness.stabilize.is_some() || options.steadiness.crop.is_some()) {
+        bail!("--stabilize and --crop are for --motion: tables tell how the camera moved");
+    }
     for file in tables.into_iter().chain([motion]).flatten() {
         output::check(&options.clip, file, options.overwrite)?;
         output::check_writable(file)?;
@@ -136,12 +142,23 @@ fn track(options: &TrackOptions, interruption: &Interruption) -> Result<()> {
     }
     readout::settle(found.as_ref(), &mut analysis);
     if let Some(path) = motion {
-        let mut analysis = analysis.clone();
+        let mut rectifier = RectifierOptions {
+            analysis: analysis.clone(),
+            steadiness: options.steadiness.clone(),
+            ..Default::default()
+        };
+        let analysis = &mut rectifier.analysis;
         if !options.analysis.wants_readout() && analysis.leaves_readout_open() {
-            analysis.expected = readout::expected(&options.clip, &analysis, interruption)?;
+            analysis.expected = readout::expected(&options.clip, analysis, interruption)?;
+        }
+        if options.analysis.lookahead.is_none() {
+            steady::set_lookahead(&options.clip, &mut rectifier, interruption)?;
+        }
+        if let Some(crop) = steady::set_crop(&options.clip, &mut rectifier, None, interruption)? {
+            eprintln!("{crop}");
         }
         let output = Output::create(path, options.overwrite)?;
-        let (file, frames) = motion::write(&options.clip, &analysis, output, interruption)?;
+        let (file, frames) = motion::write(&options.clip, &rectifier, output, interruption)?;
         file.finish()?;
         eprintln!("{frames} frames");
         if tables.into_iter().all(Option::is_none) {

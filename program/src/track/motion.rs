@@ -10,7 +10,8 @@ use crate::isobmff::Film;
 use crate::picture::Picture;
 use crate::playback::{Event, Playback};
 use crate::progress;
-use crate::rectifier_options::{AnalysisOptions, RectifierOptions};
+use crate::rectifier_options::{Crop, RectifierOptions};
+use crate::steady;
 use crate::times;
 use anyhow::{Context, Result, anyhow, bail};
 use gst::prelude::*;
@@ -23,10 +24,10 @@ use std::sync::{Arc, Mutex, PoisonError};
 /// What is written, until it fails.
 type Writing<W> = Arc<Mutex<Result<MotionWriter<W>, MotionFileError>>>;
 
-/// Writes the motion of a clip, whose readout has been sought as `fix` does; the number of its frames.
+/// Writes the motion of a clip, whose readout and crop have been sought as `fix` does; the number of its frames.
 pub fn write<W: Write + Seek + Send + 'static>(
     clip: &Path,
-    analysis: &AnalysisOptions,
+    options: &RectifierOptions,
     output: W,
     interruption: &Interruption,
 ) -> Result<(W, usize)> {
@@ -40,8 +41,11 @@ pub fn write<W: Write + Seek + Send + 'static>(
     let aspect = picture.info.as_ref().map(|info| [info.par().numer(), info.par().denom()]);
     let aspect = aspect.map(|aspect| aspect.map(|side| u32::try_from(side).unwrap_or(0)));
     identity.pixel_aspect = aspect.filter(|aspect| !aspect.contains(&0)).unwrap_or(identity.pixel_aspect);
+    if let Some(Crop::PerCent(crop)) = options.crop() {
+        identity.zoom = steady::zoom_of(crop);
+    }
     let writing: Writing<W> = Arc::new(Mutex::new(MotionWriter::new(output, identity)));
-    play(clip, picture.delay, analysis, &writing, interruption)?;
+    play(clip, picture.delay, options, &writing, interruption)?;
     // The pipeline is gone, and with it the other one who held this.
     let writer = Arc::into_inner(writing).context("the rectifier has not ended")?;
     let mut writer = writer.into_inner().unwrap_or_else(PoisonError::into_inner)?;
@@ -61,7 +65,7 @@ pub fn write<W: Write + Seek + Send + 'static>(
 fn play<W: Write + Seek + Send + 'static>(
     clip: &Path,
     delay: usize,
-    analysis: &AnalysisOptions,
+    options: &RectifierOptions,
     writing: &Writing<W>,
     interruption: &Interruption,
 ) -> Result<()> {
@@ -80,8 +84,7 @@ fn play<W: Write + Seek + Send + 'static>(
     let straightened = times::straighten(&pad(&frames, "src")?);
     times::mend(&pipeline, delay);
     let rectifier = named(&pipeline, "rectifier")?;
-    let options = RectifierOptions { analysis: analysis.clone(), strength: Some(0.0), ..Default::default() };
-    options.apply(&rectifier)?;
+    RectifierOptions { strength: Some(0.0), ..options.clone() }.apply(&rectifier)?;
     let rectifier =
         rectifier.downcast::<RsRectify>().map_err(|_| anyhow!("the rectifier is another element"))?;
     let target = writing.clone();
