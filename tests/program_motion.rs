@@ -88,7 +88,8 @@ fn a_steadied_clip_is_steadied_by_its_motion_file() {
     let steadied = [&["--stabilize=0.2"], &READOUT[..]].concat();
     let told = succeeds("fix", &clip, &[&["--output", text(&plain)], &steadied[..]].concat());
     let crop = told.lines().find(|line| line.starts_with("crop: ")).unwrap();
-    let told = succeeds("track", &clip, &[&["--motion", text(&motion), "--overwrite"], &steadied[..]].concat());
+    let told =
+        succeeds("track", &clip, &[&["--motion", text(&motion), "--overwrite"], &steadied[..]].concat());
     assert!(told.contains(crop), "{told}");
     succeeds("fix", &clip, &["--output", text(&filed), "--motion", text(&motion)]);
     assert!(std::fs::read(&plain).unwrap() == std::fs::read(&filed).unwrap(), "the files differ");
