@@ -3,6 +3,7 @@
 //! Frames are rectified as the sensor delivered them and turned upright only afterwards: the rows of
 //! a phone's portrait clip are read top to bottom before it is rotated.
 
+use super::tally::Tally;
 use crate::elements::{named, pad, parse};
 use crate::interruption::Interruption;
 use crate::isobmff::EncodedVideo;
@@ -191,6 +192,7 @@ impl Rectification {
         clip: &Path,
         output: &Path,
         progress: &Arc<Progress>,
+        tally: &Tally,
     ) -> Result<Self> {
         let (container, audio) = (recipe.container, recipe.audio);
         let (mut encoded, mut is_turned, mut straightened) = (None, true, None);
@@ -208,8 +210,12 @@ impl Rectification {
             if excerpt.is_none() {
                 straightened = Some(times::straighten(&pad(&named(&video, "frames")?, "src")?));
             }
+            let rectifier = named(&video, "rectifier")?;
+            tally.listen(&rectifier, &recipe.rectifier, excerpt.clone())?;
             if let Some(motions) = &recipe.motions {
-                motions.apply(&named(&video, "rectifier")?, later.clone())?;
+                let tally = tally.clone();
+                motions
+                    .apply(&rectifier, later.clone(), move |time, motion| tally.add_given(time, motion))?;
             }
             progress.watch(&pad(&named(&video, "encoder")?, "sink")?);
             if container.is_isobmff() {
