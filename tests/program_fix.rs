@@ -102,6 +102,19 @@ fn a_comparison_shows_both_pictures() {
     let after = frames(&output);
     assert_eq!((after.len(), size(&after[0])), (FRAMES, (640, 240)));
     assert!((column(&after[9], 100) - column(&after[9], 420)).abs() < 2.0);
+    // A white line between them, and in the upper left corner of each its label.
+    let data = after[9].buffer().unwrap().map_readable().unwrap();
+    let brightest = |row: usize, columns: std::ops::Range<usize>| {
+        *data[640 * row + columns.start..640 * row + columns.end].iter().max().unwrap()
+    };
+    for row in [30, 120, 200] {
+        assert!(brightest(row, 319..321) > 200, "row {row}");
+    }
+    for half in [0, 320] {
+        // The gradient is dark there.
+        assert!(brightest(14, half + 6..half + 60) > 200, "at {half}");
+        assert!(brightest(14, half + 100..half + 300) < 100, "at {half}");
+    }
 }
 
 /// Writes the rotation of a phone's portrait clip, 90° clockwise, into the header of the first track.

@@ -1,5 +1,6 @@
 //! `rsrectify fix`: clips → rectified clips.
 
+mod comparison;
 mod options;
 mod pipeline;
 mod plan;

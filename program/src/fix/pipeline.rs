@@ -3,6 +3,7 @@
 //! Frames are rectified as the sensor delivered them and turned upright only afterwards: the rows of
 //! a phone's portrait clip are read top to bottom before it is rotated.
 
+use super::comparison::{self, SIDE_BY_SIDE};
 use super::tally::Tally;
 use crate::elements::{named, pad, parse};
 use crate::interruption::Interruption;
@@ -93,7 +94,7 @@ fn video_branch(
     let shown = if recipe.compare {
         format!(
             "tee name=both  both. ! queue name=original ! {UPRIGHT} ! side.  both. ! {rectified} ! side. \
-             compositor name=side background=black"
+             {SIDE_BY_SIDE}"
         )
     } else {
         rectified
@@ -119,6 +120,7 @@ fn video_branch(
             if is_allocation { gst::PadProbeReturn::Drop } else { gst::PadProbeReturn::Ok }
         });
         place_side_by_side(&named(&bin, "side")?)?;
+        comparison::label(&named(&bin, "labels")?);
     }
     if let Some(excerpt) = excerpt {
         excerpt.keep_analysed(&pad(&named(&bin, "frames")?, "src")?);
