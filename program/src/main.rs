@@ -36,6 +36,7 @@ mod readout;
 mod rectifier_options;
 mod show;
 mod streams;
+mod summary;
 mod times;
 mod track;
 

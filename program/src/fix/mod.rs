@@ -5,8 +5,6 @@ mod options;
 mod pipeline;
 mod plan;
 mod steady;
-mod summary;
-mod tally;
 
 use crate::clips;
 use crate::damage::{self, Complaints};
@@ -15,12 +13,12 @@ use crate::messages::{self, RESULT};
 use crate::motions::Motions;
 use crate::output::codec::Container;
 use crate::output::{self, Unfinished};
-use crate::packets::Packets;
 use crate::part;
 use crate::playback::{Event, Playback, UndecodableAudio};
 use crate::progress;
 use crate::readout::{self, Extent};
 use crate::streams::{Audio, Excerpt, Remux};
+use crate::summary::{Source, Summary, Tally};
 use anyhow::{Context, Result, anyhow, bail};
 use gst::prelude::*;
 use indicatif::{ProgressBar, ProgressStyle};
@@ -29,11 +27,8 @@ use pipeline::Recipe;
 use pipeline::{Progress, Rectification};
 use plan::Job;
 use serde::Serialize;
-use std::path::Path;
 use std::sync::Arc;
 use std::time::Instant;
-use summary::{Source, Summary};
-use tally::Tally;
 
 /// Rectifies all clips; whether all could be.
 pub fn run(options: &FixOptions, interruption: &Interruption) -> Result<bool> {
@@ -203,30 +198,7 @@ fn one(job: &Job, options: &FixOptions, report: &mut Report, interruption: &Inte
         let clip = job.input.display();
         log::warn!("{clip}: the times of frames contradict their order: {moved} are shown a little later");
     }
-    report_damage(&job.input, frames, is_part, complaints.first(), interruption)
-}
-
-/// An error where a clip lacks something of what it should have, and so its rectified twin; a warning where frames are there, but
-/// their decoder complained.
-fn report_damage(
-    clip: &Path,
-    frames: usize,
-    is_part: bool,
-    complaint: Option<String>,
-    interruption: &Interruption,
-) -> Result<()> {
-    if let Some(missing) = damage::missing_bytes(clip) {
-        bail!("the file was cut short, {missing} bytes are missing: what there is of it was rectified");
-    }
-    let Some(complaint) = complaint else { return Ok(()) };
-    let stored = if is_part { frames } else { Packets::count_shown(clip, interruption).unwrap_or(frames) };
-    if let Some(lost) = stored.checked_sub(frames).filter(|lost| *lost > 0) {
-        bail!(
-            "is damaged: {lost} of {stored} frames cannot be decoded ({complaint}); the others were rectified"
-        );
-    }
-    log::warn!("{}: is damaged, some pictures may be wrong ({complaint})", clip.display());
-    Ok(())
+    damage::report(&job.input, frames, is_part, complaints.first(), interruption)
 }
 
 /// Runs the pipeline to its end.

@@ -4,7 +4,6 @@
 //! a phone's portrait clip are read top to bottom before it is rotated.
 
 use super::comparison::{self, SIDE_BY_SIDE};
-use super::tally::Tally;
 use crate::elements::{named, pad, parse};
 use crate::interruption::Interruption;
 use crate::isobmff::EncodedVideo;
@@ -16,6 +15,7 @@ use crate::picture::Picture;
 use crate::rectifier_options::RectifierOptions;
 use crate::streams::timecode::Timecode;
 use crate::streams::{Audio, Destination, Excerpt, Remux, Video, collect};
+use crate::summary::Tally;
 use crate::times::{self, Straightened};
 use anyhow::Result;
 use gst::buffer::BufferMetaForeachAction;
@@ -213,7 +213,7 @@ impl Rectification {
                 straightened = Some(times::straighten(&pad(&named(&video, "frames")?, "src")?));
             }
             let rectifier = named(&video, "rectifier")?;
-            tally.listen(&rectifier, &recipe.rectifier, excerpt.clone())?;
+            tally.listen(&rectifier, &recipe.rectifier, excerpt.clone(), |_, _| {})?;
             if let Some(motions) = &recipe.motions {
                 let tally = tally.clone();
                 motions

@@ -70,28 +70,33 @@ struct Frames {
 pub struct Tally(Arc<Mutex<Frames>>);
 
 impl Tally {
-    /// Listens to a rectifier with these options, of which only the frames of a part are wanted; forgets what was before.
+    /// Listens to a rectifier with these options, of which only the frames of a part are wanted; forgets what was before. `note` is
+    /// given the motion of each frame, and its time.
     pub fn listen(
         &self,
         rectifier: &gst::Element,
         options: &RectifierOptions,
         excerpt: Option<Arc<Excerpt>>,
+        note: impl Fn(Option<gst::ClockTime>, &FrameSolution) + Send + Sync + 'static,
     ) -> Result<()> {
         let (reference, strength) = (options.reference_row.unwrap_or(0.5), options.strength.unwrap_or(1.0));
-        *self.frames() = Frames { excerpt, reference, strength, ..Frames::default() };
+        *self.lock() = Frames { excerpt, reference, strength, ..Frames::default() };
         let rectifier = rectifier.downcast_ref::<RsRectify>().context("the rectifier is another element")?;
         let tally = self.clone();
-        rectifier.observe_motions(move |time, solution| tally.add(time, solution));
+        rectifier.observe_motions(move |time, solution| {
+            tally.add(time, solution);
+            note(time, solution);
+        });
         Ok(())
     }
 
-    fn frames(&self) -> MutexGuard<'_, Frames> {
+    fn lock(&self) -> MutexGuard<'_, Frames> {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     fn add(&self, time: Option<gst::ClockTime>, solution: &FrameSolution) {
         let motion = &solution.motion;
-        let mut frames = self.frames();
+        let mut frames = self.lock();
         let Some(pixels) = frames.pixels(time, motion) else { return };
         let readout = motion.readout();
         let twist = motion.path().mean_twist();
@@ -115,7 +120,7 @@ impl Tally {
 
     /// Adds a frame whose motion was given, if there is one.
     pub fn add_given(&self, time: Option<gst::ClockTime>, motion: Option<&FrameMotion>) {
-        let mut frames = self.frames();
+        let mut frames = self.lock();
         let still = FrameMotion::new(Readout::global_shutter(1, 1), MotionPath::STILL);
         let Some(pixels) = frames.pixels(time, motion.unwrap_or(&still)) else { return };
         let left = (pixels == 0.0).then_some(Left::Given { has_motion: motion.is_some() });
@@ -129,11 +134,16 @@ impl Tally {
 
     /// The frames in the order in which they were given out.
     pub fn entries(&self) -> Vec<Entry> {
-        self.frames().entries.clone()
+        self.lock().entries.clone()
+    }
+
+    /// How many frames were given out.
+    pub fn frames(&self) -> usize {
+        self.lock().entries.len()
     }
 
     pub fn last_readout(&self) -> Option<LastReadout> {
-        self.frames().last
+        self.lock().last
     }
 }
 

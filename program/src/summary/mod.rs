@@ -1,6 +1,7 @@
 //! What was done with a clip, in numbers: for people, and as JSON.
 
-use super::tally::{Entry, LastReadout, Left, Tally};
+mod tally;
+
 use crate::estimate::Estimate;
 use crate::property_values::{Direction, name_of};
 use crate::readout::{self, Doubt, Found};
@@ -8,6 +9,8 @@ use rsrectify::rectifier::Origin;
 use serde::Serialize;
 use std::fmt;
 use std::time::Duration;
+pub use tally::Tally;
+use tally::{Entry, LastReadout, Left};
 
 /// Pixels a frame: where the picture moves less than that even where it moves fastest, no readout bends it by more than half.
 const STILL: f64 = 0.25;
@@ -69,6 +72,9 @@ pub struct Summary {
     /// Since the clip was opened.
     pub seconds: f64,
     pub frames_per_second: f64,
+    /// Seconds from one frame to the next, in the mean; 0 where it is not known.
+    #[serde(skip)]
+    pub period: f64,
     pub readout: Readout,
     /// Frames of which any sample was moved by the correction.
     pub corrected_frames: usize,
@@ -94,6 +100,7 @@ impl Summary {
             frames,
             seconds,
             frames_per_second: frames as f64 / seconds.max(1e-3),
+            period,
             readout: Readout::new(source, tally.last_readout(), period),
             corrected_frames: corrected.len(),
             correction_px: median(corrected).map(|median| Pixels { median, largest }),
@@ -262,32 +269,38 @@ impl fmt::Display for Stretch {
     }
 }
 
+impl Summary {
+    /// What is known beside the number of frames, each with its name.
+    pub fn rows(&self) -> Vec<(&'static str, String)> {
+        let Self { frames, corrected_frames, .. } = self;
+        let share = 100.0 * *corrected_frames as f64 / (*frames).max(1) as f64;
+        // 100 % are all of them.
+        let share = if corrected_frames < frames { share.min(99.0) } else { share };
+        let mut corrected = format!("{share:.0} % of the frames");
+        if let Some(Pixels { median, largest }) = self.correction_px {
+            corrected += &format!(", by {median:.1} px in the median, {largest:.1} px at most");
+        }
+        if let Some(confidence) = self.confidence {
+            corrected += &format!("; confidence {confidence:.2}");
+        }
+        if self.zoom > 1.0 {
+            corrected += &format!("; zoom {:.3}", self.zoom);
+        }
+        let recorded = self.as_recorded.as_ref().map(|stretch| match stretch.frames == *frames {
+            true => format!("all of it: {}", stretch.reason),
+            false => stretch.to_string(),
+        });
+        let rows = [("readout time", self.readout.to_string()), ("corrected", corrected)];
+        rows.into_iter().chain(recorded.map(|recorded| ("as recorded", recorded))).collect()
+    }
+}
+
 /// In lines below that of the file.
 impl fmt::Display for Summary {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { frames, seconds, frames_per_second, corrected_frames, .. } = self;
-        writeln!(f, "{frames} frames in {seconds:.1} s, {frames_per_second:.1} frames/s")?;
-        writeln!(f, "  readout time  {}", self.readout)?;
-        let share = 100.0 * *corrected_frames as f64 / (*frames).max(1) as f64;
-        // Not all of them where that is not so.
-        let share = if corrected_frames < frames { share.min(99.9).floor() } else { share };
-        write!(f, "  corrected     {share:.0} % of the frames")?;
-        if let Some(Pixels { median, largest }) = self.correction_px {
-            write!(f, ", by {median:.1} px in the median, {largest:.1} px at most")?;
-        }
-        if let Some(confidence) = self.confidence {
-            write!(f, "; confidence {confidence:.2}")?;
-        }
-        if self.zoom > 1.0 {
-            write!(f, "; zoom {:.3}", self.zoom)?;
-        }
-        match &self.as_recorded {
-            Some(Stretch { frames: left, reason, .. }) if left == frames => {
-                write!(f, "\n  as recorded   all of it: {reason}")
-            }
-            Some(stretch) => write!(f, "\n  as recorded   {stretch}"),
-            None => Ok(()),
-        }
+        let Self { frames, seconds, frames_per_second, .. } = self;
+        write!(f, "{frames} frames in {seconds:.1} s, {frames_per_second:.1} frames/s")?;
+        self.rows().iter().try_for_each(|(name, text)| write!(f, "\n  {name:12}  {text}"))
     }
 }
 
