@@ -260,10 +260,14 @@ impl fmt::Display for Readout {
 impl fmt::Display for Stretch {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { frames, start_s, duration_s, reason } = self;
-        match (*frames, *start_s) {
-            (1, start) => write!(f, "the frame at {start:.1} s")?,
-            (_, start) if start > 0.0 => write!(f, "{duration_s:.1} s from {start:.1} s on")?,
-            _ => write!(f, "the first {duration_s:.1} s")?,
+        let long = match frames {
+            1 => "1 frame".to_owned(),
+            _ if *duration_s < 1.0 => format!("{frames} frames"),
+            _ => format!("{duration_s:.1} s"),
+        };
+        match *start_s > 0.0 {
+            true => write!(f, "{long} from {start_s:.1} s on")?,
+            false => write!(f, "the first {long}")?,
         }
         write!(f, ": {reason}")
     }
@@ -331,10 +335,12 @@ mod tests {
         let stretch = longest_left(&entries, 9, 0.1).unwrap();
         assert_eq!((stretch.frames, stretch.reason.as_str()), (4, "the readout was not known"));
         assert!((stretch.start_s - 0.3).abs() < 1e-9 && (stretch.duration_s - 0.4).abs() < 1e-9);
-        assert_eq!(stretch.to_string(), "0.4 s from 0.3 s on: the readout was not known");
+        assert_eq!(stretch.to_string(), "4 frames from 0.3 s on: the readout was not known");
         let first = longest_left(&entries[..4], 4, 0.1).unwrap();
-        assert_eq!(first.to_string(), "the first 0.2 s: nothing moved");
+        assert_eq!(first.to_string(), "the first 2 frames: nothing moved");
         assert_eq!(longest_left(&entries[2..3], 1, 0.1), None);
+        let long = Stretch { frames: 261, start_s: 0.0, duration_s: 8.7, reason: "nothing moved".to_owned() };
+        assert_eq!(long.to_string(), "the first 8.7 s: nothing moved");
     }
 
     #[test]
