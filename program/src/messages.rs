@@ -17,15 +17,15 @@ pub const RESULT: &str = "rsrectify::result";
 static MESSAGES: Messages = Messages {
     file: Mutex::new(None),
     warnings: Mutex::new(Vec::new()),
-    is_json_printed: AtomicBool::new(false),
+    is_output_taken: AtomicBool::new(false),
 };
 
 struct Messages {
     file: Mutex<Option<File>>,
     /// Warnings since they were last taken.
     warnings: Mutex<Vec<String>>,
-    /// Whether the standard output is for JSON alone.
-    is_json_printed: AtomicBool,
+    /// Whether the standard output is for data alone.
+    is_output_taken: AtomicBool,
 }
 
 impl Log for Messages {
@@ -43,7 +43,7 @@ impl Log for Messages {
             Level::Warn => format!("warning: {}", record.args()),
             _ => record.args().to_string(),
         };
-        if record.target() == RESULT && !self.is_json_printed.load(Ordering::Relaxed) {
+        if record.target() == RESULT && !self.is_output_taken.load(Ordering::Relaxed) {
             // Who closes the standard output wants no more of it; the files are written all the same.
             let _ = progress::print(format!("{text}\n").as_bytes());
         } else {
@@ -76,9 +76,9 @@ pub fn start() -> Result<()> {
     Ok(())
 }
 
-/// Leaves the standard output to JSON.
-pub fn print_json_only() {
-    MESSAGES.is_json_printed.store(true, Ordering::Relaxed);
+/// Leaves the standard output to data: results go where everything else goes.
+pub fn leave_standard_output() {
+    MESSAGES.is_output_taken.store(true, Ordering::Relaxed);
 }
 
 /// Has messages added to a file as well.

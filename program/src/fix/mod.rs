@@ -41,7 +41,7 @@ pub fn run(options: &FixOptions, interruption: &Interruption) -> Result<bool> {
         return Ok(true);
     }
     if options.json {
-        messages::print_json_only();
+        messages::leave_standard_output();
     }
     let count = jobs.len();
     let mut failed = Vec::new();
