@@ -16,6 +16,7 @@ mod estimate;
 mod fix;
 mod frame_rate;
 mod index;
+mod input;
 mod interruption;
 mod isobmff;
 mod join;

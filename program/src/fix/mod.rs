@@ -5,34 +5,34 @@ mod pipeline;
 mod plan;
 mod steady;
 
-use crate::clips;
 use crate::damage::{self, Complaints};
+use crate::input::Clip;
 use crate::interruption::Interruption;
 use crate::motions::Motions;
-use crate::output::codec::Container;
-use crate::output::{self, Unfinished};
+use crate::output::container::Container;
+use crate::output::{self, Target, Unfinished, choice};
 use crate::packets::Packets;
 use crate::part;
+use crate::picture::Picture;
 use crate::playback::{Event, Playback, UndecodableAudio};
 use crate::progress;
 use crate::readout::{self, Extent};
 use crate::streams::{Audio, Excerpt, Remux};
-use anyhow::{Context, Result, anyhow, bail};
+use anyhow::{Result, anyhow, bail};
 use gst::prelude::*;
 use indicatif::{ProgressBar, ProgressStyle};
 pub use options::FixOptions;
 use pipeline::Recipe;
 use pipeline::{Progress, Rectification};
 use plan::Job;
-use std::path::Path;
 use std::sync::Arc;
 use std::time::Instant;
 
 /// Rectifies all clips; whether all could be.
 pub fn run(options: &FixOptions, interruption: &Interruption) -> Result<bool> {
-    let jobs = plan::jobs(options)?;
+    let jobs = plan::jobs(options, interruption)?;
     if options.json {
-        println!("{}", serde_json::to_string_pretty(&plan::Listing::of(&jobs)?)?);
+        println!("{}", serde_json::to_string_pretty(&plan::Listing::of(&jobs, interruption)?)?);
         return Ok(true);
     }
     let count = jobs.len();
@@ -55,23 +55,27 @@ pub fn run(options: &FixOptions, interruption: &Interruption) -> Result<bool> {
 
 /// Rectifies a clip.
 fn one(job: &Job, options: &FixOptions, interruption: &Interruption) -> Result<()> {
-    clips::check(&job.input)?;
-    output::check(&job.input, &job.output, options.overwrite)?;
+    job.input.begin()?;
+    job.output.check(&job.input, options.overwrite)?;
     let mut recipe = job.recipe.clone();
-    recipe.codec.check(recipe.container, recipe.rate)?;
+    recipe.encoding.check(recipe.container)?;
+    // Where the standard output carries the video, nothing else may go there.
+    let say = |text: &str| {
+        if job.output == Target::Pipe { eprintln!("{text}") } else { println!("{text}") }
+    };
     if options.dry_run {
-        let (codec, container) = (recipe.codec, recipe.container);
-        println!("{} -> {}: {codec} in {container}", job.input.display(), job.output.display());
+        say(&format!("{} -> {}: {} in {}", job.input.display(), job.output, job.codec()?, recipe.container));
         return Ok(());
     }
-    if let Some(folder) = job.output.parent() {
-        // `--output` may name a folder that is not there yet.
-        if options.output.is_some() && job.is_in_folder {
-            std::fs::create_dir_all(folder).with_context(|| format!("cannot make {}", folder.display()))?;
-        }
+    let picture = Picture::of(&job.input)?;
+    let choice::Chosen { encoding, notes } = choice::choose(&recipe.encoding, &picture, recipe.container)?;
+    // `--output` may name a folder that is not there yet.
+    job.output.make_folder(job.is_in_folder)?;
+    if let Some(file) = job.output.as_file() {
+        output::check_writable(Unfinished::beside(file).path())?;
     }
-    output::check_writable(Unfinished::beside(&job.output).path())?;
-    if let Some(other) = recipe.motions.as_ref().and_then(|motions| motions.other_clip(&job.input)) {
+    notes.iter().for_each(|note| say(note));
+    if let Some(other) = recipe.motions.as_ref().and_then(|motions| motions.other_clip(job.input.path())) {
         eprintln!("warning: {other}");
     }
     let has_motion = recipe.motions.is_some();
@@ -80,12 +84,19 @@ fn one(job: &Job, options: &FixOptions, interruption: &Interruption) -> Result<(
     let mut unsearched = None;
     if has_motion {
         // Nothing is analysed.
+    } else if job.input.is_pipe() {
+        // It is read once, so that the readout is found on the way.
+        if analysis.wants_readout() {
+            say(
+                "readout: sought while the clip is rectified: the standard input is read once (or give --readout-time)",
+            );
+        }
     } else if analysis.wants_readout() {
-        let camera = analysis.camera.of(&job.input)?;
+        let camera = analysis.camera.of(job.input.path())?;
         let settings = analysis.settings();
         match readout::find(&job.input, settings, camera.as_ref(), Extent::Stretches, interruption) {
             Ok(Some(found)) => {
-                println!("readout: {found}");
+                say(&format!("readout: {found}"));
                 found.apply(analysis);
             }
             Ok(None) => unsearched = Some(anyhow!("no frame could be analysed")),
@@ -97,7 +108,7 @@ fn one(job: &Job, options: &FixOptions, interruption: &Interruption) -> Result<(
             Err(error) => unsearched = Some(error),
         }
     } else {
-        readout::report_stabilisation(&job.input, &analysis.camera)?;
+        readout::report_stabilisation(job.input.path(), &analysis.camera)?;
     }
     interruption.check()?;
     let progress = Arc::new(Progress::default());
@@ -109,7 +120,7 @@ fn one(job: &Job, options: &FixOptions, interruption: &Interruption) -> Result<(
     if !has_motion
         && let Some(found) = steady::set_crop(&job.input, &mut recipe.rectifier, part.as_ref(), interruption)?
     {
-        println!("{found}");
+        say(&found);
     }
     let excerpt = part.map(|part| Arc::new(Excerpt::new(part)));
     let is_part = excerpt.is_some();
@@ -117,12 +128,16 @@ fn one(job: &Job, options: &FixOptions, interruption: &Interruption) -> Result<(
     let complaints = Complaints::listen();
     let start = |recipe: &Recipe| {
         progress.times().clear();
-        let rectification = Rectification::new(recipe, excerpt.clone(), &job.input, &job.output, &progress)?;
-        let played = play(&rectification.remux, recipe.container, &progress, interruption);
+        let rectification =
+            Rectification::new(recipe, &encoding, excerpt.clone(), &job.input, &job.output, &progress)?;
+        let waits = job.input.is_pipe() || job.output == Target::Pipe;
+        let played = play(&rectification.remux, recipe.container, waits, &progress, interruption);
         played.map(|()| rectification)
     };
     let rectification = match start(&recipe) {
-        Err(error) if error.is::<UndecodableAudio>() && recipe.audio != Audio::None => {
+        Err(error)
+            if error.is::<UndecodableAudio>() && recipe.audio != Audio::None && !job.input.is_pipe() =>
+        {
             eprintln!("warning: {}: {error:#}; it is left out", job.input.display());
             recipe.audio = Audio::None;
             start(&recipe)?
@@ -137,14 +152,12 @@ fn one(job: &Job, options: &FixOptions, interruption: &Interruption) -> Result<(
         part::check_count(frames, expected)?;
     }
     let uncovered = recipe.motions.as_ref().map_or(Ok(None), Motions::check)?;
-    let file = rectification.finish(interruption)?;
-    output::verify(file.path(), &progress.times(), interruption)
-        .context("the file is not as it should be")?;
-    file.finish(&job.output)?;
+    let notes = rectification.finish(&progress.times(), interruption)?;
+    notes.iter().for_each(|note| eprintln!("warning: {note}"));
     if let Some(error) = unsearched {
         eprintln!("warning: {}: the readout was not sought beforehand: {error:#}", job.input.display());
     }
-    println!("{}: {frames} frames", job.output.display());
+    say(&format!("{}: {frames} frames", job.output));
     if let Some(uncovered) = uncovered {
         eprintln!("warning: {uncovered}");
     }
@@ -161,17 +174,17 @@ fn one(job: &Job, options: &FixOptions, interruption: &Interruption) -> Result<(
 /// An error where a clip lacks something of what it should have, and so its rectified twin; a warning where frames are there, but
 /// their decoder complained.
 fn report_damage(
-    clip: &Path,
+    clip: &Clip,
     frames: usize,
     is_part: bool,
     complaint: Option<String>,
     interruption: &Interruption,
 ) -> Result<()> {
-    if let Some(missing) = damage::missing_bytes(clip) {
+    if let Some(missing) = damage::missing_bytes(clip.path()) {
         bail!("the file was cut short, {missing} bytes are missing: what there is of it was rectified");
     }
     let Some(complaint) = complaint else { return Ok(()) };
-    let stored = if is_part { frames } else { Packets::count_shown(clip, interruption).unwrap_or(frames) };
+    let stored = if is_part { frames } else { stored_frames(clip, interruption).unwrap_or(frames) };
     if let Some(lost) = stored.checked_sub(frames).filter(|lost| *lost > 0) {
         bail!(
             "is damaged: {lost} of {stored} frames cannot be decoded ({complaint}); the others were rectified"
@@ -181,10 +194,27 @@ fn report_damage(
     Ok(())
 }
 
-/// Runs the pipeline to its end.
-fn play(remux: &Remux, container: Container, progress: &Progress, interruption: &Interruption) -> Result<()> {
+/// How many frames a clip has.
+fn stored_frames(clip: &Clip, interruption: &Interruption) -> Result<usize> {
+    match clip.as_images() {
+        Some(images) => images.count(),
+        None => Packets::count_shown(clip.only_file("counting frames")?, interruption),
+    }
+}
+
+/// Runs the pipeline to its end; `waits` for as long as it takes, where a pipe is read or written.
+fn play(
+    remux: &Remux,
+    container: Container,
+    waits: bool,
+    progress: &Progress,
+    interruption: &Interruption,
+) -> Result<()> {
     let bar = progress::spinner()?;
     let mut playback = Playback::new(remux.pipeline.clone())?;
+    if waits {
+        playback.wait_for_ever();
+    }
     playback.set_state(gst::State::Playing);
     let started = Instant::now();
     loop {
