@@ -31,6 +31,8 @@ const LIGHT: &str = "content-light-level";
 pub struct Picture {
     /// Format, size and scanning of the decoded frames; `None` where none could be decoded.
     pub info: Option<VideoInfo>,
+    /// Whether they have no transparency although their format has.
+    pub is_opaque: bool,
     /// What their stream is, as its decoder takes it; `None` where it is raw.
     pub coded: Option<gst::Caps>,
     pub colour: Colour,
@@ -98,6 +100,7 @@ impl Picture {
         let by_codec = Colour { matrix: if is_vp8 { BT601 } else { UNSPECIFIED }, ..Colour::default() };
         Ok(Self {
             info: VideoInfo::from_caps(&caps).ok(),
+            is_opaque: clip.is_opaque(),
             coded,
             colour: Colour::of_caps(&caps).or(film.unwrap_or_default()).or(by_codec),
             mastering_display: stated(MASTERING),

@@ -12,6 +12,11 @@ use std::str::FromStr;
 pub struct Fps(gst::Fraction);
 
 impl Fps {
+    /// As a fraction.
+    pub fn fraction(self) -> gst::Fraction {
+        self.0
+    }
+
     /// That of programs which write images, where nothing is said.
     pub fn usual() -> Self {
         Self(gst::Fraction::new(25, 1))

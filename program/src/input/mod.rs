@@ -1,5 +1,7 @@
 //! Clips as they are given: files, numbered images, or what comes on the standard input.
 
+mod clock;
+mod deep;
 mod images;
 mod numbered;
 mod pipe;
@@ -154,6 +156,12 @@ impl Clip {
         }
     }
 
+    /// Whether it is of images without transparency, which decoders may add to those of 16 bits.
+    pub fn is_opaque(&self) -> bool {
+        let kind = self.as_images().and_then(kind_of);
+        kind.is_some_and(|(_, is_transparent)| !is_transparent)
+    }
+
     /// Whether it can be read only once.
     pub fn is_pipe(&self) -> bool {
         matches!(self.kind, Kind::Pipe(_))
@@ -220,6 +228,9 @@ impl Clip {
                 source.set_property("location", &self.path);
                 Ok(source)
             }
+            Kind::Images(images) if kind_of(images).is_some_and(|(is_deep, _)| is_deep) => {
+                deep_source(images)
+            }
             Kind::Images(images) => images.source(),
             Kind::Pipe(pipe) => {
                 let [is_y4m, is_matroska] =
@@ -234,6 +245,12 @@ impl Clip {
             }
         }
     }
+}
+
+/// Whether PNG images have 16 bits, and transparency, by the first.
+fn kind_of(images: &Images) -> Option<(bool, bool)> {
+    let [first, _] = images.pattern.range().ok()?;
+    deep::depth(&images.pattern.file(first))
 }
 
 fn is_y4m(file: &Path) -> bool {
@@ -319,6 +336,16 @@ fn bytes_source<R: Read + Send + 'static>(
         piece.truncate(read);
         Ok((read > 0).then(|| gst::Buffer::from_mut_slice(piece)))
     });
+    Ok(source.upcast())
+}
+
+fn deep_source(images: &Images) -> Result<gst::Element> {
+    let (source, stop) = app_source()?;
+    let mut images = deep::DeepImages::new(images)?;
+    source.set_format(gst::Format::Time);
+    source.set_caps(Some(&images.info().to_caps()?));
+    source.set_max_bytes(2 * images.info().size() as u64);
+    feed(&source, stop, move |_| images.next());
     Ok(source.upcast())
 }
 

@@ -1,7 +1,7 @@
 //! Y4M streams → raw frames, of up to 12 bits: GStreamer's decoder has 8 only.
 
+use super::clock;
 use anyhow::{Context, Result, anyhow, bail};
-use gst::prelude::*;
 use gst_video::prelude::*;
 use gst_video::{
     VideoChromaSite, VideoColorMatrix, VideoColorPrimaries, VideoColorRange, VideoColorimetry,
@@ -116,14 +116,7 @@ impl<R: Read> Frames<R> {
         };
         let mut buffer = gst::Buffer::with_size(self.info.size())?;
         let writable = buffer.get_mut().context("a new buffer is shared")?;
-        let time = |number: u64| {
-            let rate = self.info.fps();
-            let [num, den] = [rate.numer(), rate.denom()].map(|part| u64::try_from(part).unwrap_or(1));
-            number.checked_mul(den).and_then(|ticks| gst::ClockTime::SECOND.mul_div_floor(ticks, num))
-        };
-        let [start, end] = [time(self.number), time(self.number + 1)];
-        writable.set_pts(start);
-        writable.set_duration(start.zip(end).map(|(start, end)| end - start));
+        clock::stamp(writable, self.number, self.info.fps());
         let planes = [frame.get_y_plane(), frame.get_u_plane(), frame.get_v_plane()];
         let mut picture = VideoFrameRef::from_buffer_ref_writable(writable, &self.info)
             .map_err(|_| anyhow!("a frame cannot be written"))?;

@@ -95,7 +95,7 @@ pub struct Encoding {
 impl Encoding {
     pub fn new(encoder: Encoder, mut picture: Picture) -> Self {
         let codec = encoder.codec;
-        let format = picture.info.as_ref().and_then(|info| nearest_format(&encoder, info));
+        let format = picture.info.as_ref().and_then(|info| nearest_format(&encoder, info, picture.is_opaque));
         let is_rgb = picture.info.as_ref().is_some_and(|info| info.format_info().is_rgb());
         if is_rgb && format.is_some_and(|format| VideoFormatInfo::from_format(format).is_yuv()) {
             picture.colour.matrix = BT709;
@@ -257,9 +257,10 @@ impl Encoding {
         self.picture.delay
     }
 
-    /// What the clip's frames are.
-    pub fn info(&self) -> Option<&VideoInfo> {
-        self.picture.info.as_ref()
+    /// Whether the clip has transparency.
+    pub fn has_alpha(&self) -> bool {
+        let has_alpha = self.picture.info.as_ref().is_some_and(|info| info.format_info().has_alpha());
+        has_alpha && !self.picture.is_opaque
     }
 
     /// What of the pictures the stream does not keep, each in a sentence; whether samples or fields are lost by it.
@@ -296,7 +297,7 @@ impl Encoding {
             let loss = format!("the {codec} encoder takes no RGB: the clip's pictures are converted to YUV");
             losses.push((false, loss));
         }
-        if clip.has_alpha() && !coded.has_alpha() {
+        if self.has_alpha() && !coded.has_alpha() {
             losses.push((true, format!("{codec} has no transparency: that of the clip is left out")));
         }
         if self.narrowed.is_some() {
@@ -377,7 +378,7 @@ fn storage(format: &VideoFormatInfo) -> u32 {
 }
 
 /// Of the formats that an encoder takes, the one that loses least of the clip's and then adds least to it.
-fn nearest_format(encoder: &Encoder, info: &VideoInfo) -> Option<VideoFormat> {
+fn nearest_format(encoder: &Encoder, info: &VideoInfo, is_opaque: bool) -> Option<VideoFormat> {
     let codec = encoder.codec;
     let clip = info.format_info();
     let formats = encoder.formats().into_iter().map(VideoFormatInfo::from_format);
@@ -386,7 +387,7 @@ fn nearest_format(encoder: &Encoder, info: &VideoInfo) -> Option<VideoFormat> {
         (
             bits(&clip).saturating_sub(bits(format)),
             lost_chroma(&clip, format),
-            clip.has_alpha() && !format.has_alpha(),
+            clip.has_alpha() && !is_opaque && !format.has_alpha(),
             clip.is_rgb() != format.is_rgb(),
             storage(format),
         )

@@ -37,7 +37,7 @@ impl FrameWriter {
     /// To a target that holds frames only.
     pub fn new(target: &Target, encoding: &Encoding) -> Result<Self> {
         let is_full_range = encoding.colour().full_range == Some(true);
-        let is_opaque = !encoding.info().is_some_and(|info| info.format_info().has_alpha());
+        let is_opaque = !encoding.has_alpha();
         let form = match target {
             Target::File(path) => {
                 let file = Unfinished::beside(path);
@@ -126,12 +126,9 @@ impl FrameWriter {
                 let own = *first..*first + self.frames;
                 let numbers = pattern.numbers()?;
                 if let Some(other) = numbers.iter().find(|number| !own.contains(*number)) {
-                    let (other, others) = (pattern.file(*other), numbers.len() as u64 - self.frames);
-                    notes.push(format!(
-                        "{} and {} more were there before and are not of this clip",
-                        other.display(),
-                        others - 1
-                    ));
+                    let (other, others) = (pattern.file(*other), numbers.len() as u64 - self.frames - 1);
+                    let more = if others > 0 { format!(", and {others} more") } else { String::new() };
+                    notes.push(format!("{} was there before and is not of this clip{more}", other.display()));
                 }
             }
         }

@@ -54,6 +54,7 @@ pub fn run(options: &ShowOptions, interruption: &Interruption) -> Result<bool> {
     let output = options.output.as_deref();
     let named = output.filter(|output| !output::is_folder(output));
     let container = options.encoding.container(&clip, named)?;
+    let container = if named.is_none() && container.is_of_frames_only() { Container::Mkv } else { container };
     let ending = format!("{}.{}", clips::SHOWN, container.extension());
     let file = output::of_one(&clip, output, &ending)?;
     clips::finish(&clip, show(options, &clip, &file, container, interruption), interruption)
