@@ -18,7 +18,7 @@ const SEARCHED: u64 = 1 << 20;
 /// What gives a stream another name.
 const RENAMING: &str = "capssetter";
 
-/// A decodebin for a clip that a `filesrc` reads.
+/// A decodebin for a clip, which is a file or is read elsewhere.
 pub fn of(clip: &Path) -> Result<gst::Element> {
     let decoder = make("decodebin")?;
     correct(&decoder, clip)?;
@@ -61,12 +61,12 @@ pub fn correct(decoder: &gst::Element, clip: &Path) -> Result<()> {
 /// Links the first stream of raw video that a decoder finds, and has the others go nowhere; `on_none` is called where there is
 /// none.
 pub fn link_video(
-    clip: &Path,
+    is_matroska: bool,
     decoder: &gst::Element,
     input: &gst::Pad,
     on_none: impl Fn(&gst::Element) + Send + Sync + 'static,
 ) -> Result<()> {
-    if matroska::is_matroska(clip) {
+    if is_matroska {
         matroska::keep_first_time(input);
     }
     let video = input.downgrade();

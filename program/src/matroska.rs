@@ -7,7 +7,7 @@ use std::path::Path;
 
 /// Bytes from the beginning of a file in which its tracks are described.
 const SEARCHED: u64 = 1 << 20;
-const FILE: &[u8] = &[0x1a, 0x45, 0xdf, 0xa3];
+pub const FILE: &[u8] = &[0x1a, 0x45, 0xdf, 0xa3];
 const SEGMENT: &[u8] = &[0x18, 0x53, 0x80, 0x67];
 const TRACKS: &[u8] = &[0x16, 0x54, 0xae, 0x6b];
 const ENTRY: &[u8] = &[0xae];

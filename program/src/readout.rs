@@ -6,6 +6,7 @@
 use crate::analysis::{Analysis, Frame};
 use crate::camera::{CameraChoice, Known};
 use crate::estimate::Estimate;
+use crate::input::Clip;
 use crate::interruption::Interruption;
 use crate::part::Part;
 use crate::progress;
@@ -272,7 +273,7 @@ pub fn settle(found: Option<&Found>, analysis: &mut AnalysisOptions) {
 
 /// Analyses a clip for what it says of its camera, starting from what is known of it; `None` where it has no frames.
 pub fn find(
-    clip: &Path,
+    clip: &Clip,
     settings: Settings,
     camera: Option<&Known>,
     extent: Extent,
@@ -319,12 +320,12 @@ pub fn find(
 
 /// What is expected of the readout of a clip that is not analysed before it is rectified.
 pub fn expected(
-    clip: &Path,
+    clip: &Clip,
     options: &AnalysisOptions,
     interruption: &Interruption,
 ) -> Result<Option<ReadoutPrior>> {
-    let Some(camera) = options.camera.of(clip)? else { return Ok(None) };
-    expect(&mut Analysis::open(clip, options.settings(), interruption)?, Some(&camera))
+    let Some(camera) = options.camera.of(clip.path())? else { return Ok(None) };
+    expect(&mut Analysis::look(clip, options.settings(), interruption)?, Some(&camera))
 }
 
 /// Starts from what is expected of the camera that made a clip, and prints it.

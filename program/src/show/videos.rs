@@ -1,7 +1,8 @@
 //! A clip → two videos that browsers play: as it was recorded, and rectified.
 
 use crate::decoder;
-use crate::elements::{NO_VIDEO, launch, make, named, pad};
+use crate::elements::{NO_VIDEO, launch, named, pad};
+use crate::input::{Clip, Opening};
 use crate::interruption::Interruption;
 use crate::picture::Picture;
 use crate::playback::{Event, Playback};
@@ -34,7 +35,7 @@ pub struct Written {
 
 /// Writes both videos, without audio, upright, with all frames at their times.
 pub fn write(
-    clip: &Path,
+    clip: &Clip,
     analysis: &AnalysisOptions,
     [before, after]: [&Path; 2],
     interruption: &Interruption,
@@ -59,12 +60,9 @@ pub fn write(
     for (name, file) in [("before", before), ("after", after)] {
         named(&pipeline, name)?.set_property("location", file);
     }
-    let (source, decoder) = (make("filesrc")?, decoder::of(clip)?);
-    source.set_property("location", clip);
-    pipeline.add_many([&source, &decoder])?;
-    source.link(&decoder)?;
+    let decoder = clip.open(&pipeline, Opening::Whole)?;
     let frames = named(&pipeline, "frames")?;
-    decoder::link_video(clip, &decoder, &pad(&frames, "sink")?, |decoder| {
+    decoder::link_video(clip.is_matroska(), &decoder, &pad(&frames, "sink")?, |decoder| {
         gst::element_error!(decoder, gst::StreamError::WrongType, ("{NO_VIDEO}"));
     })?;
     let straightened = times::straighten(&pad(&frames, "src")?);

@@ -4,7 +4,8 @@
 //! pictures.
 
 use crate::decoder;
-use crate::elements::{NO_VIDEO, launch, make, named, pad};
+use crate::elements::{NO_VIDEO, launch, named, pad};
+use crate::input::{self, Opening};
 use crate::interruption::Interruption;
 use crate::isobmff::Film;
 use crate::picture::Picture;
@@ -18,7 +19,6 @@ use gst::prelude::*;
 use gstrsrectify::rsrectify::RsRectify;
 use rsrectify::motion::file::{Clip, MotionFileError, MotionRecord, MotionWriter};
 use std::io::{Seek, Write};
-use std::path::Path;
 use std::sync::{Arc, Mutex, PoisonError};
 
 /// What is written, until it fails.
@@ -26,16 +26,17 @@ type Writing<W> = Arc<Mutex<Result<MotionWriter<W>, MotionFileError>>>;
 
 /// Writes the motion of a clip, whose readout and crop have been sought as `fix` does; the number of its frames.
 pub fn write<W: Write + Seek + Send + 'static>(
-    clip: &Path,
+    clip: &input::Clip,
     options: &RectifierOptions,
     output: W,
     interruption: &Interruption,
 ) -> Result<(W, usize)> {
-    let name = clip.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
-    let bytes = std::fs::metadata(clip).context("cannot be read")?.len();
+    let file = clip.only_file("--motion")?;
+    let name = file.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
+    let bytes = std::fs::metadata(file).context("cannot be read")?.len();
     let picture = Picture::of(clip)?;
     let mut identity = Clip::new(name, bytes);
-    let film = Film::read(clip);
+    let film = Film::read(file);
     let video = film.as_ref().and_then(|film| film.track(film.main_video()?));
     identity.mirrored = video.is_some_and(|track| track.is_mirrored());
     let aspect = picture.info.as_ref().map(|info| [info.par().numer(), info.par().denom()]);
@@ -63,7 +64,7 @@ pub fn write<W: Write + Seek + Send + 'static>(
 
 /// Runs the clip through the rectifier, which does not change it, to its end.
 fn play<W: Write + Seek + Send + 'static>(
-    clip: &Path,
+    clip: &input::Clip,
     delay: usize,
     options: &RectifierOptions,
     writing: &Writing<W>,
@@ -72,12 +73,9 @@ fn play<W: Write + Seek + Send + 'static>(
     let pipeline = launch(
         "queue name=frames ! videoconvert ! rsrectify name=rectifier ! fakesink sync=false async=false",
     )?;
-    let (source, decoder) = (make("filesrc")?, decoder::of(clip)?);
-    source.set_property("location", clip);
-    pipeline.add_many([&source, &decoder])?;
-    source.link(&decoder)?;
+    let decoder = clip.open(&pipeline, Opening::Whole)?;
     let frames = named(&pipeline, "frames")?;
-    decoder::link_video(clip, &decoder, &pad(&frames, "sink")?, |decoder| {
+    decoder::link_video(clip.is_matroska(), &decoder, &pad(&frames, "sink")?, |decoder| {
         gst::element_error!(decoder, gst::StreamError::WrongType, ("{NO_VIDEO}"));
     })?;
     note_orientation(&pad(&frames, "sink")?, writing.clone());
