@@ -188,7 +188,7 @@ impl Clip {
     pub fn begin(&self) -> Result<()> {
         self.check()?;
         if let Some(note) = self.note() {
-            eprintln!("{note}");
+            log::info!("{note}");
         }
         Ok(())
     }
