@@ -78,7 +78,7 @@ fn codec_bits_and_chroma_are_those_of_the_clip() {
 fn what_cannot_be_kept_is_named_and_its_bits_are_kept() {
     let folder = Folder::new("other-codec");
     for (name, arguments, output, expected, words) in [
-        ("a.avi", "-c:v mjpeg -pix_fmt yuvj422p", "a.mkv", ["h264", "8", "422"], "no encoder of image/jpeg"),
+        ("a.avi", "-c:v mjpeg -pix_fmt yuvj422p", "a.mkv", ["h264", "8", "422"], "image/jpeg is not written"),
         (
             "b.mkv",
             "-c:v libaom-av1 -cpu-used 8 -pix_fmt yuv420p10le",

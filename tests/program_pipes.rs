@@ -101,7 +101,8 @@ fn matroska_goes_through_pipes_with_its_sound() {
     ffmpeg(&[&["-i", encoded.to_str().unwrap()], &sound[..]].concat(), &input);
     let (bytes, said) =
         succeeds("fix", &[&["-", "--output", "-", "--container", "mkv"], &READOUT[..]].concat(), &input);
-    assert!(!said.contains("warning"), "{said}");
+    // FFmpeg took over tags of the MP4 file.
+    assert!(said.lines().all(|line| !line.contains("warning") || line.contains("tags")), "{said}");
     let output = folder.file("out.mkv");
     std::fs::write(&output, bytes).unwrap();
     let probe = Command::new("ffprobe")

@@ -106,7 +106,7 @@ fn one(job: &Job, options: &FixOptions, report: &mut Report, interruption: &Inte
     let picture = Picture::of(&job.input)?;
     let choice::Chosen { encoding, notes } = choice::choose(&recipe.encoding, &picture, recipe.container)?;
     // `--output` may name a folder that is not there yet.
-    job.output.make_folder(job.is_in_folder)?;
+    let _made = job.output.make_folder(job.is_in_folder)?;
     if let Some(file) = job.output.as_file() {
         output::check_writable(Unfinished::beside(file).path())?;
     }
@@ -127,11 +127,9 @@ fn one(job: &Job, options: &FixOptions, report: &mut Report, interruption: &Inte
         // It is read once, so that the readout is found on the way.
         if analysis.wants_readout() {
             source = Source::Sought(None);
-            log::info!(
-                target: RESULT,
-                "readout: sought while the clip is rectified: the standard input is read once (or give --readout-time)"
-            );
+            log::info!(target: RESULT, "readout: sought while the clip is rectified, as the standard input is read once");
         }
+        analysis.expected = readout::expected(&job.input, analysis, interruption)?;
     } else if analysis.wants_readout() {
         let camera = analysis.camera.of(job.input.path())?;
         let settings = analysis.settings();
@@ -171,6 +169,8 @@ fn one(job: &Job, options: &FixOptions, report: &mut Report, interruption: &Inte
     let excerpt = part.map(|part| Arc::new(Excerpt::new(part)));
     let is_part = excerpt.is_some();
     let expected = excerpt.as_ref().map(|excerpt| excerpt.frames().len());
+    // What was read from one, or written to it, is gone.
+    let has_pipe = job.input.is_pipe() || job.output == Target::Pipe;
     let (complaints, tally) = (Complaints::listen(), Tally::default());
     let start = |recipe: &Recipe| {
         progress.times().clear();
@@ -183,14 +183,11 @@ fn one(job: &Job, options: &FixOptions, report: &mut Report, interruption: &Inte
             &progress,
             &tally,
         )?;
-        let waits = job.input.is_pipe() || job.output == Target::Pipe;
-        let played = play(&rectification.remux, recipe.container, waits, &progress, interruption);
+        let played = play(&rectification.remux, recipe.container, has_pipe, &progress, interruption);
         played.map(|()| rectification)
     };
     let rectification = match start(&recipe) {
-        Err(error)
-            if error.is::<UndecodableAudio>() && recipe.audio != Audio::None && !job.input.is_pipe() =>
-        {
+        Err(error) if error.is::<UndecodableAudio>() && recipe.audio != Audio::None && !has_pipe => {
             log::warn!("{}: {error:#}; it is left out", job.input.display());
             recipe.audio = Audio::None;
             start(&recipe)?

@@ -202,6 +202,15 @@ impl Clip {
         }
     }
 
+    /// The bytes with which it begins; of a pipe, those that have been looked at.
+    pub fn beginning(&self) -> Vec<u8> {
+        match &self.kind {
+            Kind::File => matroska::beginning(&self.path),
+            Kind::Images(_) => Vec::new(),
+            Kind::Pipe(pipe) => pipe.looked_at(),
+        }
+    }
+
     /// Whether it is a Matroska file.
     pub fn is_matroska(&self) -> bool {
         match &self.kind {

@@ -90,6 +90,11 @@ impl Pipe {
         first.starts_with(bytes)
     }
 
+    /// What has been looked at.
+    pub fn looked_at(&self) -> Vec<u8> {
+        self.state.lock().unwrap_or_else(PoisonError::into_inner).beginning.clone()
+    }
+
     /// The reader to whom it is left.
     ///
     /// # Errors

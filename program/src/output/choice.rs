@@ -9,20 +9,11 @@ use crate::picture::Picture;
 use anyhow::{Context, Result};
 
 /// Codecs that lose nothing, as caps call them.
-const LOSSLESS: [&str; 9] = [
-    "video/x-raw",
-    "video/x-huffyuv",
-    "video/x-ffvhuff",
-    "video/x-utvideo",
-    "video/x-magicyuv",
-    "video/x-lagarith",
-    "video/x-rle",
-    "image/png",
-    "image/tiff",
-];
+const LOSSLESS: [&str; 6] =
+    ["video/x-raw", "video/x-huffyuv", "video/x-lagarith", "video/x-rle", "image/png", "image/tiff"];
 /// Codecs of cameras and editing programs that encode each frame by itself and lose little.
 const FOR_EDITING: [&str; 5] =
-    ["video/x-dnxhd", "video/x-cineform", "image/x-j2c", "image/x-jpc", "image/x-jpc-striped"];
+    ["video/x-dnxhd", "video/x-cineform", "image/x-j2c", "image/x-jpc", "image/jp2"];
 
 /// How a clip is encoded, and what is to be said of it.
 pub struct Chosen {
@@ -113,7 +104,7 @@ fn reason(
         return Some(match name.filter(|name| *name != "video/x-raw") {
             None => format!("codec: {chosen}, as the clip is raw video"),
             Some(name) if is_lossless(&name) => format!("codec: {chosen}, as the clip is lossless ({name})"),
-            Some(name) => format!("codec: {chosen}, as there is no encoder of {name} here"),
+            Some(name) => format!("codec: {chosen}, as {name} is not written here"),
         });
     }
     let encoder = Encoder::new(first, options.rate(), options.preset.unwrap_or_default());

@@ -119,8 +119,17 @@ impl Encoding {
 
     /// Raw video → the encoded stream; the encoder is called `encoder`.
     pub fn description(&self) -> String {
-        // GStreamer 1.22 passes over a change of range alone, but not over one to and from RGB.
-        let range = if self.narrowed.is_some() { "videoconvert ! video/x-raw,format=ARGB64 ! " } else { "" };
+        // GStreamer 1.22 passes over a change of range alone, but not over one to and from RGB; and its short way from YUV to RGB of 8 bits
+        // is off by up to five steps of 255.
+        let is_image_of_yuv = self.codec == Codec::Png && !self.is_rgb;
+        let by_way_of = match self.narrowed {
+            Some(_) => Some("ARGB64"),
+            None if is_image_of_yuv && self.has_alpha() => Some("AYUV64"),
+            None => is_image_of_yuv.then_some("Y444_16LE"),
+        };
+        let detour = by_way_of.map(|format| format!("videoconvert ! video/x-raw,format={format} ! "));
+        let (detour, dither) =
+            (detour.unwrap_or_default(), if is_image_of_yuv { " dither=none" } else { "" });
         let mut raw = String::from("video/x-raw");
         if let Some(format) = self.format {
             raw += &format!(",format={}", format.to_str());
@@ -132,7 +141,7 @@ impl Encoding {
         }
         let parser = self.codec.parser().map(|parser| format!(" ! {parser} name=parser"));
         format!(
-            "{range}videoconvert ! {raw} ! {} name=encoder{}",
+            "{detour}videoconvert{dither} ! {raw} ! {} name=encoder{}",
             self.encoder.element,
             parser.unwrap_or_default()
         )

@@ -83,13 +83,24 @@ impl Target {
     }
 
     /// Makes the folder; with those above it where the user named it alone.
-    pub fn make_folder(&self, is_named: bool) -> Result<()> {
-        let Some(folder) = self.folder().filter(|folder| !folder.exists()) else { return Ok(()) };
+    pub fn make_folder(&self, is_named: bool) -> Result<Option<MadeFolder>> {
+        let Some(folder) = self.folder().filter(|folder| !folder.exists()) else { return Ok(None) };
         let made = match self {
             _ if is_named => std::fs::create_dir_all(folder),
             Self::Images(..) => std::fs::create_dir(folder),
-            Self::File(_) | Self::Pipe => return Ok(()),
+            Self::File(_) | Self::Pipe => return Ok(None),
         };
-        made.with_context(|| format!("cannot make {}", folder.display()))
+        made.with_context(|| format!("cannot make {}", folder.display()))?;
+        Ok(Some(MadeFolder(folder.to_owned())))
+    }
+}
+
+/// A folder that was made, and goes again if nothing comes into it.
+pub struct MadeFolder(PathBuf);
+
+impl Drop for MadeFolder {
+    fn drop(&mut self) {
+        // One with files in it stays.
+        let _ = std::fs::remove_dir(&self.0);
     }
 }

@@ -33,6 +33,7 @@ impl Remux {
         video: impl FnOnce(bool, &early::Later) -> Result<Video>,
     ) -> Result<Self> {
         let pipeline = gst::Pipeline::new();
+        let beginning = clip.beginning();
         let decoder = clip.open(&pipeline, Opening::Whole)?;
         let is_matroska = clip.is_matroska();
         let clip = clip.path();
@@ -53,7 +54,7 @@ impl Remux {
                 .map_or_else(Vec::new, |film| unheld::of(&film, destination.container, |_| false)),
         };
         if destination.excerpt.is_none() {
-            losses.extend(matroska::losses(clip));
+            losses.extend(matroska::losses(&beginning));
         }
         for loss in losses {
             gst::element_warning!(pipeline, gst::StreamError::Format, ("{loss}"));
@@ -74,7 +75,7 @@ impl Remux {
             early::keep(&pipeline, &later, begin_at_zero);
         }
         let (has_video, stored) = (AtomicBool::new(false), Mutex::default());
-        let delays = Delays::of(clip);
+        let delays = Delays::of(&beginning);
         let owner = pipeline.downgrade();
         let linker = Linker {
             pipeline: owner,
