@@ -4,8 +4,9 @@ mod common;
 #[path = "common/program.rs"]
 mod program;
 
-use common::shake::{FPS, RATIO, write_shaken};
+use common::shake::{FPS, RATIO, shake, write_shaken};
 use program::{CLIP, Folder, TONE, buffers, rsrectify, size, times};
+use serde_json::Value;
 use std::path::Path;
 use std::process::Output;
 
@@ -101,6 +102,19 @@ fn a_comparison_shows_both_pictures() {
     let after = frames(&output);
     assert_eq!((after.len(), size(&after[0])), (FRAMES, (640, 240)));
     assert!((column(&after[9], 100) - column(&after[9], 420)).abs() < 2.0);
+    // A white line between them, and in the upper left corner of each its label.
+    let data = after[9].buffer().unwrap().map_readable().unwrap();
+    let brightest = |row: usize, columns: std::ops::Range<usize>| {
+        *data[640 * row + columns.start..640 * row + columns.end].iter().max().unwrap()
+    };
+    for row in [30, 120, 200] {
+        assert!(brightest(row, 319..321) > 200, "row {row}");
+    }
+    for half in [0, 320] {
+        // The gradient is dark there.
+        assert!(brightest(14, half + 6..half + 60) > 200, "at {half}");
+        assert!(brightest(14, half + 100..half + 300) < 100, "at {half}");
+    }
 }
 
 /// Writes the rotation of a phone's portrait clip, 90° clockwise, into the header of the first track.
@@ -173,4 +187,70 @@ fn a_film_that_tells_nothing_of_the_readout_says_so() {
     let (input, output) = (folder.clip("in.mp4", "mp4mux", CLIP), folder.file("out.mp4"));
     assert!(succeeds(&input, &output, &[]).contains("readout: not certain"));
     assert_eq!(frames(&output).len(), FRAMES);
+}
+
+/// The objects that `fix --json` prints, one a line.
+fn reports(result: &Output) -> Vec<Value> {
+    let lines = std::str::from_utf8(&result.stdout).unwrap().lines();
+    lines.map(|line| serde_json::from_str(line).unwrap()).collect()
+}
+
+#[test]
+fn what_was_done_is_told_in_numbers() {
+    let folder = Folder::new("summary");
+    let (shaken, still) = (folder.file("shaken.mp4"), folder.clip("still.mp4", "mp4mux", CLIP));
+    let (text, log) = (folder.file("text.mp4"), folder.file("log.txt"));
+    write_shaken(&shaken, 1.5);
+    std::fs::write(&text, "no video").unwrap();
+    let output = folder.file("out.mp4");
+    let said = succeeds(&shaken, &output, &["--readout-time", "20", "--readout-direction", "bottom-to-top"]);
+    let lines: Vec<_> = said.lines().map(str::trim).collect();
+    assert!(lines[0].starts_with(&format!("{}: 45 frames in ", output.display())), "{said}");
+    assert_eq!(lines[1], "readout time  -20.0 ms, bottom-to-top, as given");
+    assert!(
+        lines[2].starts_with("corrected     ") && lines[2].contains(" px at most; confidence "),
+        "{said}"
+    );
+
+    let results = folder.file("results/");
+    std::fs::create_dir(&results).unwrap();
+    let result = rsrectify("fix")
+        .args([&shaken, &still, &text])
+        .args(["--json", "--log", log.to_str().unwrap(), "--output", results.to_str().unwrap()])
+        .output()
+        .unwrap();
+    assert_eq!(result.status.code(), Some(1));
+    let reports = reports(&result);
+    let number = |value: &Value, pointer: &str| value.pointer(pointer).and_then(Value::as_f64).unwrap();
+    let [one, other, bad] = &reports[..] else { panic!("{reports:?}") };
+    assert_eq!((&one["clip"], &one["frames"]), (&Value::from(shaken.to_str().unwrap()), &Value::from(45)));
+    assert_eq!((&one["readout"]["certainty"], &one["error"]), (&Value::from("found"), &Value::Null));
+    let truth = -1e3 * RATIO / FPS;
+    let [low, high] = ["/readout/interval_ms/0", "/readout/interval_ms/1"].map(|bound| number(one, bound));
+    assert!((number(one, "/readout/signed_ms") - truth).abs() < 2.0 && low < truth && high > truth, "{one}");
+    assert_eq!(one["corrected_frames"], Value::from(45));
+    // A row is corrected by what the picture moves from when it is read until mid-readout: at most in the first row or the last.
+    let corrections: Vec<f64> = (0..45)
+        .map(|number| {
+            let at = |elapsed: f64| shake((f64::from(number) + RATIO * elapsed) / FPS);
+            let middle = at(0.5);
+            let moved = [0.0, 1.0].map(|end| (at(end).0 - middle.0).hypot(at(end).1 - middle.1));
+            moved[0].max(moved[1])
+        })
+        .collect();
+    let largest = corrections.iter().copied().fold(0.0, f64::max);
+    assert!((number(one, "/correction_px/largest") - largest).abs() < 0.1 * largest, "{one} for {largest}");
+    assert!(number(one, "/confidence") > 0.9 && number(one, "/zoom") == 1.0);
+    assert_eq!((&other["corrected_frames"], &other["correction_px"]), (&Value::from(0), &Value::Null));
+    assert_eq!(other["as_recorded"]["frames"], Value::from(30));
+    assert_eq!(other["readout"]["certainty"], Value::from("not-found"));
+    assert!(bad["error"].as_str().unwrap().contains("no video") && bad["frames"].is_null(), "{bad}");
+    // All of it is in the log, too.
+    let log = std::fs::read_to_string(log).unwrap();
+    for part in
+        ["45 frames in ", "30 frames in ", "error: ", "2 of 3 clips rectified", "as recorded   all of it"]
+    {
+        assert!(log.contains(part), "{part}: {log}");
+        assert!(String::from_utf8_lossy(&result.stderr).contains(part), "{part}");
+    }
 }

@@ -213,3 +213,60 @@ fn what_cannot_be_shown_says_why_and_leaves_nothing_behind() {
     }
     assert_eq!(folder.names(), ["sound.mp4", "still.mp4", "text.mp4"]);
 }
+
+#[test]
+fn a_page_has_both_videos_with_all_frames_and_the_name_as_text() {
+    let folder = Folder::new("page");
+    let clip = folder.file("<b> & \"1\".mp4");
+    write_shaken(&folder.file("shaken.mp4"), 1.5);
+    std::fs::rename(folder.file("shaken.mp4"), &clip).unwrap();
+    let page = folder.file("page");
+    let html = |options: &[&str]| {
+        rsrectify("show").arg(&clip).arg("--html").arg(&page).args(TOLD).args(options).output().unwrap()
+    };
+    let result = html(&[]);
+    assert!(result.status.success(), "{}", String::from_utf8_lossy(&result.stderr));
+    let mut names: Vec<_> = std::fs::read_dir(&page).unwrap().map(|file| file.unwrap().file_name()).collect();
+    names.sort();
+    assert_eq!(names, ["after.mp4", "before.mp4", "index.html"]);
+    let [original, before, after] =
+        [&clip, &page.join("before.mp4"), &page.join("after.mp4")].map(|file| frames(file));
+    assert_eq!((before.len(), after.len(), size(&after[0])), (45, 45, (320, 240)));
+    assert!(times(&before) == times(&original) && times(&after) == times(&original));
+    // What is rectified is another picture, what is not is the clip's.
+    let difference = |one: &gst::Sample, other: &gst::Sample| {
+        let [one, other] = [one, other].map(|frame| frame.buffer().unwrap().map_readable().unwrap().to_vec());
+        let sum: u32 = one.iter().zip(&other).map(|(a, b)| u32::from(a.abs_diff(*b))).sum();
+        f64::from(sum) / one.len() as f64
+    };
+    let [same, other] = [&before, &after].map(|video| {
+        let differences = video.iter().zip(&original).map(|(one, other)| difference(one, other));
+        differences.fold(0.0, f64::max)
+    });
+    assert!(same < 3.0 && other > 2.0 * same, "{same} and {other}");
+
+    let text = std::fs::read_to_string(page.join("index.html")).unwrap();
+    assert!(text.contains("<title>&lt;b&gt; &amp; &quot;1&quot;.mp4: before and after</title>"));
+    // The name of SVG is no address.
+    let text = text.replace("http://www.w3.org/2000/svg", "");
+    assert!(!text.contains("<b>") && !text.contains("{{") && !text.contains("http"));
+    let data = text.split("id=\"data\">").nth(1).and_then(|rest| rest.split("</script>").next()).unwrap();
+    let data: serde_json::Value = serde_json::from_str(data).unwrap();
+    assert_eq!(data["name"], "<b> & \"1\".mp4");
+    assert_eq!(data["times"].as_array().unwrap().len(), 45);
+    for panel in data["panels"].as_array().unwrap() {
+        let curves = panel[0]["curves"].as_array().unwrap();
+        assert!(curves.iter().all(|curve| curve["values"].as_array().unwrap().len() == 45));
+    }
+
+    let refused = html(&[]);
+    let said = String::from_utf8_lossy(&refused.stderr);
+    assert!(refused.status.code() == Some(1) && said.contains("--overwrite"), "{said}");
+    assert!(html(&["--overwrite"]).status.success());
+    assert_eq!(html(&["--overwrite", "--codec", "av1"]).status.code(), Some(2));
+    // Of what is no clip no folder is left.
+    let none = folder.file("none");
+    let result =
+        rsrectify("show").arg(folder.file("page/index.html")).arg("--html").arg(&none).output().unwrap();
+    assert!(result.status.code() == Some(1) && !none.exists());
+}

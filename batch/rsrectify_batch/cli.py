@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from . import __version__, manifest
+from . import __version__, manifest, report
 from .executors import ClusterError, Local, Ray
 from .manifest import Manifest, ManifestError
 from .program import Program, ProgramError
@@ -93,6 +93,10 @@ def _parser() -> argparse.ArgumentParser:
     status = commands.add_parser("status", help="say how far a run has come")
     status.set_defaults(action=_status)
     status.add_argument("output", type=Path, metavar="FOLDER", help="the folder that it writes to")
+
+    page = commands.add_parser("report", help=f"write a page over all clips of a run, {report.NAME}, into its folder")
+    page.set_defaults(action=_report)
+    page.add_argument("output", type=Path, metavar="FOLDER", help="the folder that it writes to")
     return parser
 
 
@@ -196,9 +200,16 @@ def _jobs(program: Program, clips: list[str], output: Path, settings: Settings, 
 def _status(options: argparse.Namespace) -> int:
     clips = manifest.read(options.output)["clips"]
     for clip, known in clips.items():
-        print(f"{known['state']:10} {_done(known)} {clip}" + (f": {known['error']}" if "error" in known else ""))
+        share = report.numbers(known).get("corrected")
+        corrected = "" if share is None else f", {share:.0%} of the frames corrected"
+        print(f"{known['state']:10} {_done(known)} {clip}{corrected}" + (f": {known['error']}" if "error" in known else ""))
     done = sum(known["state"] == "done" for known in clips.values())
     print(f"{done} of {len(clips)} clips rectified")
+    return 0
+
+
+def _report(options: argparse.Namespace) -> int:
+    print(report.write(options.output))
     return 0
 
 

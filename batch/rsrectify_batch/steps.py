@@ -77,9 +77,11 @@ def join(program: str, clip: str, index_file: str, parts: list[str], output: str
 def _write(program: str, clip: str, index_file: str, part: Part, output: str, options: list[str]) -> dict[str, Any]:
     started = time.monotonic()
     with _replaced(output) as attempt:
-        Program(program).run("fix", clip, "--output", attempt, *options)
+        done = Program(program).json("fix", clip, "--output", attempt, "--json", *options)
         result = _check(program, index_file, part, attempt)
-    return {**result, "seconds": round(time.monotonic() - started, 3), "machine": platform.node()}
+    # The file has another name by now.
+    summary = {name: value for name, value in done.items() if name not in ("clip", "output", "error")}
+    return {**result, "summary": summary, "seconds": round(time.monotonic() - started, 3), "machine": platform.node()}
 
 
 def _check(program: str, index_file: str, part: Part, output: str) -> dict[str, Any]:

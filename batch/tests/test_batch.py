@@ -3,6 +3,8 @@
 import json
 import shutil
 import signal
+import subprocess
+import sys
 import time
 from pathlib import Path
 
@@ -214,3 +216,26 @@ def test_a_run_with_other_options_does_not_mix_with_the_first(output: Output) ->
     assert "another version" in output.run(FILM, options=("--part", "600", *READOUT), code=2)
     (output.folder / "rsrectify-batch.json").write_text("{")
     assert "cannot be read" in output.run(FILM, options=("--part", "600", *READOUT), code=2)
+
+
+def test_a_page_has_the_numbers_of_all_clips(output: Output, tmp_path: Path) -> None:
+    bad = tmp_path / "<b>bad.mp4"
+    bad.write_text("no video")
+    output.run(FILM, bad, options=READOUT, code=1)
+    (output.folder / "film.mp4.page").mkdir()
+    (output.folder / "film.mp4.page" / "index.html").touch()
+    said = subprocess.run([sys.executable, "-m", "rsrectify_batch", "report", output.folder], check=True, capture_output=True)
+    page = (output.folder / "rsrectify-batch.html").read_text()
+    assert said.stdout.decode().strip() == str(output.folder / "rsrectify-batch.html")
+    assert "1 of 2 clips rectified" in page and "<b>" not in page and "&lt;b&gt;bad.mp4" in page
+    row = next(line for line in page.splitlines() if "film-rectified.mp4" in line)
+    assert '<a href="film-rectified.mp4">' in row and '<a href="film.mp4.page/index.html">' in row
+    assert f'<td class="number">{FRAMES}<' in row and "26.7 ms, top-to-bottom, as given" in row
+    clip = output.manifest["clips"][str(FILM)]
+    summaries = [part["result"]["summary"] for part in clip["parts"]]
+    assert sum(one["frames"] for one in summaries) == FRAMES
+    share = sum(one["corrected_frames"] for one in summaries) / FRAMES
+    largest = max(one["correction_px"]["largest"] for one in summaries)
+    assert share > 0.9 and f">{100 * share:.0f}<" in row and f">{largest:.1f}<" in row
+    status = subprocess.run([sys.executable, "-m", "rsrectify_batch", "status", output.folder], check=True, capture_output=True)
+    assert f"{share:.0%} of the frames corrected" in status.stdout.decode()

@@ -176,6 +176,7 @@ impl Values {
             "crop" => 1.0 / (1.0 - self.crop),
             _ => zoom,
         };
+        settings.hide_borders = settings.zoom > 1.0;
         settings
     }
 }

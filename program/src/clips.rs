@@ -118,7 +118,7 @@ pub fn check(clip: &Path) -> Result<()> {
 pub fn finish(clip: &Path, result: Result<()>, interruption: &Interruption) -> Result<bool> {
     let Err(error) = result else { return Ok(true) };
     interruption.check()?;
-    eprintln!("error: {}: {error:#}", clip.display());
+    log::error!("{}: {error:#}", clip.display());
     Ok(false)
 }
 

@@ -1,6 +1,9 @@
 //! Damage of a clip: whether its file ends too early, and what its decoder complains of.
 
 use crate::boxes::{long_number, number};
+use crate::interruption::Interruption;
+use crate::packets::Packets;
+use anyhow::{Result, bail};
 use std::fs::File;
 use std::io::{Read, Seek, SeekFrom};
 use std::path::Path;
@@ -124,6 +127,29 @@ fn element_size(file: &mut File, at: u64) -> Option<(Option<u64>, u64)> {
     let bits = 7 * length as u32;
     let value = u64::from_be_bytes(bytes) >> (64 - 8 * length as u32) & ((1 << bits) - 1);
     Some((Some(value).filter(|value| *value != (1 << bits) - 1), length))
+}
+
+/// An error where a clip lacks something of what it should have, and so its rectified twin; a warning where frames are there, but
+/// their decoder complained.
+pub fn report(
+    clip: &Path,
+    frames: usize,
+    is_part: bool,
+    complaint: Option<String>,
+    interruption: &Interruption,
+) -> Result<()> {
+    if let Some(missing) = missing_bytes(clip) {
+        bail!("the file was cut short, {missing} bytes are missing: what there is of it was rectified");
+    }
+    let Some(complaint) = complaint else { return Ok(()) };
+    let stored = if is_part { frames } else { Packets::count_shown(clip, interruption).unwrap_or(frames) };
+    if let Some(lost) = stored.checked_sub(frames).filter(|lost| *lost > 0) {
+        bail!(
+            "is damaged: {lost} of {stored} frames cannot be decoded ({complaint}); the others were rectified"
+        );
+    }
+    log::warn!("{}: is damaged, some pictures may be wrong ({complaint})", clip.display());
+    Ok(())
 }
 
 /// Listens to the decoders' complaints.

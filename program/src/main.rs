@@ -10,6 +10,7 @@ mod colour;
 mod corrections;
 mod damage;
 mod decoder;
+mod displacement;
 mod drawing;
 mod elements;
 mod estimate;
@@ -21,6 +22,7 @@ mod isobmff;
 mod join;
 mod matroska;
 mod measure;
+mod messages;
 mod motions;
 mod output;
 mod packets;
@@ -35,6 +37,7 @@ mod rectifier_options;
 mod show;
 mod steady;
 mod streams;
+mod summary;
 mod times;
 mod track;
 
@@ -131,15 +134,19 @@ fn run(cli: &Cli) -> Result<bool> {
 }
 
 fn main() -> ExitCode {
+    if let Err(error) = messages::start() {
+        eprintln!("error: {error:#}");
+        return ExitCode::from(2);
+    }
     match run(&Cli::parse()) {
         Ok(true) => ExitCode::SUCCESS,
         Ok(false) => ExitCode::FAILURE,
         Err(error) if error.is::<Interrupted>() => {
-            eprintln!("interrupted");
+            log::info!("interrupted");
             ExitCode::from(130)
         }
         Err(error) => {
-            eprintln!("error: {error:#}");
+            log::error!("{error:#}");
             ExitCode::from(2)
         }
     }

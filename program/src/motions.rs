@@ -63,16 +63,24 @@ impl Motions {
         Ok(None)
     }
 
-    /// Has a rectifier apply the motions. Its frames come `later` by so many nanoseconds than in the clip.
-    pub fn apply(&self, rectifier: &gst::Element, later: Arc<AtomicU64>) -> Result<()> {
+    /// Has a rectifier apply the motions. Its frames come `later` by so many nanoseconds than in the clip; `note` is given the motion
+    /// of each, if there is one, and its time.
+    pub fn apply(
+        &self,
+        rectifier: &gst::Element,
+        later: Arc<AtomicU64>,
+        note: impl Fn(Option<gst::ClockTime>, Option<&FrameMotion>) + Send + Sync + 'static,
+    ) -> Result<()> {
         let rectifier = rectifier.downcast_ref::<RsRectify>().context("the rectifier is another element")?;
         let inner = self.0.clone();
         inner.frames.store(0, Ordering::Relaxed);
         inner.covered.store(0, Ordering::Relaxed);
         rectifier.set_motion_source(move |time, size| {
             let later = later.load(Ordering::Relaxed);
-            let time = time.and_then(|time| i64::try_from(time.nseconds().checked_sub(later)?).ok());
-            inner.motion(time, size)
+            let in_clip = time.and_then(|time| i64::try_from(time.nseconds().checked_sub(later)?).ok());
+            let motion = inner.motion(in_clip, size);
+            note(time, motion.as_ref());
+            motion
         });
         Ok(())
     }

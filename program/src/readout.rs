@@ -22,12 +22,12 @@ const STRETCHES: u64 = 5;
 /// How long each one is.
 const LENGTH: gst::ClockTime = gst::ClockTime::from_seconds(4);
 /// Standard deviation, in frame durations, from which on a readout is taken as found.
-const SURE: f64 = 0.1;
+pub const SURE: f64 = 0.1;
 /// Frames that must have followed one motion, with at least half the confidence there is: what a lone thing
 /// before a blank wall does says nothing of the camera.
 const FOLLOWED: u32 = 15;
 /// A readout of fewer milliseconds bends nothing that could be seen.
-const NONE: f64 = 1.0;
+pub const NONE: f64 = 1.0;
 /// Standard deviations by which a readout must differ from the expected one to be another one.
 const ANOTHER: f64 = 3.0;
 
@@ -261,11 +261,9 @@ pub fn settle(found: Option<&Found>, analysis: &mut AnalysisOptions) {
     }
     match found {
         Some(found) if matches!(found.doubt(), None | Some(Doubt::Stabilised | Doubt::Blended)) => {
-            eprintln!("readout: {found}");
+            log::info!("readout: {found}");
         }
-        _ => eprintln!(
-            "warning: the readout is not certain from this clip; give --readout-time if you know it"
-        ),
+        _ => log::warn!("the readout is not certain from this clip; give --readout-time if you know it"),
     }
     if let Some(found) = found {
         found.apply(analysis);
@@ -313,7 +311,7 @@ pub fn find(
     bar.finish_and_clear();
     if let Some(reason) = analysis.ended_early() {
         let frames = summary.frames;
-        eprintln!("warning: {}: {reason}; the readout is that of the {frames} frames before", clip.display());
+        log::warn!("{}: {reason}; the readout is that of the {frames} frames before", clip.display());
     }
     let found = summary.found(&analysis);
     Ok(found.map(|found| Found { expected, ..found }))
@@ -335,20 +333,21 @@ pub fn expect(analysis: &mut Analysis, camera: Option<&Known>) -> Result<Option<
     print_stabilisation(known);
     let (size, rate) = (analysis.size(), analysis.frame_rate());
     if let Some(impossible) = known.impossible_readout(rate) {
-        eprintln!(
+        log::info!(
             "camera: a readout of {:.1} ms is stated ({}), longer than a frame lasts: not used",
-            impossible.milliseconds, impossible.source
+            impossible.milliseconds,
+            impossible.source
         );
     }
     let Some(expectation) = known.expectation(size, rate) else {
         if let Some((camera, rate)) = known.camera.as_ref().zip(rate) {
             let [width, height] = size;
             let name = camera.name();
-            eprintln!("camera: {name}; no readout is known at {width}x{height}, {rate:.2} frames/s");
+            log::info!("camera: {name}; no readout is known at {width}x{height}, {rate:.2} frames/s");
         }
         return Ok(None);
     };
-    eprintln!("camera: {expectation}");
+    log::info!("camera: {expectation}");
     let prior = expectation.prior()?;
     analysis.expect(prior)?;
     Ok(Some(prior))
@@ -364,6 +363,6 @@ pub fn report_stabilisation(clip: &Path, camera: &CameraChoice) -> Result<()> {
 
 fn print_stabilisation(known: &Known) {
     if let Some(stabilisation) = known.stabilisation() {
-        eprintln!("stabilisation: {stabilisation}");
+        log::info!("stabilisation: {stabilisation}");
     }
 }

@@ -222,6 +222,14 @@ impl RectifierOptions {
         self.is_cropped().then(|| self.steadiness.crop.unwrap_or(Crop::Auto))
     }
 
+    /// By how much the picture is enlarged, once it is known how much is cut away.
+    pub fn zoom(&self) -> f64 {
+        match self.crop() {
+            Some(Crop::PerCent(crop)) => 1.0 / (1.0 - crop / 100.0),
+            _ => 1.0,
+        }
+    }
+
     /// Sets the properties that were given.
     pub fn apply(&self, rectifier: &gst::Element) -> Result<()> {
         let analysis = &self.analysis;

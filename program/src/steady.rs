@@ -7,7 +7,7 @@ use crate::progress;
 use crate::rectifier_options::{Crop, MAX_LOOKAHEAD, RectifierOptions};
 use anyhow::{Result, bail};
 use rsrectify::rectifier::{PLANNED_SHARE, stabilization_lookahead};
-use rsrectify::warp::{Interpolation, WarpSettings, least_zoom};
+use rsrectify::warp::{Interpolation, UNBENT_SHARE, WarpSettings, least_zoom};
 use std::path::Path;
 
 /// Per cent that are cut away at most where the picture is steadied: a quarter more zoom.
@@ -39,8 +39,8 @@ pub fn warp_settings(options: &RectifierOptions) -> WarpSettings {
     warp
 }
 
-/// Sets the crop, in per cent rounded up to hundredths, so that this zoom hides the borders: by so much more that a planned
-/// path of the camera stays away from them, where the picture is steadied. What is to be said of it.
+/// Sets the crop, in per cent rounded up to hundredths, so that this zoom hides the borders: by so much more that no correction is
+/// bent, and that a planned path of the camera stays away from them, where the picture is steadied. What is to be said of it.
 pub fn crop_for(zoom: f64, options: &mut RectifierOptions) -> Result<String> {
     if !zoom.is_finite() {
         bail!("no crop hides the borders: they cross the middle of the picture");
@@ -48,7 +48,8 @@ pub fn crop_for(zoom: f64, options: &mut RectifierOptions) -> Result<String> {
     let least = 100.0 * (1.0 - 1.0 / zoom);
     // The window may not come nearer to the edge than it did here, or the path would be another one.
     let is_planned = options.stabilization() > 0.0;
-    let crop = if is_planned { (least / PLANNED_SHARE).min(MAX_CROP.max(least)) } else { least };
+    let unbent = least / UNBENT_SHARE;
+    let crop = if is_planned { (least / PLANNED_SHARE).min(MAX_CROP.max(unbent)) } else { unbent };
     let crop = (crop * 100.0).ceil() / 100.0;
     if crop > LARGEST {
         bail!("hiding the borders would take a crop of {crop:.0} %");

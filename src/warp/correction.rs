@@ -29,15 +29,25 @@ pub(super) struct Correction<'a> {
 
 impl<'a> Correction<'a> {
     pub fn new(motion: &'a FrameMotion, settings: &WarpSettings) -> Self {
+        Self::with_shares(motion, settings, 1.0, 1.0)
+    }
+
+    /// The correction with less of the path's displacement and of the placement's than is asked for.
+    pub fn with_shares(
+        motion: &'a FrameMotion,
+        settings: &WarpSettings,
+        of_path: f64,
+        of_placement: f64,
+    ) -> Self {
         let (readout, path) = (motion.readout(), motion.path());
         let reference = within(settings.reference_row, 0.0, 1.0, 0.5);
         let share = within(settings.strength, 0.0, 1.0, 1.0);
-        let strength = motion.weight() * share;
+        let strength = motion.weight() * share * of_path;
         // From the reference to the middle of the readout, as far as the path is applied at all.
         let to_middle = |placement: &Matrix3<f64>| {
             let identity = Matrix3::identity();
             let back = identity + (path.global_over(reference, 0.5) - identity) * strength;
-            (if reference == 0.5 { *placement } else { placement * back }, share)
+            (if reference == 0.5 { *placement } else { placement * back }, share * of_placement)
         };
         Self {
             readout,

@@ -32,6 +32,7 @@
 //! 0.2 and 1.1 ms, distributed by lines of nodes.
 
 use super::axis::Axis;
+use super::borders::kept_inside;
 use super::correction::Correction;
 use super::monotone::{Inverse, limit_slopes};
 use super::settings::WarpSettings;
@@ -105,7 +106,7 @@ impl InverseMap {
     /// Solves the map of one frame.
     pub fn solve(&mut self, motion: &FrameMotion, settings: &WarpSettings) {
         let (readout, path) = (motion.readout(), motion.path());
-        let correction = Correction::new(motion, settings);
+        let correction = kept_inside(motion, settings);
         let spacing = spacing(readout, path);
         let last = [readout.width as f64 - 1.0, readout.height as f64 - 1.0];
         let [x, y] = [0, 1].map(|axis| Axis::over(0.0, last[axis], spacing[axis]));

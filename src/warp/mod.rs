@@ -26,7 +26,7 @@ mod tests;
 mod weights;
 
 pub use crate::cpu::CpuLevel;
-pub use borders::least_zoom;
+pub use borders::{UNBENT_SHARE, least_zoom};
 pub use placement::Placement;
 pub use settings::{BorderMode, Interpolation, WarpSettings};
 

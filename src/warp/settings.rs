@@ -48,6 +48,9 @@ pub struct WarpSettings {
     pub strength: f64,
     /// Magnification about the picture's centre, at least 1, to hide borders.
     pub zoom: f64,
+    /// Whether borders stay out of sight even where a zoom above 1 does not hide them: of such a frame the placement is applied in
+    /// part, and if that does not do, the correction of the path.
+    pub hide_borders: bool,
 }
 
 impl Default for WarpSettings {
@@ -58,6 +61,7 @@ impl Default for WarpSettings {
             reference_row: 0.5,
             strength: 1.0,
             zoom: 1.0,
+            hide_borders: false,
         }
     }
 }

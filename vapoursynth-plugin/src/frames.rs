@@ -105,6 +105,7 @@ impl Rectifier {
             Zoom::OfCrop => 1.0 / (1.0 - settings.crop),
             Zoom::None => 1.0,
         };
+        settings.warp.hide_borders = settings.warp.zoom > 1.0;
         Ok(Self { file, settings, warpers: Mutex::default() })
     }
 

@@ -132,6 +132,7 @@ impl Settings {
         settings.reference_row = self.reference_row;
         settings.strength = self.strength;
         settings.zoom = zoom;
+        settings.hide_borders = zoom > 1.0;
         settings
     }
 

@@ -87,7 +87,7 @@ pub fn run(options: &CamerasOptions) -> Result<bool> {
     if let Some(name) = &options.name {
         cameras.retain(|camera| key(&camera.name()).contains(&key(name)));
         if cameras.is_empty() {
-            eprintln!("error: no camera whose name has {name} in it is known");
+            log::error!("no camera whose name has {name} in it is known");
             return Ok(false);
         }
     }

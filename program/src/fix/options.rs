@@ -42,9 +42,13 @@ pub struct FixOptions {
     /// Says which file each clip would become, without opening it.
     #[arg(long)]
     pub dry_run: bool,
-    /// With --dry-run: prints that as JSON.
-    #[arg(long, requires = "dry_run")]
+    /// Prints what was done with each clip as JSON, one object a line, and everything else to the standard error; with --dry-run
+    /// an array of what would be done.
+    #[arg(long)]
     pub json: bool,
+    /// Adds all messages to this file, too, with the time.
+    #[arg(long, value_name = "FILE")]
+    pub log: Option<PathBuf>,
     /// Shows each clip before and after, side by side.
     #[arg(long)]
     pub compare: bool,

@@ -3,6 +3,7 @@
 //! Frames are rectified as the sensor delivered them and turned upright only afterwards: the rows of
 //! a phone's portrait clip are read top to bottom before it is rotated.
 
+use super::comparison::{self, SIDE_BY_SIDE};
 use crate::elements::{named, pad, parse};
 use crate::interruption::Interruption;
 use crate::isobmff::EncodedVideo;
@@ -14,6 +15,7 @@ use crate::picture::Picture;
 use crate::rectifier_options::RectifierOptions;
 use crate::streams::timecode::Timecode;
 use crate::streams::{Audio, Destination, Excerpt, Remux, Video, collect};
+use crate::summary::Tally;
 use crate::times::{self, Straightened};
 use anyhow::Result;
 use gst::buffer::BufferMetaForeachAction;
@@ -92,7 +94,7 @@ fn video_branch(
     let shown = if recipe.compare {
         format!(
             "tee name=both  both. ! queue name=original ! {UPRIGHT} ! side.  both. ! {rectified} ! side. \
-             compositor name=side background=black"
+             {SIDE_BY_SIDE}"
         )
     } else {
         rectified
@@ -118,6 +120,7 @@ fn video_branch(
             if is_allocation { gst::PadProbeReturn::Drop } else { gst::PadProbeReturn::Ok }
         });
         place_side_by_side(&named(&bin, "side")?)?;
+        comparison::label(&named(&bin, "labels")?);
     }
     if let Some(excerpt) = excerpt {
         excerpt.keep_analysed(&pad(&named(&bin, "frames")?, "src")?);
@@ -191,6 +194,7 @@ impl Rectification {
         clip: &Path,
         output: &Path,
         progress: &Arc<Progress>,
+        tally: &Tally,
     ) -> Result<Self> {
         let (container, audio) = (recipe.container, recipe.audio);
         let (mut encoded, mut is_turned, mut straightened) = (None, true, None);
@@ -208,8 +212,12 @@ impl Rectification {
             if excerpt.is_none() {
                 straightened = Some(times::straighten(&pad(&named(&video, "frames")?, "src")?));
             }
+            let rectifier = named(&video, "rectifier")?;
+            tally.listen(&rectifier, &recipe.rectifier, excerpt.clone(), |_, _| {})?;
             if let Some(motions) = &recipe.motions {
-                motions.apply(&named(&video, "rectifier")?, later.clone())?;
+                let tally = tally.clone();
+                motions
+                    .apply(&rectifier, later.clone(), move |time, motion| tally.add_given(time, motion))?;
             }
             progress.watch(&pad(&named(&video, "encoder")?, "sink")?);
             if container.is_isobmff() {

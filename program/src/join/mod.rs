@@ -133,7 +133,7 @@ fn write(
         show();
         match playback.next(gst::ClockTime::from_mseconds(100), interruption)? {
             Event::End => break,
-            Event::Warning(warning) => bar.suspend(|| eprintln!("warning: {warning}")),
+            Event::Warning(warning) => bar.suspend(|| log::warn!("{warning}")),
             Event::Chapters | Event::Held | Event::Ready | Event::Nothing => {}
         }
     }

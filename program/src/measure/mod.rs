@@ -70,7 +70,7 @@ pub fn run(options: &MeasureOptions, interruption: &Interruption) -> Result<bool
             Err(error) => {
                 interruption.check()?;
                 let (clip, error) = (clip.display().to_string(), format!("{error:#}"));
-                eprintln!("error: {clip}: {error}");
+                log::error!("{clip}: {error}");
                 report.failed.push(Failure { clip, error });
             }
         }

@@ -1,7 +1,8 @@
 //! `rsrectify plot`: the motion of a clip as a figure.
 
 mod figure;
-mod series;
+pub mod panels;
+pub mod series;
 
 use crate::analysis::{Analysis, Frame};
 use crate::clips;
@@ -80,7 +81,7 @@ fn plot(options: &PlotOptions, file: &Path, kind: Kind, interruption: &Interrupt
     let bar = progress::spinner()?;
     let (mut series, mut frames) = (Series::default(), 0u64);
     analysis.run(None, interruption, &mut |frame: Frame| {
-        series.add(&frame);
+        series.add(frame.time, &frame.solution);
         frames += 1;
         bar.set_message(format!("{frames} frames"));
         bar.tick();

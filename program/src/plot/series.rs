@@ -1,9 +1,8 @@
 //! Frames → what is plotted of them.
 
-use crate::analysis::Frame;
 use crate::estimate::Estimate;
 use rsrectify::readout::ReadoutDirection;
-use rsrectify::rectifier::Origin;
+use rsrectify::rectifier::{FrameSolution, Origin};
 
 /// A frame as it is plotted.
 #[derive(Clone, Copy, Debug)]
@@ -40,9 +39,8 @@ pub struct Series {
 }
 
 impl Series {
-    /// Adds a frame. Rates are by the second, until it is known how many frames there are in one.
-    pub fn add(&mut self, frame: &Frame) {
-        let solution = &frame.solution;
+    /// Adds the frame that is shown at a time in seconds. Rates are by the second, until it is known how many frames there are in one.
+    pub fn add(&mut self, time: Option<f64>, solution: &FrameSolution) {
         let readout = solution.motion.readout();
         let twist = solution.motion.path().mean_twist();
         let motion = Motion {
@@ -51,7 +49,7 @@ impl Series {
             confidence: solution.confidence,
             expected_error: solution.expected_error,
         };
-        self.times.push(frame.time);
+        self.times.push(time);
         self.frames.push(Point {
             time: 0.0,
             motion: (solution.origin != Origin::Untouched).then_some(motion),

@@ -1,7 +1,9 @@
-//! `rsrectify show`: a clip with what was seen of its motion drawn over it.
+//! `rsrectify show`: a clip with what was seen of its motion drawn over it, or a page of it for browsers.
 
 mod overlay;
+mod page;
 mod strip;
+mod videos;
 mod writer;
 
 use crate::analysis::{Analysis, Frame};
@@ -29,7 +31,10 @@ pub struct ShowOptions {
     /// The file to write, or its folder; without it the video goes beside the clip, its name ending in -shown.
     #[arg(long, short, value_name = "FILE|FOLDER")]
     pub output: Option<PathBuf>,
-    /// Replaces a file that is there.
+    /// Writes a page for browsers instead, with its videos, into this folder: the clip before and after, and its motion over time.
+    #[arg(long, value_name = "FOLDER", conflicts_with_all = ["output", "magnify", "codec", "container", "quality", "bitrate"])]
+    pub html: Option<PathBuf>,
+    /// Replaces a file, or a page, that is there.
     #[arg(long)]
     pub overwrite: bool,
     /// By how much the arrows that show the correction are longer than it is.
@@ -48,6 +53,10 @@ fn factor(text: &str) -> Result<f64, String> {
 /// Draws over the clip; `false` where that fails for its sake.
 pub fn run(options: &ShowOptions, interruption: &Interruption) -> Result<bool> {
     let (clip, output) = (&options.clip, options.output.as_deref());
+    if let Some(folder) = &options.html {
+        let written = page::write(clip, folder, options.overwrite, &options.analysis, interruption);
+        return clips::finish(clip, written, interruption);
+    }
     let named = output.filter(|output| !output::is_folder(output));
     let container = options.encoding.container(clip, named)?;
     let ending = format!("{}.{}", clips::SHOWN, container.extension());

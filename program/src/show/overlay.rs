@@ -2,10 +2,11 @@
 
 use super::strip::{Item, Strip};
 use crate::analysis::Frame;
+use crate::displacement;
 use crate::drawing::{Colour, SKY_BLUE, VERMILION, YELLOW, hex};
 use crate::estimate::Estimate;
 use crate::property_values::{Direction, name_of};
-use rsrectify::motion::{FrameMotion, image_centre};
+use rsrectify::motion::FrameMotion;
 use rsrectify::nalgebra::Vector2;
 use rsrectify::readout::ReadoutDirection;
 use rsrectify::rectifier::{FittedCorrespondence, Origin};
@@ -93,8 +94,9 @@ impl Overlay {
             let (column, row) = (index % ARROWS as usize, index / ARROWS as usize);
             Vector2::new((column as f64 + 0.5) * step, (row as f64 + 0.5) * height / rows)
         });
-        let arrows: String =
-            places.map(|place| arrow(place, correction(motion, place) * self.magnify, 6.0 * unit)).collect();
+        let arrows: String = places
+            .map(|place| arrow(place, displacement::at(motion, place, 0.5) * self.magnify, 6.0 * unit))
+            .collect();
         stroke(&arrows, 2.2 * unit, 1.8 * unit, CORRECTION)
     }
 
@@ -118,15 +120,6 @@ impl Overlay {
 
 fn name(direction: ReadoutDirection) -> String {
     name_of(&Direction::from(direction))
-}
-
-/// By how many pixels the correction moves what the frame shows at a pixel.
-fn correction(motion: &FrameMotion, pixel: Vector2<f64>) -> Vector2<f64> {
-    let readout = motion.readout();
-    let point = pixel - image_centre(readout.width(), readout.height());
-    let moved = motion.path().carry(point, readout.share(pixel.x, pixel.y), 0.5);
-    let moved = (moved - point) * motion.weight();
-    if moved.iter().all(|coordinate| coordinate.is_finite()) { moved } else { Vector2::zeros() }
 }
 
 /// Lines with a dark edge, so that they are seen on any picture.
@@ -180,23 +173,6 @@ fn arrow(pixel: Vector2<f64>, by: Vector2<f64>, head: f64) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use rsrectify::motion::{MotionPath, Twist};
-    use rsrectify::readout::{Readout, ReadoutTime};
-
-    #[test]
-    fn the_correction_takes_each_row_to_the_middle_of_the_readout() {
-        // 200 px/s to the right over a readout of 20 ms: the first row is 2 px behind, the last 2 px ahead.
-        let readout =
-            Readout::new(80, 60, ReadoutDirection::TopToBottom, ReadoutTime::Seconds(0.02), 0.04).unwrap();
-        let path = MotionPath::uniform(Twist::new(0.0, 200.0, 0.0), 0.02);
-        let motion = FrameMotion::new(readout, path);
-        for (row, shift) in [(-0.5, 2.0), (29.5, 0.0), (59.5, -2.0)] {
-            let moved = correction(&motion, Vector2::new(10.0, row));
-            assert!((moved - Vector2::new(shift, 0.0)).norm() < 1e-9, "{row}: {moved}");
-        }
-        let half = correction(&motion.with_weight(0.5), Vector2::new(10.0, -0.5));
-        assert!((half - Vector2::new(1.0, 0.0)).norm() < 1e-9);
-    }
 
     #[test]
     fn an_arrow_ends_where_the_correction_does() {

@@ -110,7 +110,7 @@ impl Writer {
         match self.playback.next(time, interruption)? {
             Event::End => Ok(true),
             Event::Warning(warning) => {
-                eprintln!("warning: {warning}");
+                log::warn!("{warning}");
                 Ok(false)
             }
             Event::Chapters | Event::Held | Event::Ready | Event::Nothing => Ok(false),

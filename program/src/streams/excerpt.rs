@@ -26,6 +26,11 @@ impl Excerpt {
         self.part.frames.clone()
     }
 
+    /// Whether the frame that is shown at this time of the clip is one of them.
+    pub fn is_wanted(&self, time: gst::ClockTime) -> bool {
+        self.part.wanted.contains(time)
+    }
+
     /// Holds what comes to a pad.
     pub fn hold(&self, pad: &gst::Pad) {
         // Not what flushes: that is to clear the way.

@@ -250,7 +250,7 @@ fn write(
         bail!("no frame could be decoded");
     }
     if without_motion > 0 {
-        eprintln!("warning: no motion was found in {without_motion} of {index} frames; they count as still");
+        log::warn!("no motion was found in {without_motion} of {index} frames; they count as still");
     }
     if let Some(out) = &mut json {
         writeln!(out.file, "\n]")?;

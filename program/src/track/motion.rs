@@ -54,8 +54,8 @@ pub fn write<W: Write + Seek + Send + 'static>(
         bail!("no frame could be decoded");
     }
     if writer.clip_mut().mirrored {
-        eprintln!(
-            "warning: players mirror the clip: `rsrectify fix` applies the file, filters leave the frames as they are"
+        log::warn!(
+            "players mirror the clip: `rsrectify fix` applies the file, filters leave the frames as they are"
         );
     }
     Ok((writer.finish()?, frames))
@@ -106,7 +106,7 @@ fn play<W: Write + Seek + Send + 'static>(
     loop {
         match playback.next(gst::ClockTime::from_mseconds(100), interruption)? {
             Event::End => break,
-            Event::Warning(warning) => bar.suspend(|| eprintln!("warning: {warning}")),
+            Event::Warning(warning) => bar.suspend(|| log::warn!("{warning}")),
             _ => {}
         }
         let frames = match &*writing.lock().unwrap_or_else(PoisonError::into_inner) {
@@ -120,7 +120,7 @@ fn play<W: Write + Seek + Send + 'static>(
     bar.finish_and_clear();
     let moved = straightened.moved();
     if moved > 0 {
-        eprintln!("warning: the times of frames contradict their order: {moved} count as a little later");
+        log::warn!("the times of frames contradict their order: {moved} count as a little later");
     }
     Ok(())
 }

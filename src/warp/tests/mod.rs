@@ -1,4 +1,5 @@
 mod accuracy;
+mod borders;
 mod kernels;
 mod paths;
 mod picture;

@@ -45,7 +45,7 @@ fn sampled(to_common: impl Fn(f64) -> Matrix3<f64>) -> MotionPath {
 }
 
 /// A field whose nodes lie `spacing` apart over a frame and a node beyond.
-fn field(size: [f64; 2], spacing: f64, velocity: impl Fn(f64, f64) -> [f64; 2]) -> ResidualField {
+pub(super) fn field(size: [f64; 2], spacing: f64, velocity: impl Fn(f64, f64) -> [f64; 2]) -> ResidualField {
     let [columns, rows] = size.map(|size| (size / spacing) as usize + 3);
     let origin = size.map(|size| -(size - 1.0) / 2.0 - spacing);
     let mesh = ResidualMesh { columns, rows, origin, spacing: [spacing; 2] };

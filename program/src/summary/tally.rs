@@ -1,0 +1,158 @@
+//! What the element reports of each frame that it gives out.
+
+use crate::displacement;
+use crate::rectifier_options::RectifierOptions;
+use crate::streams::Excerpt;
+use anyhow::{Context, Result};
+use gst::prelude::*;
+use gstrsrectify::rsrectify::RsRectify;
+use rsrectify::motion::{FrameMotion, MotionPath};
+use rsrectify::readout::Readout;
+use rsrectify::rectifier::{FrameSolution, FrameTiming, Origin};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+
+/// Pixels by which a frame must be corrected for any sample to change: positions are rounded to 1/2048 pixel.
+const LEAST: f64 = 0.5 / 2048.0;
+
+/// A frame that was given out.
+#[derive(Clone, Debug)]
+pub struct Entry {
+    /// When it is shown in the clip, in seconds.
+    pub time: Option<f64>,
+    /// The largest displacement within the picture, in pixels; 0 of a frame that is not corrected.
+    pub pixels: f64,
+    /// 0 to 1; `None` where the motion was given.
+    pub confidence: Option<f64>,
+    /// What is known of a frame that is not corrected.
+    pub left: Option<Left>,
+}
+
+/// What is known of a frame that is not corrected.
+#[derive(Clone, Copy, Debug)]
+pub enum Left {
+    /// Its motion was to be found.
+    Analysed {
+        origin: Origin,
+        timing: FrameTiming,
+        /// Pixels a second by which the picture moves where it moves fastest.
+        speed: f64,
+        /// Of the readout, as a share of the frame duration; 0 where it was given.
+        readout_deviation: f64,
+        /// Seconds.
+        readout_time: f64,
+    },
+    /// No motion was given for it, or one without a correction.
+    Given { has_motion: bool },
+}
+
+/// The readout with which the last frame was rectified.
+#[derive(Clone, Copy, Debug)]
+pub struct LastReadout {
+    pub readout: Readout,
+    /// Standard deviation as a share of the frame duration; 0 where it was given.
+    pub deviation: f64,
+    pub timing: FrameTiming,
+}
+
+#[derive(Default)]
+struct Frames {
+    entries: Vec<Entry>,
+    last: Option<LastReadout>,
+    /// The part of which frames are counted, where that is not the whole clip.
+    excerpt: Option<Arc<Excerpt>>,
+    /// The instant that is shown, as a share of the readout, and the share of the correction that is applied.
+    reference: f64,
+    strength: f64,
+}
+
+/// What the element reports of the frames of a clip.
+#[derive(Clone, Default)]
+pub struct Tally(Arc<Mutex<Frames>>);
+
+impl Tally {
+    /// Listens to a rectifier with these options, of which only the frames of a part are wanted; forgets what was before. `note` is
+    /// given the motion of each frame, and its time.
+    pub fn listen(
+        &self,
+        rectifier: &gst::Element,
+        options: &RectifierOptions,
+        excerpt: Option<Arc<Excerpt>>,
+        note: impl Fn(Option<gst::ClockTime>, &FrameSolution) + Send + Sync + 'static,
+    ) -> Result<()> {
+        let (reference, strength) = (options.reference_row.unwrap_or(0.5), options.strength.unwrap_or(1.0));
+        *self.lock() = Frames { excerpt, reference, strength, ..Frames::default() };
+        let rectifier = rectifier.downcast_ref::<RsRectify>().context("the rectifier is another element")?;
+        let tally = self.clone();
+        rectifier.observe_motions(move |time, solution| {
+            tally.add(time, solution);
+            note(time, solution);
+        });
+        Ok(())
+    }
+
+    fn lock(&self) -> MutexGuard<'_, Frames> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn add(&self, time: Option<gst::ClockTime>, solution: &FrameSolution) {
+        let motion = &solution.motion;
+        let mut frames = self.lock();
+        let Some(pixels) = frames.pixels(time, motion) else { return };
+        let readout = motion.readout();
+        let twist = motion.path().mean_twist();
+        let reach = 0.5 * (readout.width() as f64).hypot(readout.height() as f64);
+        let left = Left::Analysed {
+            origin: solution.origin,
+            timing: solution.timing,
+            speed: twist.velocity.norm() + twist.omega.abs() * reach,
+            readout_deviation: solution.readout_deviation,
+            readout_time: readout.time(),
+        };
+        frames.entries.push(Entry {
+            time: time.map(gst::ClockTime::seconds_f64),
+            pixels,
+            confidence: Some(solution.confidence),
+            left: (pixels == 0.0).then_some(left),
+        });
+        let (deviation, timing) = (solution.readout_deviation, solution.timing);
+        frames.last = Some(LastReadout { readout: *readout, deviation, timing });
+    }
+
+    /// Adds a frame whose motion was given, if there is one.
+    pub fn add_given(&self, time: Option<gst::ClockTime>, motion: Option<&FrameMotion>) {
+        let mut frames = self.lock();
+        let still = FrameMotion::new(Readout::global_shutter(1, 1), MotionPath::STILL);
+        let Some(pixels) = frames.pixels(time, motion.unwrap_or(&still)) else { return };
+        let left = (pixels == 0.0).then_some(Left::Given { has_motion: motion.is_some() });
+        let time = time.map(gst::ClockTime::seconds_f64);
+        frames.entries.push(Entry { time, pixels, confidence: None, left });
+        if let Some(motion) = motion {
+            let (readout, timing) = (*motion.readout(), FrameTiming::default());
+            frames.last = Some(LastReadout { readout, deviation: 0.0, timing });
+        }
+    }
+
+    /// The frames in the order in which they were given out.
+    pub fn entries(&self) -> Vec<Entry> {
+        self.lock().entries.clone()
+    }
+
+    /// How many frames were given out.
+    pub fn frames(&self) -> usize {
+        self.lock().entries.len()
+    }
+
+    pub fn last_readout(&self) -> Option<LastReadout> {
+        self.lock().last
+    }
+}
+
+impl Frames {
+    /// The largest displacement in a frame; `None` of one that is not wanted.
+    fn pixels(&self, time: Option<gst::ClockTime>, motion: &FrameMotion) -> Option<f64> {
+        let is_wanted = |excerpt: &Arc<Excerpt>| time.is_some_and(|time| excerpt.is_wanted(time));
+        let pixels = || displacement::largest(motion, self.reference) * self.strength;
+        let is_counted = self.excerpt.as_ref().is_none_or(is_wanted);
+        is_counted.then(pixels).map(|pixels| if pixels < LEAST { 0.0 } else { pixels })
+    }
+}
