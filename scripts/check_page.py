@@ -5,7 +5,9 @@ import json
 import os
 import re
 import time
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 from selenium import webdriver
 from selenium.webdriver.common.action_chains import ActionChains
@@ -61,11 +63,12 @@ def check(driver: webdriver.Chrome, page: Path, screenshots: Path | None) -> Non
     driver.get(page.as_uri())
     wait = WebDriverWait(driver, 30)
 
-    def value(script: str):
+    def value(script: str) -> Any:
         return driver.execute_script(f"return {script}")
 
-    def both(field: str) -> list:
-        return value(f"['before', 'after'].map(id => document.getElementById(id).{field})")
+    def both(field: str) -> list[Any]:
+        values: list[Any] = value(f"['before', 'after'].map(id => document.getElementById(id).{field})")
+        return values
 
     wait.until(lambda _: all(state >= 2 for state in both("readyState")))
     data = json.loads(value("document.getElementById('data').textContent"))
@@ -82,7 +85,12 @@ def check(driver: webdriver.Chrome, page: Path, screenshots: Path | None) -> Non
     split = driver.find_element(By.ID, "split")
     stage = driver.find_element(By.CSS_SELECTOR, ".stage")
     clipped = "getComputedStyle(document.getElementById('after')).clipPath"
-    at = lambda: float(re.search(r"([\d.]+)%", value(clipped))[1])
+
+    def at() -> float:
+        share = re.search(r"([\d.]+)%", value(clipped))
+        assert share, value(clipped)
+        return float(share[1])
+
     assert abs(at() - 50) < 0.5, at()
     ActionChains(driver).move_to_element_with_offset(split, int(-0.3 * stage.size["width"]), 20).click().perform()
     assert abs(at() - 20) < 1.5, at()
@@ -110,7 +118,7 @@ def check(driver: webdriver.Chrome, page: Path, screenshots: Path | None) -> Non
     assert now[0] > 0.1 * times[-1] and abs(now[0] - now[1]) < 0.1 * period, now
 
     # Going to a time, by the slider, by a figure, and by frames.
-    def settle() -> list:
+    def settle() -> list[Any]:
         wait.until(lambda _: not any(both("seeking")))
         return both("currentTime")
 
@@ -128,7 +136,10 @@ def check(driver: webdriver.Chrome, page: Path, screenshots: Path | None) -> Non
     assert abs(now[0] - 0.5 * times[-1]) < 2 * period and abs(now[0] - now[1]) < 0.1 * period, now
     head = value("parseFloat(document.querySelector('.plot div').style.left)")
     assert abs(head - 50) < 2, head
-    frame = lambda: int(value("document.getElementById('clock').textContent").rsplit(" ", 1)[1])
+
+    def frame() -> int:
+        return int(value("document.getElementById('clock').textContent").rsplit(" ", 1)[1])
+
     before = frame()
     driver.find_element(By.ID, "forth").click()
     now = settle()
@@ -166,8 +177,8 @@ def check(driver: webdriver.Chrome, page: Path, screenshots: Path | None) -> Non
     print(f"{data['name']}: {most / period:.2f} frames apart while playing, once {settled[-1] / period:.2f}, {len(requests)} requests, all of the folder")
 
 
-def before_end(both, times: list, period: float) -> bool:
-    return both("currentTime")[0] > times[-1] - period
+def before_end(both: Callable[[str], list[Any]], times: list[float], period: float) -> bool:
+    return bool(both("currentTime")[0] > times[-1] - period)
 
 
 if __name__ == "__main__":

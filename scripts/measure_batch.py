@@ -42,7 +42,8 @@ def luma(file: Path) -> np.ndarray:
 def psnr(one: np.ndarray, other: np.ndarray) -> np.ndarray:
     """Of each frame in dB, 99 at most."""
     squares = ((one - other) ** 2).mean(axis=(1, 2))
-    return np.minimum(10 * np.log10(255**2 / np.maximum(squares, 1e-9)), 99)
+    decibels: np.ndarray = np.minimum(10 * np.log10(255**2 / np.maximum(squares, 1e-9)), 99)
+    return decibels
 
 
 def seams(folder: Path) -> list[str]:

@@ -5,6 +5,7 @@ import asyncio
 import os
 import sys
 from pathlib import Path
+from typing import Any
 
 from . import __version__, manifest, report
 from .executors import ClusterError, Local, Ray
@@ -27,7 +28,8 @@ ANALYSIS = {f"--{name}" for name in ("readout-time", "inter-frame-delay", "reado
 def main(arguments: list[str] | None = None) -> int:
     options = _parser().parse_args(arguments)
     try:
-        return options.action(options)
+        code: int = options.action(options)
+        return code
     except (ManifestError, ProgramError, ClusterError, OSError) as error:
         print(f"error: {error}", file=sys.stderr)
         return 2
@@ -112,7 +114,8 @@ def _given(options: argparse.Namespace, *names: str) -> list[str]:
 
 def _analysis_first(options: list[str]) -> tuple[list[str], list[str]]:
     """Options of `rsrectify fix`, those of the analysis, which `rsrectify track` has, too, and the rest."""
-    analysis, rest = [], []
+    analysis: list[str] = []
+    rest: list[str] = []
     chosen = rest
     for option in options:
         # A value follows its option, or is one with it.
@@ -131,7 +134,7 @@ def _rectify(options: argparse.Namespace) -> int:
     is_crop_open = is_steadied and not options.motion and not any(one.startswith("--crop") for one in options.fix)
     crop = ["--crop=10"] if is_crop_open else []
     fix_options = [*_given(options, "codec", "quality", "bitrate", "stabilize"), *crop, *focal_length, *camera, *options.fix]
-    track_options = []
+    track_options: list[str] = []
     if options.motion:
         track_options, fix_options = _analysis_first(fix_options)
     settings = Settings(
@@ -210,7 +213,7 @@ def _report(options: argparse.Namespace) -> int:
     return 0
 
 
-def _done(known: dict) -> str:
+def _done(known: dict[str, Any]) -> str:
     """How far a clip has come, in parts."""
     if known["state"] == "done":
         # A clip of one part is rectified at one go, with no result for the part.

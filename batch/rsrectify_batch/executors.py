@@ -3,6 +3,7 @@
 import asyncio
 import socket
 from concurrent.futures import ThreadPoolExecutor
+from typing import Any
 
 from .program import Program
 from .steps import carry_out
@@ -23,7 +24,7 @@ class Local:
         self.slots = workers
         self._threads = ThreadPoolExecutor(workers)
 
-    async def run(self, step: str, arguments: tuple):
+    async def run(self, step: str, arguments: tuple[Any, ...]) -> dict[str, Any]:
         return await asyncio.get_running_loop().run_in_executor(self._threads, carry_out, step, arguments)
 
     def close(self) -> None:
@@ -48,15 +49,16 @@ class Ray:
             raise ClusterError(f"Ray: {error}") from error
         # A step is tried again by who asked for it, wherever the error comes from.
         self._remote = ray.remote(num_cpus=processors, max_retries=0, scheduling_strategy="SPREAD")(carry_out)
-        self._references = set()
+        self._references: set[Any] = set()
         # So many wait beside those that run that no worker is idle until the next one comes.
         self.slots = 2 * max(1, int(ray.cluster_resources().get("CPU", 0) // processors))
 
-    async def run(self, step: str, arguments: tuple):
+    async def run(self, step: str, arguments: tuple[Any, ...]) -> dict[str, Any]:
         reference = self._remote.remote(step, arguments)
         self._references.add(reference)
         try:
-            return await reference
+            result: dict[str, Any] = await reference
+            return result
         except (self._ray.exceptions.WorkerCrashedError, self._ray.exceptions.NodeDiedError) as error:
             raise WorkerLost(str(error).splitlines()[0]) from error
         except self._ray.exceptions.RayTaskError as error:

@@ -5,6 +5,7 @@ import json
 import os
 import time
 from pathlib import Path
+from typing import Any
 
 NAME = "rsrectify-batch.json"
 # Version of the file's form.
@@ -20,10 +21,10 @@ class ManifestError(Exception):
 class Manifest:
     """What a run has done so far: `options` that change the result, and by clip what is known and written."""
 
-    def __init__(self, folder: Path, options: dict, afresh: bool):
+    def __init__(self, folder: Path, options: dict[str, Any], afresh: bool):
         self.path = folder / NAME
         self.options = options
-        self.clips: dict[str, dict] = {}
+        self.clips: dict[str, dict[str, Any]] = {}
         self._written = 0.0
         # The folder itself is locked: a file for it would be left by a broken run.
         self._lock = os.open(folder, os.O_RDONLY)
@@ -43,9 +44,9 @@ class Manifest:
             )
         self.clips = state["clips"]
 
-    def clip(self, clip: str, output: str) -> dict:
+    def clip(self, clip: str, output: str) -> dict[str, Any]:
         """What is known of a clip; nothing where the file is another one since."""
-        identity = {"output": output}
+        identity: dict[str, Any] = {"output": output}
         # One that is gone fails by itself, and the others are done.
         if os.path.exists(clip):
             status = os.stat(clip)
@@ -74,11 +75,11 @@ class Manifest:
         os.close(self._lock)
 
 
-def read(folder: Path) -> dict:
+def read(folder: Path) -> dict[str, Any]:
     """The state of a run that writes, or has written, to a folder."""
     path = folder / NAME
     try:
-        state = json.loads(path.read_text())
+        state: Any = json.loads(path.read_text())
     except FileNotFoundError as error:
         raise ManifestError(f"{folder}: no run has written there") from error
     except (OSError, ValueError) as error:

@@ -2,6 +2,7 @@
 
 from bisect import bisect_left, bisect_right
 from dataclasses import dataclass
+from typing import Any
 
 
 @dataclass(frozen=True)
@@ -12,12 +13,12 @@ class Part:
     end: int
 
     @classmethod
-    def of(cls, entry: dict) -> "Part":
+    def of(cls, entry: dict[str, Any]) -> "Part":
         """That of a manifest's entry."""
         return cls(entry["first"], entry["end"])
 
     @property
-    def entry(self) -> dict:
+    def entry(self) -> dict[str, Any]:
         return {"first": self.first, "end": self.end}
 
     @property

@@ -6,7 +6,7 @@ import subprocess
 import sys
 import threading
 from importlib.util import find_spec
-from pathlib import Path
+from typing import Any, ClassVar
 
 # What the program exits with where a clip fails, with the reason, and where the command line cannot be carried out.
 FAILED = 1
@@ -39,7 +39,7 @@ class Program:
     """The program under a name or path."""
 
     # Processes that run, of all calls in this Python process.
-    _running: set[subprocess.Popen] = set()
+    _running: ClassVar[set[subprocess.Popen[str]]] = set()
     _lock = threading.Lock()
 
     def __init__(self, path: str):
@@ -74,7 +74,7 @@ class Program:
             return [sys.executable, "-m", "rsrectify_program"]
         raise ProgramError(f"{self.path}: no such program", USAGE)
 
-    def json(self, *arguments: object):
+    def json(self, *arguments: object) -> Any:
         """The same of a call that writes JSON."""
         return json.loads(self.run(*arguments))
 

@@ -1,6 +1,7 @@
 """What a run says while it goes on."""
 
 import sys
+from typing import Any
 
 from tqdm import tqdm
 
@@ -13,7 +14,7 @@ class Progress:
         self._known: set[str] = set()
         self._bar = tqdm(total=0, unit=" frames", disable=None, smoothing=0.05, dynamic_ncols=True)
 
-    def knows(self, clip) -> None:
+    def knows(self, clip: Any) -> None:
         """Adds a clip's frames, once it is known how many it has."""
         index = clip.known.get("index")
         if index is None or clip.is_done or clip.job.clip in self._known:

@@ -6,9 +6,15 @@ logarithms of independent likelihoods add up (Bayes). Where the camera is known 
 known of its readout.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
+
+# Densities, by time or by axis and time.
+Array = NDArray[np.float64]
 
 # Readout ratios that were found without a word about the camera end within this of the truth where they are right: the
 # error of the model, which more frames of the same part do not make smaller.
@@ -54,12 +60,12 @@ class Readout:
     deviation_ms: float
     doubt: str | None
     # What was known of the camera before, as `rsrectify measure --json` prints it.
-    expected: dict | None = None
+    expected: dict[str, Any] | None = None
     # Whether all parts that tell it were moved after their readout, and whether any was, or was exposed at other times than stated.
     is_stabilised: bool = False
     is_retimed: bool = False
 
-    def options(self, given: list[str] = ()) -> list[str]:
+    def options(self, given: Sequence[str] = ()) -> list[str]:
         """What `rsrectify fix` is told beside the options that are given."""
         # 0 would leave it to the rectifier.
         time = max(self.milliseconds, 1e-6)
@@ -80,7 +86,7 @@ class Readout:
         return f"{self.milliseconds:.1f} ms, {self.direction}, give or take {self.deviation_ms:.1f} ms{camera}"
 
 
-def combine(measurements: list[dict]) -> Readout | None:
+def combine(measurements: list[dict[str, Any]]) -> Readout | None:
     """The readout that all measurements have in common, as `rsrectify measure --json` prints each; None without any."""
     measurements = [one for one in measurements if one.get("hypotheses")]
     if not measurements:
@@ -122,7 +128,7 @@ def combine(measurements: list[dict]) -> Readout | None:
     return Readout(abs(mean), direction, deviation, doubt, expected, said == {"yes"}, is_retimed)
 
 
-def _likelihood(measurement: dict, times: np.ndarray, blur: float) -> np.ndarray:
+def _likelihood(measurement: dict[str, Any], times: Array, blur: float) -> Array:
     """Posterior ÷ prior of the signed readout time, by axis and time; `blur` is the deviation of the model's error."""
     posterior = np.zeros((2, len(times)))
     for one in measurement["hypotheses"]:
@@ -132,18 +138,18 @@ def _likelihood(measurement: dict, times: np.ndarray, blur: float) -> np.ndarray
     return posterior / _prior(measurement["prior"], times, blur)
 
 
-def _prior(prior: dict, times: np.ndarray, blur: float = 0.0) -> np.ndarray:
+def _prior(prior: dict[str, Any], times: Array, blur: float = 0.0) -> Array:
     density = _normal(times, 0.0, np.hypot(prior["deviation_ms"], blur))
     return np.array([prior["rows"] * density, prior["columns"] * density])
 
 
-def _expected(measurements: list[dict]) -> dict | None:
+def _expected(measurements: list[dict[str, Any]]) -> dict[str, Any] | None:
     """What is known of the camera that made all of this; None where that is nothing, or not one readout."""
     known = [one["expected"] for one in measurements if one.get("expected")]
     return known[0] if known and all(one == known[0] for one in known) else None
 
 
-def _belief(prior: dict, expected: dict | None, times: np.ndarray) -> np.ndarray:
+def _belief(prior: dict[str, Any], expected: dict[str, Any] | None, times: Array) -> Array:
     """What is believed before anything is seen, by axis and time."""
     belief = _prior(prior, times)
     if expected:
@@ -153,11 +159,12 @@ def _belief(prior: dict, expected: dict | None, times: np.ndarray) -> np.ndarray
     return belief
 
 
-def _normal(values: np.ndarray, mean: float, deviation: float) -> np.ndarray:
-    return np.exp(-0.5 * ((values - mean) / deviation) ** 2) / (deviation * np.sqrt(2 * np.pi))
+def _normal(values: Array, mean: float, deviation: float) -> Array:
+    density: Array = np.exp(-0.5 * ((values - mean) / deviation) ** 2) / (deviation * np.sqrt(2 * np.pi))
+    return density
 
 
-def _doubt(measurements: list[dict], deviation: float | None, tell: list[float]) -> str | None:
+def _doubt(measurements: list[dict[str, Any]], deviation: float | None, tell: list[float]) -> str | None:
     """Why the readout is not to be relied on: its deviation as a share of the frame period, where that is too large, and its
     likelihoods by the measurements that tell something."""
     if sum(one["frames_with_motion"] for one in measurements) < FOLLOWED:

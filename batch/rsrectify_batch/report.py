@@ -4,6 +4,7 @@ import os
 from html import escape
 from pathlib import Path
 from string import Template
+from typing import Any
 from urllib.parse import quote
 
 from . import manifest
@@ -68,7 +69,7 @@ def write(folder: Path) -> Path:
     return path
 
 
-def numbers(known: dict) -> dict:
+def numbers(known: dict[str, Any]) -> dict[str, Any]:
     """What is known of the correction of a clip, over the parts that are rectified so far: `corrected`, a share, `largest` in
     pixels, `confidence`, the least of the parts' medians, the longest stretch `as_recorded`, and the `seconds` of all workers."""
     results = [part["result"] for part in known.get("parts", []) if "result" in part] or [known.get("result", {})]
@@ -89,7 +90,7 @@ def numbers(known: dict) -> dict:
     }
 
 
-def _row(folder: Path, clip: str, known: dict) -> str:
+def _row(folder: Path, clip: str, known: dict[str, Any]) -> str:
     found = numbers(known)
     output = Path(known["output"])
     page = output.with_name(Path(clip).name + PAGE) / "index.html"
@@ -113,10 +114,10 @@ def _row(folder: Path, clip: str, known: dict) -> str:
     return f'<tr class="failed">{text}' if known["state"] == "failed" else f"<tr>{text}"
 
 
-def _readout(known: dict, found: dict) -> str:
+def _readout(known: dict[str, Any], found: dict[str, Any]) -> str:
     """That of the whole clip, where one was found or given."""
     if "readout" in known:
-        return known["readout"]["said"]
+        return str(known["readout"]["said"])
     readout = found.get("readout", {})
     if readout.get("signed_ms") is None:
         return ""

@@ -8,9 +8,11 @@ manifest, and is not done again.
 
 import asyncio
 import shutil
+from collections.abc import Awaitable, Callable, Iterable
 from dataclasses import dataclass, field
 from hashlib import sha256
 from pathlib import Path
+from typing import Any, Protocol
 
 from . import readout
 from .executors import WorkerLost
@@ -67,7 +69,7 @@ class Settings:
 class Clip:
     """A clip on its way."""
 
-    def __init__(self, job: Job, known: dict, folder: Path, has_motion: bool):
+    def __init__(self, job: Job, known: dict[str, Any], folder: Path, has_motion: bool):
         self.job = job
         # Its entry of the manifest.
         self.known = known
@@ -95,7 +97,7 @@ class Clip:
         return files[0] if is_new and not self.is_done and files else None
 
     @property
-    def measurements(self) -> list[dict]:
+    def measurements(self) -> list[dict[str, Any]]:
         return [one["found"] for one in self.known.get("measured", []) if one.get("found")]
 
     @property
@@ -109,10 +111,18 @@ class Clip:
         return str(self.folder / f"{part.first:07}{ending}")
 
 
+class Executor(Protocol):
+    """Carries steps out, `slots` of them at a time."""
+
+    slots: int
+
+    async def run(self, step: str, arguments: tuple[Any, ...]) -> dict[str, Any]: ...
+
+
 class Run:
     """Rectifies clips by an executor."""
 
-    def __init__(self, jobs: list[Job], settings: Settings, executor, manifest: Manifest, progress: Progress):
+    def __init__(self, jobs: list[Job], settings: Settings, executor: Executor, manifest: Manifest, progress: Progress):
         folder = manifest.path.parent
         self.settings = settings
         self.executor = executor
@@ -144,10 +154,10 @@ class Run:
             await self._each(waiting, self.measure_and_rectify)
         return [clip for clip in self.clips if "error" in clip.known]
 
-    async def _each(self, clips: list[Clip], task) -> None:
+    async def _each(self, clips: list[Clip], task: Callable[[Clip], Awaitable[None]]) -> None:
         await asyncio.gather(*(self._one(clip, task) for clip in clips))
 
-    async def _one(self, clip: Clip, task) -> None:
+    async def _one(self, clip: Clip, task: Callable[[Clip], Awaitable[None]]) -> None:
         """Has a task done for a clip; a clip that fails does not stop the others."""
         async with self._begun:
             try:
@@ -182,7 +192,7 @@ class Run:
         known.setdefault("measured", [part.entry for part in planned])
         await _all(self._measure(clip, one) for one in known["measured"] if "found" not in one)
 
-    async def _measure(self, clip: Clip, one: dict) -> None:
+    async def _measure(self, clip: Clip, one: dict[str, Any]) -> None:
         part = Part.of(one)
         options = self.settings.measure_options
         one["found"] = await self.step("measure", self.settings.program, clip.job.clip, clip.index, part, options)
@@ -234,16 +244,16 @@ class Run:
             known["motion"] = await self.step("track", self.settings.program, clip.job.clip, frames, clip.motion, options)
             self.manifest.save(now=True)
         self.progress.done(frames)
-        return ["--motion", clip.motion]
+        return ["--motion", str(clip.motion)]
 
-    def _has(self, clip: Clip, one: dict) -> bool:
+    def _has(self, clip: Clip, one: dict[str, Any]) -> bool:
         part = Part.of(one)
         is_there = _has_size(clip.output_of(part), one.get("result"))
         if is_there:
             self.progress.done(part.frames)
         return is_there
 
-    async def _fix(self, clip: Clip, one: dict, told: list[str]) -> None:
+    async def _fix(self, clip: Clip, one: dict[str, Any], told: list[str]) -> None:
         part, settings = Part.of(one), self.settings
         output, options = clip.output_of(part), [*told, *settings.all_fix_options]
         if clip.job.codec and not any(option.startswith("--codec") for option in options):
@@ -269,7 +279,7 @@ class Run:
         if joined != written:
             raise ProgramError("a part was changed after it was written", 1)
 
-    async def step(self, name: str, *arguments):
+    async def step(self, name: str, *arguments: Any) -> dict[str, Any]:
         """Has a step carried out, again where it did not come to its end."""
         for attempt in range(self.settings.retries + 1):
             async with self._slots:
@@ -283,7 +293,7 @@ class Run:
         raise AssertionError("a step is tried at least once")
 
 
-async def _all(tasks) -> None:
+async def _all(tasks: Iterable[Awaitable[None]]) -> None:
     """Waits for all tasks, so that none goes on when the clip has failed; then raises the first error."""
     results = await asyncio.gather(*tasks, return_exceptions=True)
     for result in results:
@@ -291,6 +301,6 @@ async def _all(tasks) -> None:
             raise result
 
 
-def _has_size(file: str, result: dict | None) -> bool:
+def _has_size(file: str, result: dict[str, Any] | None) -> bool:
     path = Path(file)
     return result is not None and path.exists() and path.stat().st_size == result["bytes"]

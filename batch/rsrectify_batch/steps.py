@@ -9,8 +9,10 @@ import os
 import platform
 import time
 import uuid
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 from .plan import Part
 from .program import USAGE, Program, ProgramError
@@ -21,7 +23,7 @@ CLOCK_NS = 1_000_000
 HEADER_BYTES = 1024
 
 
-def index(program: str, clip: str, file: str) -> dict:
+def index(program: str, clip: str, file: str) -> dict[str, Any]:
     """Lists the frames of a clip in a file: how many there are, and the SHA-256 of all as they are encoded."""
     with _replaced(file) as attempt:
         Program(program).run("index", clip, "--output", attempt)
@@ -29,15 +31,16 @@ def index(program: str, clip: str, file: str) -> dict:
     return {"frames": found["frames"], "sha256": found["sha256"]}
 
 
-def measure(program: str, clip: str, index_file: str, part: Part, options: list[str]) -> dict:
+def measure(program: str, clip: str, index_file: str, part: Part, options: list[str]) -> dict[str, Any]:
     """Measures the readout of frames, as `rsrectify measure --json` prints it."""
     # One frame more, so that it is seen whether a shot begins with the first.
     part_options = ["--frames", part, "--halo", 1, "--index", index_file]
     found = Program(program).json("measure", "--json", clip, *part_options, *options)
-    return found["clips"][0]
+    measured: dict[str, Any] = found["clips"][0]
+    return measured
 
 
-def track(program: str, clip: str, frames: int, output: str, options: list[str]) -> dict:
+def track(program: str, clip: str, frames: int, output: str, options: list[str]) -> dict[str, Any]:
     """Writes the motion of a clip's frames, found at one go, to a file."""
     with _replaced(output) as attempt:
         Program(program).run("track", clip, "--motion", attempt, *options)
@@ -49,18 +52,18 @@ def track(program: str, clip: str, frames: int, output: str, options: list[str])
         return {"bytes": os.path.getsize(attempt)}
 
 
-def fix(program: str, clip: str, index_file: str, part: Part, halo: int, output: str, options: list[str]) -> dict:
+def fix(program: str, clip: str, index_file: str, part: Part, halo: int, output: str, options: list[str]) -> dict[str, Any]:
     """Rectifies frames of a clip, without audio, which comes from the clip when the parts are joined."""
-    part_options = ["--frames", part, "--halo", halo, "--index", index_file, "--audio", "none"]
+    part_options = ["--frames", str(part), "--halo", str(halo), "--index", index_file, "--audio", "none"]
     return _write(program, clip, index_file, part, output, [*part_options, *options])
 
 
-def fix_all(program: str, clip: str, index_file: str, frames: int, output: str, options: list[str]) -> dict:
+def fix_all(program: str, clip: str, index_file: str, frames: int, output: str, options: list[str]) -> dict[str, Any]:
     """Rectifies a clip at one go."""
     return _write(program, clip, index_file, Part(0, frames), output, options)
 
 
-def join(program: str, clip: str, index_file: str, parts: list[str], output: str, options: list[str]) -> dict:
+def join(program: str, clip: str, index_file: str, parts: list[str], output: str, options: list[str]) -> dict[str, Any]:
     """Joins the parts of a clip; what was joined, as `rsrectify join --json` prints it, and the file."""
     with _replaced(output) as attempt:
         arguments = [clip, *parts, "--output", attempt, "--index", index_file]
@@ -71,7 +74,7 @@ def join(program: str, clip: str, index_file: str, parts: list[str], output: str
     return {**result, "parts": [part["sha256"] for part in joined["parts"]]}
 
 
-def _write(program: str, clip: str, index_file: str, part: Part, output: str, options: list) -> dict:
+def _write(program: str, clip: str, index_file: str, part: Part, output: str, options: list[str]) -> dict[str, Any]:
     started = time.monotonic()
     with _replaced(output) as attempt:
         done = Program(program).json("fix", clip, "--output", attempt, "--json", *options)
@@ -81,7 +84,7 @@ def _write(program: str, clip: str, index_file: str, part: Part, output: str, op
     return {**result, "summary": summary, "seconds": round(time.monotonic() - started, 3), "machine": platform.node()}
 
 
-def _check(program: str, index_file: str, part: Part, output: str) -> dict:
+def _check(program: str, index_file: str, part: Part, output: str) -> dict[str, Any]:
     """Reads a file that was written: whether it has the part's frames, at their times."""
     expected = json.loads(Path(index_file).read_text())["times_ns"][part.first : part.end]
     found = Program(program).json("index", output)
@@ -99,7 +102,7 @@ def _check(program: str, index_file: str, part: Part, output: str) -> dict:
 
 
 @contextmanager
-def _replaced(output: str):
+def _replaced(output: str) -> Iterator[str]:
     """A file to write under a name that nobody else uses, with the extension, which tells the program the container; it
     becomes the output if all goes well."""
     path = Path(output)
@@ -111,10 +114,10 @@ def _replaced(output: str):
         attempt.unlink(missing_ok=True)
 
 
-STEPS = {step.__name__: step for step in (index, measure, track, fix, fix_all, join)}
+STEPS: dict[str, Callable[..., dict[str, Any]]] = {step.__name__: step for step in (index, measure, track, fix, fix_all, join)}
 
 
-def carry_out(step: str, arguments: tuple):
+def carry_out(step: str, arguments: tuple[Any, ...]) -> dict[str, Any]:
     """Carries out the step of a name."""
     if step not in STEPS:
         raise ProgramError(f"{step}: no such step", USAGE)

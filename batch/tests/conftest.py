@@ -6,6 +6,7 @@ import re
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -28,8 +29,9 @@ class Output:
         self.folder = folder
 
     @property
-    def manifest(self) -> dict:
-        return json.loads((self.folder / "rsrectify-batch.json").read_text())
+    def manifest(self) -> dict[str, Any]:
+        state: dict[str, Any] = json.loads((self.folder / "rsrectify-batch.json").read_text())
+        return state
 
     @property
     def files(self) -> list[str]:
@@ -37,12 +39,12 @@ class Output:
         found = (path.relative_to(self.folder).as_posix() for path in self.folder.rglob("*"))
         return sorted(name for name in found if name != "rsrectify-batch.json")
 
-    def start(self, *clips: Path, options: tuple = ()) -> subprocess.Popen:
+    def start(self, *clips: Path, options: tuple[object, ...] = ()) -> subprocess.Popen[str]:
         arguments = ["rectify", *clips, "--output", self.folder, "--program", PROGRAM, "--part", PART, *options]
         command = [sys.executable, "-m", "rsrectify_batch", *map(str, arguments)]
         return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
 
-    def run(self, *clips: Path, options: tuple = (), code: int = 0) -> str:
+    def run(self, *clips: Path, options: tuple[object, ...] = (), code: int = 0) -> str:
         """What a run says that ends with this exit code."""
         process = self.start(*clips, options=options)
         said, _ = process.communicate(timeout=500)
@@ -64,11 +66,12 @@ def output(tmp_path: Path) -> Output:
 
 def sha256_of_frames(file: Path) -> str:
     """The SHA-256 of the frames of a file as they are encoded."""
-    return index(file)["sha256"]
+    return str(index(file)["sha256"])
 
 
-def index(file: Path) -> dict:
-    return json.loads(subprocess.run([PROGRAM, "index", file], check=True, capture_output=True).stdout)
+def index(file: Path) -> dict[str, Any]:
+    listed: dict[str, Any] = json.loads(subprocess.run([PROGRAM, "index", file], check=True, capture_output=True).stdout)
+    return listed
 
 
 def pixels(file: Path) -> bytes:
@@ -81,6 +84,6 @@ def pixels(file: Path) -> bytes:
     return found
 
 
-def fix(clip: Path, output: Path, *options: str) -> None:
+def fix(clip: Path, output: Path, *options: str | Path) -> None:
     """Rectifies a clip by the program itself."""
     subprocess.run([PROGRAM, "fix", clip, "--output", output, *options], check=True, capture_output=True)

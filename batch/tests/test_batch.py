@@ -6,15 +6,27 @@ import signal
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 import pytest
-
-from conftest import FILM, FRAMES, PART, READOUT_ERROR_MS, READOUT_MS, fix, index, pixels, readout_said, sha256_of_frames
+from conftest import (
+    FILM,
+    FRAMES,
+    PART,
+    READOUT_ERROR_MS,
+    READOUT_MS,
+    Output,
+    fix,
+    index,
+    pixels,
+    readout_said,
+    sha256_of_frames,
+)
 
 READOUT = ("--readout-time", "26.7", "--readout-direction", "top-to-bottom")
 
 
-def test_a_film_in_parts_has_the_frames_and_times_of_the_clip(output):
+def test_a_film_in_parts_has_the_frames_and_times_of_the_clip(output: Output) -> None:
     said = output.run(FILM, options=("--codec", "ffv1"))
     assert "1 of 1 clips rectified" in said
     assert abs(readout_said(said, "film.mp4: readout") - READOUT_MS) < READOUT_ERROR_MS
@@ -29,7 +41,7 @@ def test_a_film_in_parts_has_the_frames_and_times_of_the_clip(output):
     assert output.files == ["film-rectified.mkv"]
 
 
-def test_bytes_do_not_depend_on_the_workers(output, tmp_path):
+def test_bytes_do_not_depend_on_the_workers(output: Output, tmp_path: Path) -> None:
     output.run(FILM, options=("--workers", "3", *READOUT))
     clip = output.manifest["clips"][str(FILM)]
     # The same parts by the program alone, one after another.
@@ -44,19 +56,19 @@ def test_bytes_do_not_depend_on_the_workers(output, tmp_path):
     assert clip["result"]["sha256"] == sha256_of_frames(output.folder / "film-rectified.mp4")
 
 
-def test_a_clip_of_one_part_is_what_the_program_makes_of_it(output, tmp_path):
+def test_a_clip_of_one_part_is_what_the_program_makes_of_it(output: Output, tmp_path: Path) -> None:
     output.run(FILM, options=("--part", "600", *READOUT))
     fix(FILM, tmp_path / "alone.mp4", *READOUT)
     assert sha256_of_frames(output.folder / "film-rectified.mp4") == sha256_of_frames(tmp_path / "alone.mp4")
 
 
-def _as_it_was(folder):
+def _as_it_was(folder: Path) -> Path:
     """The film, without loss."""
     fix(FILM, folder / "still.mkv", "--codec", "ffv1", "--strength", "0", *READOUT)
     return folder / "still.mkv"
 
 
-def test_a_motion_file_beside_the_result_is_what_was_applied(output, tmp_path):
+def test_a_motion_file_beside_the_result_is_what_was_applied(output: Output, tmp_path: Path) -> None:
     options = ("--motion", "--codec", "ffv1", *READOUT, "--fix", "--border-mode", "mirror", "--lookahead", "3")
     output.run(FILM, options=options)
     assert output.files == ["film-rectified.mkv", "film.mp4.motion"]
@@ -81,14 +93,14 @@ def test_a_motion_file_beside_the_result_is_what_was_applied(output, tmp_path):
     assert file.read_text() == "mine"
 
 
-def test_a_steadied_clip_in_parts_is_that_of_its_motion_file(output, tmp_path):
+def test_a_steadied_clip_in_parts_is_that_of_its_motion_file(output: Output, tmp_path: Path) -> None:
     steadied = ("--stabilize", "0.3", *READOUT)
     output.run(FILM, options=(*steadied, "--motion", "--codec", "ffv1"))
     fix(FILM, tmp_path / "whole.mkv", *steadied, "--codec", "ffv1", "--container", "mkv")
     assert pixels(output.folder / "film-rectified.mkv") == pixels(tmp_path / "whole.mkv")
 
 
-def test_motion_files_of_measured_clips(output, tmp_path):
+def test_motion_files_of_measured_clips(output: Output, tmp_path: Path) -> None:
     archive = tmp_path / "archive"
     archive.mkdir()
     for name in ("one.mp4", "one.mov", "broken.mov"):
@@ -103,7 +115,7 @@ def test_motion_files_of_measured_clips(output, tmp_path):
     assert "\nclip: one.mov\n" in files[1]
 
 
-def test_an_archive_keeps_its_folders_and_a_bad_clip_stops_no_other(output, tmp_path):
+def test_an_archive_keeps_its_folders_and_a_bad_clip_stops_no_other(output: Output, tmp_path: Path) -> None:
     archive = tmp_path / "archive"
     for folder in ("one", "two/deep"):
         (archive / folder).mkdir(parents=True)
@@ -124,7 +136,7 @@ def test_an_archive_keeps_its_folders_and_a_bad_clip_stops_no_other(output, tmp_
 
 
 @pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGINT])
-def test_a_broken_run_goes_on_where_it_was(output, how):
+def test_a_broken_run_goes_on_where_it_was(output: Output, how: signal.Signals) -> None:
     options = ("--workers", "1", *READOUT)
     process = output.start(FILM, options=options)
     parts = output.folder / ".rsrectify-batch"
@@ -149,7 +161,7 @@ def test_a_broken_run_goes_on_where_it_was(output, how):
     assert index(output.folder / "film-rectified.mp4")["frames"] == FRAMES
 
 
-def test_a_part_that_was_changed_is_noticed_and_done_again(output):
+def test_a_part_that_was_changed_is_noticed_and_done_again(output: Output) -> None:
     # Without a place to write the result, the run ends with its parts.
     output.folder.mkdir()
     blocked = output.folder / "film-rectified.mp4"
@@ -169,7 +181,7 @@ def test_a_part_that_was_changed_is_noticed_and_done_again(output):
     assert output.files == ["film-rectified.mp4"]
 
 
-def test_what_cannot_be_asked_for_is_refused(output, tmp_path):
+def test_what_cannot_be_asked_for_is_refused(output: Output, tmp_path: Path) -> None:
     for options, reason in [
         (("--program", "no-such-program"), "no such program"),
         (("--codec", "vp8"), "vp8"),
@@ -189,7 +201,7 @@ def test_what_cannot_be_asked_for_is_refused(output, tmp_path):
     assert (output.folder / "film-rectified.mp4").read_text() == "mine"
 
 
-def test_a_run_with_other_options_does_not_mix_with_the_first(output):
+def test_a_run_with_other_options_does_not_mix_with_the_first(output: Output) -> None:
     output.run(FILM, options=("--part", "600", *READOUT))
     # Nor does it replace what somebody else has put there.
     written = output.folder / "film-rectified.mp4"
@@ -206,7 +218,7 @@ def test_a_run_with_other_options_does_not_mix_with_the_first(output):
     assert "cannot be read" in output.run(FILM, options=("--part", "600", *READOUT), code=2)
 
 
-def test_a_page_has_the_numbers_of_all_clips(output, tmp_path):
+def test_a_page_has_the_numbers_of_all_clips(output: Output, tmp_path: Path) -> None:
     bad = tmp_path / "<b>bad.mp4"
     bad.write_text("no video")
     output.run(FILM, bad, options=READOUT, code=1)

@@ -1,11 +1,13 @@
 """A Ray cluster of several nodes on this machine, one of which is killed."""
 
 import time
+from collections.abc import Iterator
+from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import pytest
-
-from conftest import FILM, FRAMES, PROGRAM, index
+from conftest import FILM, FRAMES, PROGRAM, Output, index
 
 ray_cluster = pytest.importorskip("ray.cluster_utils")
 # Many parts, each of which takes a while.
@@ -13,7 +15,7 @@ OPTIONS = ("--part", "15", "--halo", "90", "--readout-time", "26.7", "--readout-
 
 
 @pytest.fixture
-def cluster():
+def cluster() -> Iterator[Any]:
     # The head only keeps the books; each other node has one worker.
     made = ray_cluster.Cluster(initialize_head=True, head_node_args={"num_cpus": 0, "include_dashboard": False})
     made.workers = [made.add_node(num_cpus=1) for _ in range(3)]
@@ -23,7 +25,7 @@ def cluster():
 
 
 @pytest.fixture
-def held(tmp_path):
+def held(tmp_path: Path) -> SimpleNamespace:
     """The program, all of whose parts but the first are begun and then wait for `go`: how fast a machine is does not tell which
     of its workers are at work when one is killed."""
     program, begun, go = tmp_path / "held", tmp_path / "begun", tmp_path / "go"
@@ -41,7 +43,7 @@ exec {PROGRAM} "$@"
     return SimpleNamespace(program=program, begun=begun, go=go)
 
 
-def test_nothing_is_lost_with_a_node(cluster, output, tmp_path, held):
+def test_nothing_is_lost_with_a_node(cluster: Any, output: Output, tmp_path: Path, held: SimpleNamespace) -> None:
     process = output.start(
         FILM, options=("--address", cluster.address, "--retries", "3", *OPTIONS, "--program", held.program)
     )
@@ -53,6 +55,7 @@ def test_nothing_is_lost_with_a_node(cluster, output, tmp_path, held):
         time.sleep(0.01)
     cluster.remove_node(cluster.workers[1], allow_graceful=False)
     said = ""
+    assert process.stdout
     while "is tried again" not in said:
         line = process.stdout.readline()
         said += line
@@ -72,6 +75,6 @@ def test_nothing_is_lost_with_a_node(cluster, output, tmp_path, held):
     assert output.files == ["film-rectified.mp4"]
 
 
-def test_a_cluster_that_is_not_there_is_an_error(output):
+def test_a_cluster_that_is_not_there_is_an_error(output: Output) -> None:
     said = output.run(FILM, options=("--address", "127.0.0.1:1", *OPTIONS), code=2)
     assert "Ray" in said and "Traceback" not in said

@@ -3,9 +3,9 @@
 import asyncio
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import pytest
-
 from rsrectify_batch.cli import _done
 from rsrectify_batch.executors import WorkerLost
 from rsrectify_batch.program import Program, ProgramError
@@ -21,18 +21,19 @@ class Failing:
         self.error = error
         self.attempts = 0
 
-    async def run(self, step: str, arguments: tuple):
+    async def run(self, step: str, arguments: tuple[Any, ...]) -> dict[str, Any]:
         self.attempts += 1
         if self.attempts < 3:
             raise self.error
-        return "done"
+        return {}
 
 
 def attempts(error: Exception) -> int:
     """How often a step is carried out that fails twice."""
     executor = Failing(error)
-    manifest = SimpleNamespace(path=Path("out/manifest.json"))
-    run = Run([], Settings(), executor, manifest, SimpleNamespace(say=lambda line: None))
+    manifest: Any = SimpleNamespace(path=Path("out/manifest.json"))
+    progress: Any = SimpleNamespace(say=lambda line: None)
+    run = Run([], Settings(), executor, manifest, progress)
     try:
         asyncio.run(run.step("fix", "rsrectify", "clip.mp4"))
     except type(error):
@@ -42,17 +43,17 @@ def attempts(error: Exception) -> int:
 
 # Killed by a signal, interrupted, and panicked.
 @pytest.mark.parametrize("code", [-9, 130, 101])
-def test_what_did_not_come_to_its_end_is_tried_again(code):
+def test_what_did_not_come_to_its_end_is_tried_again(code: int) -> None:
     assert attempts(ProgramError("it ended", code)) == 3
     assert attempts(WorkerLost("gone")) == 3
 
 
 @pytest.mark.parametrize("code", [1, 2])
-def test_what_the_program_refuses_is_not_tried_again(code):
+def test_what_the_program_refuses_is_not_tried_again(code: int) -> None:
     assert attempts(ProgramError("there is no video in the file", code)) == 1
 
 
-def test_a_finished_clip_of_one_part_is_counted():
+def test_a_finished_clip_of_one_part_is_counted() -> None:
     one, two = {"first": 0, "end": 30}, {"first": 30, "end": 60}
     assert _done({"state": "done", "parts": [one]}).strip() == "1 of 1 parts rectified"
     written = {**one, "result": {"bytes": 9}}
@@ -61,7 +62,7 @@ def test_a_finished_clip_of_one_part_is_counted():
     assert _done({"state": "waiting"}).strip() == "0 of 0 parts measured"
 
 
-def test_a_program_that_is_not_on_path_is_that_of_the_wheel(monkeypatch, tmp_path):
+def test_a_program_that_is_not_on_path_is_that_of_the_wheel(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setenv("PATH", str(tmp_path))
     with pytest.raises(ProgramError, match="no such program"):
         Program("rsrectify").run("--version")

@@ -14,7 +14,7 @@ import gi
 gi.require_version("Gst", "1.0")
 gi.require_version("GstPbutils", "1.0")
 gi.require_version("GES", "1.0")
-from gi.repository import GES, GLib, Gst, GstPbutils  # noqa: E402
+from gi.repository import GES, GLib, Gst, GstPbutils
 
 
 def uri(path):

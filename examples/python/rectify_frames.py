@@ -15,7 +15,8 @@ import gi
 gi.require_version("Gst", "1.0")
 gi.require_version("GstApp", "1.0")
 gi.require_version("GstVideo", "1.0")
-from gi.repository import GLib, Gst, GstApp, GstVideo  # noqa: E402
+# GstApp is what gives appsrc and appsink their methods.
+from gi.repository import GLib, Gst, GstApp, GstVideo  # noqa: F401
 
 PIPELINE = "appsrc name=in format=time ! rsrectify attach-meta=true ! appsink name=out sync=false max-buffers=4"
 # How long to wait for a frame before the bus is asked for an error.
