@@ -186,6 +186,11 @@ fn what_a_pipe_cannot_do_is_said() {
             "{reason}: {said}"
         );
     }
+    let named = folder.file("named.y4m");
+    assert!(Command::new("mkfifo").arg(&named).status().unwrap().success());
+    let refused = rsrectify("fix").arg(&named).output().unwrap();
+    let said = String::from_utf8_lossy(&refused.stderr);
+    assert!(refused.status.code() == Some(1) && said.contains("on the standard input, as -"), "{said}");
     let (bytes, said) = succeeds("fix", &[&["-", "--output", "-"], &READOUT[..]].concat(), &cut);
     assert!(said.contains("warning: the stream ends within a frame") && said.contains("23 frames"), "{said}");
     assert!(!bytes.is_empty());

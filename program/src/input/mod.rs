@@ -275,8 +275,12 @@ pub fn check_file(clip: &Path) -> Result<()> {
     if metadata.is_dir() {
         bail!("is a folder");
     }
+    // Each look at a pipe would take something of it.
+    if !metadata.is_file() {
+        bail!("is no file; what comes from a pipe is given on the standard input, as -");
+    }
     // GStreamer may wait for ever for what is not there.
-    if metadata.is_file() && boxes::lacks_index(&mut File::open(clip).context("cannot be read")?) {
+    if boxes::lacks_index(&mut File::open(clip).context("cannot be read")?) {
         bail!("has no index of its frames: it was not written to its end");
     }
     Ok(())

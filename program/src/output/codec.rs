@@ -196,7 +196,7 @@ impl Codec {
         format!("{}{form}", self.media_type())
     }
 
-    /// The preset as x264 and x265 call it: at the same one of theirs, x265 takes some four times as long.
+    /// The preset as x264 and x265 call it: at the same one of theirs, x265 takes more than twice as long.
     fn preset(self, preset: Preset) -> Option<&'static str> {
         match (self, preset) {
             (Self::H264, Preset::Fast) => Some("veryfast"),
