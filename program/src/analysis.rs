@@ -1,7 +1,7 @@
 //! A clip's frames → the motion of each, without rectifying any.
 
 use crate::decoder;
-use crate::elements::{NO_VIDEO, launch, make, named, pad};
+use crate::elements::{launch, named, pad};
 use crate::frame_rate::FrameInterval;
 use crate::interruption::Interruption;
 use crate::part::{self, Part};
@@ -68,13 +68,7 @@ impl Analysis {
         let pipeline = launch(&format!(
             "videoconvert name=decoded ! {FORMATS} ! appsink name=sink sync=false max-buffers=4"
         ))?;
-        let (source, decoder) = (make("filesrc")?, decoder::of(clip)?);
-        source.set_property("location", clip);
-        pipeline.add_many([&source, &decoder])?;
-        source.link(&decoder)?;
-        decoder::link_video(clip, &decoder, &pad(&named(&pipeline, "decoded")?, "sink")?, |decoder| {
-            gst::element_error!(decoder, gst::StreamError::WrongType, ("{NO_VIDEO}"));
-        })?;
+        decoder::read_video(&pipeline, clip, &pad(&named(&pipeline, "decoded")?, "sink")?)?;
         let sink = named(&pipeline, "sink")?;
         let sink = sink.downcast::<gst_app::AppSink>().map_err(|_| anyhow!("appsink is another element"))?;
         let mut playback = Playback::new(pipeline)?;

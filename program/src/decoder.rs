@@ -1,7 +1,7 @@
 //! The decoder of the program's pipelines: GStreamer's decodebin, which chooses demuxers, parsers and decoders, and the choices
 //! of it that are corrected.
 
-use crate::elements::{drop_all, make, pad};
+use crate::elements::{NO_VIDEO, drop_all, make, pad};
 use crate::{corrections, matroska};
 use anyhow::{Context, Result};
 use gst::glib;
@@ -18,11 +18,19 @@ const SEARCHED: u64 = 1 << 20;
 /// What gives a stream another name.
 const RENAMING: &str = "capssetter";
 
-/// A decodebin for a clip that a `filesrc` reads.
-pub fn of(clip: &Path) -> Result<gst::Element> {
-    let decoder = make("decodebin")?;
+/// Adds a decodebin for a clip to a pipeline, and a `filesrc` that reads it.
+pub fn add(pipeline: &gst::Pipeline, clip: &Path) -> Result<gst::Element> {
+    let (source, decoder) = (make("filesrc")?, make("decodebin")?);
+    source.set_property("location", clip);
     correct(&decoder, clip)?;
+    pipeline.add_many([&source, &decoder])?;
+    source.link(&decoder)?;
     Ok(decoder)
+}
+
+/// Has a pipeline decode a clip into a pad: its first stream of raw video, an error where there is none.
+pub fn read_video(pipeline: &gst::Pipeline, clip: &Path, input: &gst::Pad) -> Result<()> {
+    link_video(clip, &add(pipeline, clip)?, input)
 }
 
 /// Corrects what a decodebin or a parsebin chooses for a clip that a `filesrc` reads.
@@ -58,14 +66,8 @@ pub fn correct(decoder: &gst::Element, clip: &Path) -> Result<()> {
     Ok(())
 }
 
-/// Links the first stream of raw video that a decoder finds, and has the others go nowhere; `on_none` is called where there is
-/// none.
-pub fn link_video(
-    clip: &Path,
-    decoder: &gst::Element,
-    input: &gst::Pad,
-    on_none: impl Fn(&gst::Element) + Send + Sync + 'static,
-) -> Result<()> {
+/// Links the first stream of raw video that a decoder finds, and has the others go nowhere.
+fn link_video(clip: &Path, decoder: &gst::Element, input: &gst::Pad) -> Result<()> {
     if matroska::is_matroska(clip) {
         matroska::keep_first_time(input);
     }
@@ -86,7 +88,7 @@ pub fn link_video(
     let bin = decoder.clone().downcast::<gst::Bin>().ok().context("decodebin is no bin")?;
     bin.connect_no_more_pads(move |bin| {
         if video.upgrade().is_some_and(|pad| !pad.is_linked()) {
-            on_none(bin.upcast_ref());
+            gst::element_error!(bin, gst::StreamError::WrongType, ("{NO_VIDEO}"));
         }
     });
     Ok(())

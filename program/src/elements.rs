@@ -88,6 +88,24 @@ pub fn pad(element: &impl IsA<gst::Element>, name: &str) -> Result<gst::Pad> {
     element.static_pad(name).with_context(|| format!("{} has no pad {name}", element.name()))
 }
 
+/// Frames that wait for their rectified twins, beside those looked ahead.
+const WAITING: u32 = 8;
+
+/// Has a queue hold frames until their twins come out of a rectifier, where a tee gives them to both.
+pub fn hold_for_twins(queue: &gst::Element, rectifier: &gst::Element) -> Result<()> {
+    queue.set_property("max-size-buffers", rectifier.property::<u32>("lookahead") + WAITING);
+    // A queue's usual bound in bytes is less than one frame of 4K.
+    queue.set_property("max-size-bytes", 0u32);
+    queue.set_property("max-size-time", 0u64);
+    // A question for buffers would wait until the frames before it have gone on, and those wait for their rectified twins, which come from
+    // the thread that asks.
+    pad(queue, "sink")?.add_probe(gst::PadProbeType::QUERY_DOWNSTREAM, |_, info| {
+        let is_allocation = info.query().is_some_and(|query| query.type_() == gst::QueryType::Allocation);
+        if is_allocation { gst::PadProbeReturn::Drop } else { gst::PadProbeReturn::Ok }
+    });
+    Ok(())
+}
+
 /// Has what comes out of an element go nowhere: with no link it would be an error, and a sink would be waited for.
 pub fn drop_all(source: &gst::Pad) {
     source.add_probe(gst::PadProbeType::BUFFER | gst::PadProbeType::BUFFER_LIST, |_, _| {

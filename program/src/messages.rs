@@ -1,4 +1,4 @@
-//! What the program tells people: results on the standard output, everything else on the standard error, and all of it in a
+//! The program's messages: results on the standard output, everything else on the standard error, and all of them in a
 //! file, too, where that is asked for.
 
 use crate::progress;

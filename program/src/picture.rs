@@ -5,7 +5,7 @@
 
 use crate::colour::{Colour, UNSPECIFIED};
 use crate::decoder;
-use crate::elements::{self, NO_VIDEO, make};
+use crate::elements::{self, NO_VIDEO};
 use crate::times::{Delay, Watch};
 use anyhow::{Context, Result, bail};
 use gst::prelude::*;
@@ -45,10 +45,7 @@ impl Picture {
     /// Those of a clip's first video stream, from its first frame.
     pub fn of(clip: &Path) -> Result<Self> {
         let pipeline = gst::Pipeline::new();
-        let (source, decoder) = (make("filesrc")?, decoder::of(clip)?);
-        source.set_property("location", clip);
-        pipeline.add_many([&source, &decoder])?;
-        source.link(&decoder)?;
+        let decoder = decoder::add(&pipeline, clip)?;
         let demuxed = hide_what_files_state(&pipeline);
         let watch = Watch::of(&pipeline);
         let (found, first_frame) = channel();

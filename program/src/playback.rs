@@ -3,6 +3,7 @@
 use crate::decoder;
 use crate::elements::is_of_class;
 use crate::interruption::Interruption;
+use crate::progress;
 use anyhow::{Context, Result, bail};
 use gst::prelude::*;
 use std::fmt;
@@ -53,6 +54,29 @@ pub enum Event {
     Ready,
     /// Nothing for a tenth of a second.
     Nothing,
+}
+
+/// Plays a pipeline to its end, and shows how many frames there were so far; ends before that where there is no number any more.
+pub fn play(
+    pipeline: gst::Pipeline,
+    frames: impl Fn() -> Option<usize>,
+    interruption: &Interruption,
+) -> Result<()> {
+    let bar = progress::spinner()?;
+    let mut playback = Playback::new(pipeline)?;
+    playback.set_state(gst::State::Playing);
+    loop {
+        match playback.next(gst::ClockTime::from_mseconds(100), interruption)? {
+            Event::End => break,
+            Event::Warning(warning) => bar.suspend(|| log::warn!("{warning}")),
+            _ => {}
+        }
+        let Some(frames) = frames() else { break };
+        bar.set_message(format!("{frames} frames"));
+        bar.tick();
+    }
+    bar.finish_and_clear();
+    Ok(())
 }
 
 impl Playback {

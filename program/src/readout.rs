@@ -254,6 +254,21 @@ impl Summary {
     }
 }
 
+/// Looks for the readout of a clip where it is to be found first, and goes on with it; what was found.
+pub fn find_first(
+    clip: &Path,
+    analysis: &mut AnalysisOptions,
+    interruption: &Interruption,
+) -> Result<Option<Found>> {
+    if !analysis.wants_readout() {
+        return Ok(None);
+    }
+    let (camera, settings) = (analysis.camera.of(clip)?, analysis.settings());
+    let found = find(clip, settings, camera.as_ref(), Extent::Stretches, interruption)?;
+    settle(found.as_ref(), analysis);
+    Ok(found)
+}
+
 /// Goes on with the readout that was found, where it is to be found first; says which one it is.
 pub fn settle(found: Option<&Found>, analysis: &mut AnalysisOptions) {
     if !analysis.wants_readout() {

@@ -55,12 +55,7 @@ pub fn crop_for(zoom: f64, options: &mut RectifierOptions) -> Result<String> {
         bail!("hiding the borders would take a crop of {crop:.0} %");
     }
     options.steadiness.crop = Some(Crop::PerCent(crop));
-    Ok(format!("crop: {crop:.1} % (zoom {:.3})", zoom_of(crop)))
-}
-
-/// The zoom that cuts away so many per cent of the width and height.
-pub fn zoom_of(crop: f64) -> f64 {
-    1.0 / (1.0 - crop / 100.0)
+    Ok(format!("crop: {crop:.1} % (zoom {:.3})", options.zoom()))
 }
 
 /// Finds the least crop, where that is asked for; what is to be said of it.

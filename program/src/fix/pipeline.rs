@@ -4,7 +4,7 @@
 //! a phone's portrait clip are read top to bottom before it is rotated.
 
 use super::comparison::{self, SIDE_BY_SIDE};
-use crate::elements::{named, pad, parse};
+use crate::elements::{hold_for_twins, named, pad, parse};
 use crate::interruption::Interruption;
 use crate::isobmff::EncodedVideo;
 use crate::motions::Motions;
@@ -107,18 +107,7 @@ fn video_branch(
     let rectifier = named(&bin, "rectifier")?;
     recipe.rectifier.apply(&rectifier)?;
     if recipe.compare {
-        // Frames that wait for their rectified twins: a queue's usual bound in bytes is less than
-        // one frame of 4K.
-        let original = named(&bin, "original")?;
-        original.set_property("max-size-buffers", rectifier.property::<u32>("lookahead") + 8);
-        original.set_property("max-size-bytes", 0u32);
-        original.set_property("max-size-time", 0u64);
-        // A question for buffers waits until the frames before it have gone on, and those wait for their rectified twins, which come from
-        // the thread that asks.
-        pad(&original, "sink")?.add_probe(gst::PadProbeType::QUERY_DOWNSTREAM, |_, info| {
-            let is_allocation = info.query().is_some_and(|query| query.type_() == gst::QueryType::Allocation);
-            if is_allocation { gst::PadProbeReturn::Drop } else { gst::PadProbeReturn::Ok }
-        });
+        hold_for_twins(&named(&bin, "original")?, &rectifier)?;
         place_side_by_side(&named(&bin, "side")?)?;
         comparison::label(&named(&bin, "labels")?);
     }

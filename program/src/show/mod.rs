@@ -15,7 +15,7 @@ use crate::output::encoding::EncodingOptions;
 use crate::output::{self, Unfinished};
 use crate::picture::Picture;
 use crate::progress;
-use crate::readout::{self, Extent};
+use crate::readout;
 use crate::rectifier_options::AnalysisOptions;
 use anyhow::{Context, Result, bail};
 use clap::Args;
@@ -72,12 +72,7 @@ fn show(options: &ShowOptions, file: &Path, container: Container, interruption: 
     let unfinished = Unfinished::beside(file);
     output::check_writable(unfinished.path())?;
     let mut told = options.analysis.clone();
-    let mut found = None;
-    if told.wants_readout() {
-        let (camera, settings) = (told.camera.of(&options.clip)?, told.settings());
-        found = readout::find(&options.clip, settings, camera.as_ref(), Extent::Stretches, interruption)?;
-        readout::settle(found.as_ref(), &mut told);
-    }
+    let found = readout::find_first(&options.clip, &mut told, interruption)?;
     let found = found.filter(|found| found.doubt().is_none());
     let mut settings = told.settings();
     settings.keep_correspondences = true;

@@ -8,7 +8,7 @@ use crate::messages::RESULT;
 use crate::output::{self, Unfinished};
 use crate::plot::panels::{Panel, panels, untouched};
 use crate::plot::series::Point;
-use crate::readout::{self, Extent, Found};
+use crate::readout::{self, Found};
 use crate::rectifier_options::AnalysisOptions;
 use crate::summary::{Source, Summary};
 use anyhow::{Context, Result, bail};
@@ -38,6 +38,16 @@ struct Data<'a> {
     rows: Vec<(&'static str, String)>,
 }
 
+/// A folder that is removed in the end if nothing was written into it.
+struct RemovedIfEmpty<'a>(&'a Path);
+
+impl Drop for RemovedIfEmpty<'_> {
+    fn drop(&mut self) {
+        // One with files in it stays.
+        let _ = std::fs::remove_dir(self.0);
+    }
+}
+
 /// Writes the page of a clip, and its videos, into a folder.
 pub fn write(
     clip: &Path,
@@ -46,6 +56,7 @@ pub fn write(
     analysis: &AnalysisOptions,
     interruption: &Interruption,
 ) -> Result<()> {
+    let started = Instant::now();
     clips::check(clip)?;
     let is_empty = |folder: &Path| std::fs::read_dir(folder).is_ok_and(|mut files| files.next().is_none());
     if folder.exists() && !is_overwritten && !is_empty(folder) {
@@ -53,22 +64,7 @@ pub fn write(
     }
     let is_new = !folder.exists();
     std::fs::create_dir_all(folder).with_context(|| format!("cannot make {}", folder.display()))?;
-    let result = write_into(clip, folder, is_overwritten, analysis, interruption);
-    if is_new && result.is_err() {
-        // It goes only if nothing was written.
-        let _ = std::fs::remove_dir(folder);
-    }
-    result
-}
-
-fn write_into(
-    clip: &Path,
-    folder: &Path,
-    is_overwritten: bool,
-    analysis: &AnalysisOptions,
-    interruption: &Interruption,
-) -> Result<()> {
-    let started = Instant::now();
+    let _empty = is_new.then(|| RemovedIfEmpty(folder));
     let page = folder.join(PAGE);
     let files = VIDEOS.map(|name| folder.join(name));
     for file in files.iter().chain([&page]) {
@@ -79,12 +75,8 @@ fn write_into(
         output::check_writable(file.path())?;
     }
     let mut told = analysis.clone();
-    let mut found = None;
-    if told.wants_readout() {
-        let (camera, settings) = (told.camera.of(clip)?, told.settings());
-        found = readout::find(clip, settings, camera.as_ref(), Extent::Stretches, interruption)?;
-        readout::settle(found.as_ref(), &mut told);
-    } else if told.leaves_readout_open() {
+    let found = readout::find_first(clip, &mut told, interruption)?;
+    if !analysis.wants_readout() && told.leaves_readout_open() {
         told.expected = readout::expected(clip, &told, interruption)?;
     }
     let complaints = Complaints::listen();

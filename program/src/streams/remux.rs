@@ -33,10 +33,7 @@ impl Remux {
         video: impl FnOnce(bool, &early::Later) -> Result<Video>,
     ) -> Result<Self> {
         let pipeline = gst::Pipeline::new();
-        let (source, decoder) = (make("filesrc")?, decoder::of(clip)?);
-        source.set_property("location", clip);
-        pipeline.add_many([&source, &decoder])?;
-        source.link(&decoder)?;
+        let decoder = decoder::add(&pipeline, clip)?;
         let first_frame = destination.excerpt.as_ref().map_or(0, |excerpt| excerpt.frames().start);
         let timecode = Timecode::of(clip).and_then(|timecode| timecode.after(first_frame));
         let muxer = match Beside::of(clip, &destination, timecode) {

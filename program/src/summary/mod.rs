@@ -274,7 +274,7 @@ impl fmt::Display for Stretch {
 }
 
 impl Summary {
-    /// What is known beside the number of frames, each with its name.
+    /// Everything but the number of frames and the time: name and text of each.
     pub fn rows(&self) -> Vec<(&'static str, String)> {
         let Self { frames, corrected_frames, .. } = self;
         let share = 100.0 * *corrected_frames as f64 / (*frames).max(1) as f64;

@@ -6,7 +6,7 @@ use crate::streams::Excerpt;
 use anyhow::{Context, Result};
 use gst::prelude::*;
 use gstrsrectify::rsrectify::RsRectify;
-use rsrectify::motion::{FrameMotion, MotionPath};
+use rsrectify::motion::FrameMotion;
 use rsrectify::readout::Readout;
 use rsrectify::rectifier::{FrameSolution, FrameTiming, Origin};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -23,11 +23,11 @@ pub struct Entry {
     pub pixels: f64,
     /// 0 to 1; `None` where the motion was given.
     pub confidence: Option<f64>,
-    /// What is known of a frame that is not corrected.
+    /// Why a frame is not corrected.
     pub left: Option<Left>,
 }
 
-/// What is known of a frame that is not corrected.
+/// A frame that is not corrected, with what tells the reason.
 #[derive(Clone, Copy, Debug)]
 pub enum Left {
     /// Its motion was to be found.
@@ -97,7 +97,7 @@ impl Tally {
     fn add(&self, time: Option<gst::ClockTime>, solution: &FrameSolution) {
         let motion = &solution.motion;
         let mut frames = self.lock();
-        let Some(pixels) = frames.pixels(time, motion) else { return };
+        let Some(pixels) = frames.pixels(time, Some(motion)) else { return };
         let readout = motion.readout();
         let twist = motion.path().mean_twist();
         let reach = 0.5 * (readout.width() as f64).hypot(readout.height() as f64);
@@ -121,8 +121,7 @@ impl Tally {
     /// Adds a frame whose motion was given, if there is one.
     pub fn add_given(&self, time: Option<gst::ClockTime>, motion: Option<&FrameMotion>) {
         let mut frames = self.lock();
-        let still = FrameMotion::new(Readout::global_shutter(1, 1), MotionPath::STILL);
-        let Some(pixels) = frames.pixels(time, motion.unwrap_or(&still)) else { return };
+        let Some(pixels) = frames.pixels(time, motion) else { return };
         let left = (pixels == 0.0).then_some(Left::Given { has_motion: motion.is_some() });
         let time = time.map(gst::ClockTime::seconds_f64);
         frames.entries.push(Entry { time, pixels, confidence: None, left });
@@ -148,11 +147,12 @@ impl Tally {
 }
 
 impl Frames {
-    /// The largest displacement in a frame; `None` of one that is not wanted.
-    fn pixels(&self, time: Option<gst::ClockTime>, motion: &FrameMotion) -> Option<f64> {
+    /// The largest displacement in a frame, 0 without a motion; `None` of one that is not wanted.
+    fn pixels(&self, time: Option<gst::ClockTime>, motion: Option<&FrameMotion>) -> Option<f64> {
         let is_wanted = |excerpt: &Arc<Excerpt>| time.is_some_and(|time| excerpt.is_wanted(time));
-        let pixels = || displacement::largest(motion, self.reference) * self.strength;
+        let largest = |motion| displacement::largest(motion, self.reference) * self.strength;
         let is_counted = self.excerpt.as_ref().is_none_or(is_wanted);
-        is_counted.then(pixels).map(|pixels| if pixels < LEAST { 0.0 } else { pixels })
+        let pixels = is_counted.then(|| motion.map_or(0.0, largest))?;
+        Some(if pixels < LEAST { 0.0 } else { pixels })
     }
 }

@@ -4,14 +4,12 @@
 //! pictures.
 
 use crate::decoder;
-use crate::elements::{NO_VIDEO, launch, make, named, pad};
+use crate::elements::{launch, named, pad};
 use crate::interruption::Interruption;
 use crate::isobmff::Film;
 use crate::picture::Picture;
-use crate::playback::{Event, Playback};
-use crate::progress;
-use crate::rectifier_options::{Crop, RectifierOptions};
-use crate::steady;
+use crate::playback;
+use crate::rectifier_options::RectifierOptions;
 use crate::times;
 use anyhow::{Context, Result, anyhow, bail};
 use gst::prelude::*;
@@ -41,9 +39,7 @@ pub fn write<W: Write + Seek + Send + 'static>(
     let aspect = picture.info.as_ref().map(|info| [info.par().numer(), info.par().denom()]);
     let aspect = aspect.map(|aspect| aspect.map(|side| u32::try_from(side).unwrap_or(0)));
     identity.pixel_aspect = aspect.filter(|aspect| !aspect.contains(&0)).unwrap_or(identity.pixel_aspect);
-    if let Some(Crop::PerCent(crop)) = options.crop() {
-        identity.zoom = steady::zoom_of(crop);
-    }
+    identity.zoom = options.zoom();
     let writing: Writing<W> = Arc::new(Mutex::new(MotionWriter::new(output, identity)));
     play(clip, picture.delay, options, &writing, interruption)?;
     // The pipeline is gone, and with it the other one who held this.
@@ -72,14 +68,8 @@ fn play<W: Write + Seek + Send + 'static>(
     let pipeline = launch(
         "queue name=frames ! videoconvert ! rsrectify name=rectifier ! fakesink sync=false async=false",
     )?;
-    let (source, decoder) = (make("filesrc")?, decoder::of(clip)?);
-    source.set_property("location", clip);
-    pipeline.add_many([&source, &decoder])?;
-    source.link(&decoder)?;
     let frames = named(&pipeline, "frames")?;
-    decoder::link_video(clip, &decoder, &pad(&frames, "sink")?, |decoder| {
-        gst::element_error!(decoder, gst::StreamError::WrongType, ("{NO_VIDEO}"));
-    })?;
+    decoder::read_video(&pipeline, clip, &pad(&frames, "sink")?)?;
     note_orientation(&pad(&frames, "sink")?, writing.clone());
     let straightened = times::straighten(&pad(&frames, "src")?);
     times::mend(&pipeline, delay);
@@ -100,24 +90,12 @@ fn play<W: Write + Seek + Send + 'static>(
         }
     });
     drop(rectifier);
-    let bar = progress::spinner()?;
-    let mut playback = Playback::new(pipeline)?;
-    playback.set_state(gst::State::Playing);
-    loop {
-        match playback.next(gst::ClockTime::from_mseconds(100), interruption)? {
-            Event::End => break,
-            Event::Warning(warning) => bar.suspend(|| log::warn!("{warning}")),
-            _ => {}
-        }
-        let frames = match &*writing.lock().unwrap_or_else(PoisonError::into_inner) {
-            Ok(writer) => writer.frames(),
-            // It is returned when the pipeline has stopped.
-            Err(_) => break,
-        };
-        bar.set_message(format!("{frames} frames"));
-        bar.tick();
-    }
-    bar.finish_and_clear();
+    let frames = || match &*writing.lock().unwrap_or_else(PoisonError::into_inner) {
+        Ok(writer) => Some(writer.frames()),
+        // It is returned when the pipeline has stopped.
+        Err(_) => None,
+    };
+    playback::play(pipeline, frames, interruption)?;
     let moved = straightened.moved();
     if moved > 0 {
         log::warn!("the times of frames contradict their order: {moved} count as a little later");
