@@ -196,7 +196,7 @@ fn what_cannot_be_shown_says_why_and_leaves_nothing_behind() {
     std::fs::write(folder.file("text.mp4"), "no video").unwrap();
     let (none, text, new) = (folder.file("none.mp4"), folder.file("text.mp4"), folder.file("new.mp4"));
     for (clip, output, options, code, reason) in [
-        (&clip, &folder.file("new.avi"), &[][..], 2, ".mp4, .mov or .mkv"),
+        (&clip, &folder.file("new.avi"), &[][..], 2, ".mp4, .mov, .mkv"),
         (&clip, &new, &["--magnify", "0"], 2, "between 0.1 and 1000"),
         (&clip, &new, &["--codec", "prores"], 1, "--container mov"),
         (&clip, &text, &[], 1, "--overwrite"),

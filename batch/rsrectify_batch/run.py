@@ -31,7 +31,8 @@ class Job:
 
     clip: str
     output: str
-    codec: str
+    # As the file will have it; none of a clip that cannot be opened.
+    codec: str | None
 
 
 @dataclass(frozen=True)
@@ -255,6 +256,9 @@ class Run:
     async def _fix(self, clip: Clip, one: dict[str, Any], told: list[str]) -> None:
         part, settings = Part.of(one), self.settings
         output, options = clip.output_of(part), [*told, *settings.all_fix_options]
+        if clip.job.codec and not any(option.startswith("--codec") for option in options):
+            # What the file can hold, which the part could hold more than.
+            options.append(f"--codec={clip.job.codec}")
         # With a motion file nothing is analysed.
         halo = 0 if settings.motion else settings.halo
         one["result"] = await self.step(

@@ -1,8 +1,8 @@
 //! A clip's frames → the motion of each, without rectifying any.
 
-use crate::decoder;
 use crate::elements::{launch, named, pad};
 use crate::frame_rate::FrameInterval;
+use crate::input::{Clip, Opening};
 use crate::interruption::Interruption;
 use crate::part::{self, Part};
 use crate::playback::Playback;
@@ -14,7 +14,6 @@ use rsrectify::plane::{Luma, Plane, PlaneLayout, SampleFormat};
 use rsrectify::readout::{ReadoutPosterior, ReadoutPrior};
 use rsrectify::rectifier::{Duplicate, FrameSolution, Settings};
 use std::collections::VecDeque;
-use std::path::Path;
 
 /// What is analysed: formats whose first plane is the luma.
 const FORMATS: &str =
@@ -64,14 +63,26 @@ pub struct Analysis {
 
 impl Analysis {
     /// Opens a clip.
-    pub fn open(clip: &Path, settings: Settings, interruption: &Interruption) -> Result<Self> {
+    pub fn open(clip: &Clip, settings: Settings, interruption: &Interruption) -> Result<Self> {
+        Self::begin(clip, Opening::Whole, settings, interruption)
+    }
+
+    /// Opens a clip to look at its first frames.
+    pub fn look(clip: &Clip, settings: Settings, interruption: &Interruption) -> Result<Self> {
+        Self::begin(clip, Opening::Look, settings, interruption)
+    }
+
+    fn begin(clip: &Clip, opening: Opening, settings: Settings, interruption: &Interruption) -> Result<Self> {
         let pipeline = launch(&format!(
             "videoconvert name=decoded ! {FORMATS} ! appsink name=sink sync=false max-buffers=4"
         ))?;
-        decoder::read_video(&pipeline, clip, &pad(&named(&pipeline, "decoded")?, "sink")?)?;
+        clip.read_video(&pipeline, opening, &pad(&named(&pipeline, "decoded")?, "sink")?)?;
         let sink = named(&pipeline, "sink")?;
         let sink = sink.downcast::<gst_app::AppSink>().map_err(|_| anyhow!("appsink is another element"))?;
         let mut playback = Playback::new(pipeline)?;
+        if clip.is_pipe() {
+            playback.wait_for_ever();
+        }
         // Not paused first: where the video begins later than the clip, a gap is all that a paused sink is given.
         playback.set_state(gst::State::Playing);
         let (mut ahead, mut failure) = (VecDeque::new(), None);

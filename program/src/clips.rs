@@ -1,10 +1,9 @@
 //! Arguments → the clips that they name.
 
-use crate::boxes;
+use crate::input::{Clip, InputOptions, Numbered};
 use crate::interruption::Interruption;
 use anyhow::{Context, Result, bail};
 use std::collections::HashSet;
-use std::fs::File;
 use std::path::{Path, PathBuf};
 
 /// What ends the names of rectified clips that are written beside their originals.
@@ -19,24 +18,34 @@ const EXTENSIONS: [&str; 19] = [
 ];
 
 /// The clips of one argument: a file itself; the clips in a folder, by their extensions and without those that this program
-/// wrote there; or what a pattern with `*`, `?`, `[…]` or `**` matches.
-fn named_by(argument: &Path, is_recursive: bool) -> Result<Vec<PathBuf>> {
+/// wrote there, or else the numbered images in it; or what a pattern with `*`, `?`, `[…]` or `**` matches.
+fn named_by(
+    argument: &Path,
+    is_recursive: bool,
+    options: &InputOptions,
+    interruption: &Interruption,
+) -> Result<Vec<Clip>> {
     if argument.is_dir() {
         let clips = clips_in(argument, is_recursive)?;
-        if clips.is_empty() {
-            bail!("{}: there is no video in this folder", argument.display());
+        if !clips.is_empty() {
+            return Ok(clips.iter().map(|clip| Clip::file(clip)).collect());
         }
-        return Ok(clips);
+        return match Numbered::in_folder(argument)? {
+            Some(images) => Ok(vec![Clip::images(images, options)]),
+            None => bail!("{}: there is no video in this folder", argument.display()),
+        };
     }
     let pattern = argument.to_str().filter(|text| text.contains(['*', '?', '[']) && !argument.exists());
-    let Some(pattern) = pattern else { return Ok(vec![argument.to_owned()]) };
+    let Some(pattern) = pattern.filter(|_| Clip::pattern(argument).is_none()) else {
+        return Ok(vec![Clip::named(argument, options, interruption)?]);
+    };
     let matches = glob::glob(pattern).with_context(|| format!("{pattern} is not a pattern"))?;
     let files = matches.collect::<Result<Vec<_>, _>>().with_context(|| pattern.to_owned())?;
     let clips = sorted(files.into_iter().filter(|file| file.is_file() && !is_written(file)).collect());
     if clips.is_empty() {
         bail!("{pattern}: no file matches");
     }
-    Ok(clips)
+    Ok(clips.iter().map(|clip| Clip::file(clip)).collect())
 }
 
 /// The clips right in a folder, and then, where that is asked for, those of the folders in it.
@@ -77,45 +86,38 @@ fn is_written(file: &Path) -> bool {
 }
 
 /// A clip that an argument names.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug)]
 pub struct Named {
-    pub path: PathBuf,
+    pub clip: Clip,
     /// The folder in which it lies, below the one that was named; empty right in that one, or where none was.
     pub below: PathBuf,
 }
 
 /// The clips of all arguments, each once, in the order in which they were named; those of folders in folders where
 /// that is asked for.
-pub fn expand(arguments: &[PathBuf], is_recursive: bool) -> Result<Vec<Named>> {
+pub fn expand(
+    arguments: &[PathBuf],
+    is_recursive: bool,
+    options: &InputOptions,
+    interruption: &Interruption,
+) -> Result<Vec<Named>> {
     let mut clips: Vec<Named> = Vec::new();
     let mut seen = HashSet::new();
     for argument in arguments {
-        for path in named_by(argument, is_recursive)? {
-            let below = path.parent().and_then(|folder| folder.strip_prefix(argument).ok());
+        for clip in named_by(argument, is_recursive, options, interruption)? {
+            clip.check_options(options)?;
+            let below = clip.path().parent().and_then(|folder| folder.strip_prefix(argument).ok());
             let below = below.unwrap_or(Path::new("")).to_owned();
-            if seen.insert(path.clone()) {
-                clips.push(Named { path, below });
+            if seen.insert(clip.path().to_owned()) {
+                clips.push(Named { clip, below });
             }
         }
     }
     Ok(clips)
 }
 
-/// Refuses what cannot be a clip, before a pipeline says so in its own words.
-pub fn check(clip: &Path) -> Result<()> {
-    let metadata = std::fs::metadata(clip).context("cannot be read")?;
-    if metadata.is_dir() {
-        bail!("is a folder");
-    }
-    // GStreamer may wait for ever for what is not there.
-    if metadata.is_file() && boxes::lacks_index(&mut File::open(clip).context("cannot be read")?) {
-        bail!("has no index of its frames: it was not written to its end");
-    }
-    Ok(())
-}
-
 /// Says why a command failed for its only clip; whether it did not.
-pub fn finish(clip: &Path, result: Result<()>, interruption: &Interruption) -> Result<bool> {
+pub fn finish(clip: &Clip, result: Result<()>, interruption: &Interruption) -> Result<bool> {
     let Err(error) = result else { return Ok(true) };
     interruption.check()?;
     log::error!("{}: {error:#}", clip.display());
@@ -133,10 +135,13 @@ mod tests {
         for name in ["b.MP4", "a.mkv", "a-rectified.mkv", "b-shown.mp4", "notes.txt", "sub.mov/c.mov"] {
             std::fs::write(folder.join(name), "").unwrap();
         }
+        let options = InputOptions::default();
         let names = |arguments: &[&str]| {
             let arguments: Vec<_> = arguments.iter().map(|name| folder.join(name)).collect();
-            let clips = expand(&arguments, false).map_err(|error| error.to_string())?;
-            let name = |clip: &Named| clip.path.strip_prefix(&folder).unwrap().to_str().unwrap().to_owned();
+            let clips = expand(&arguments, false, &options, &Interruption::default())
+                .map_err(|error| error.to_string())?;
+            let name =
+                |clip: &Named| clip.clip.path().strip_prefix(&folder).unwrap().to_str().unwrap().to_owned();
             Ok::<_, String>(clips.iter().map(name).collect::<Vec<_>>())
         };
         let all = names(&["", "*.mkv", "**/*.mov", "missing.mp4", "a-rectified.mkv"]).unwrap();
@@ -145,7 +150,7 @@ mod tests {
 
         std::fs::create_dir_all(folder.join(".hidden")).unwrap();
         std::fs::write(folder.join(".hidden/d.mov"), "").unwrap();
-        let below = expand(std::slice::from_ref(&folder), true).unwrap();
+        let below = expand(std::slice::from_ref(&folder), true, &options, &Interruption::default()).unwrap();
         let below: Vec<_> = below.iter().map(|clip| clip.below.to_str().unwrap()).collect();
         assert_eq!(below, ["", "", "sub.mov"]);
         std::fs::remove_dir_all(folder).unwrap();

@@ -1,6 +1,7 @@
 //! Damage of a clip: whether its file ends too early, and what its decoder complains of.
 
 use crate::boxes::{long_number, number};
+use crate::input::Clip;
 use crate::interruption::Interruption;
 use crate::packets::Packets;
 use anyhow::{Result, bail};
@@ -132,17 +133,17 @@ fn element_size(file: &mut File, at: u64) -> Option<(Option<u64>, u64)> {
 /// An error where a clip lacks something of what it should have, and so its rectified twin; a warning where frames are there, but
 /// their decoder complained.
 pub fn report(
-    clip: &Path,
+    clip: &Clip,
     frames: usize,
     is_part: bool,
     complaint: Option<String>,
     interruption: &Interruption,
 ) -> Result<()> {
-    if let Some(missing) = missing_bytes(clip) {
+    if let Some(missing) = missing_bytes(clip.path()) {
         bail!("the file was cut short, {missing} bytes are missing: what there is of it was rectified");
     }
     let Some(complaint) = complaint else { return Ok(()) };
-    let stored = if is_part { frames } else { Packets::count_shown(clip, interruption).unwrap_or(frames) };
+    let stored = if is_part { frames } else { stored_frames(clip, interruption).unwrap_or(frames) };
     if let Some(lost) = stored.checked_sub(frames).filter(|lost| *lost > 0) {
         bail!(
             "is damaged: {lost} of {stored} frames cannot be decoded ({complaint}); the others were rectified"
@@ -150,6 +151,14 @@ pub fn report(
     }
     log::warn!("{}: is damaged, some pictures may be wrong ({complaint})", clip.display());
     Ok(())
+}
+
+/// How many frames a clip has.
+fn stored_frames(clip: &Clip, interruption: &Interruption) -> Result<usize> {
+    match clip.as_images() {
+        Some(images) => images.count(),
+        None => Packets::count_shown(clip.only_file("counting frames")?, interruption),
+    }
 }
 
 /// Listens to the decoders' complaints.

@@ -18,19 +18,11 @@ const SEARCHED: u64 = 1 << 20;
 /// What gives a stream another name.
 const RENAMING: &str = "capssetter";
 
-/// Adds a decodebin for a clip to a pipeline, and a `filesrc` that reads it.
-pub fn add(pipeline: &gst::Pipeline, clip: &Path) -> Result<gst::Element> {
-    let (source, decoder) = (make("filesrc")?, make("decodebin")?);
-    source.set_property("location", clip);
+/// A decodebin for a clip, which is a file or is read elsewhere.
+pub fn of(clip: &Path) -> Result<gst::Element> {
+    let decoder = make("decodebin")?;
     correct(&decoder, clip)?;
-    pipeline.add_many([&source, &decoder])?;
-    source.link(&decoder)?;
     Ok(decoder)
-}
-
-/// Has a pipeline decode a clip into a pad: its first stream of raw video, an error where there is none.
-pub fn read_video(pipeline: &gst::Pipeline, clip: &Path, input: &gst::Pad) -> Result<()> {
-    link_video(clip, &add(pipeline, clip)?, input)
 }
 
 /// Corrects what a decodebin or a parsebin chooses for a clip that a `filesrc` reads.
@@ -67,8 +59,8 @@ pub fn correct(decoder: &gst::Element, clip: &Path) -> Result<()> {
 }
 
 /// Links the first stream of raw video that a decoder finds, and has the others go nowhere.
-fn link_video(clip: &Path, decoder: &gst::Element, input: &gst::Pad) -> Result<()> {
-    if matroska::is_matroska(clip) {
+pub fn link_video(decoder: &gst::Element, is_matroska: bool, input: &gst::Pad) -> Result<()> {
+    if is_matroska {
         matroska::keep_first_time(input);
     }
     let video = input.downgrade();

@@ -4,6 +4,7 @@
 //! processes that rectify parts of it.
 
 use crate::clips;
+use crate::input::{Clip, InputOptions};
 use crate::interruption::Interruption;
 use crate::output;
 use crate::packets::Packets;
@@ -144,8 +145,10 @@ impl Digest {
 
 /// Indexes a clip; `false` where that fails for its sake.
 pub fn run(options: &IndexOptions, interruption: &Interruption) -> Result<bool> {
+    let clip = Clip::named(&options.clip, &InputOptions::default(), interruption)?;
     let is_writable = options.output.as_deref().map_or(Ok(()), output::check_writable);
-    let written = is_writable.and_then(|()| FrameIndex::of(&options.clip, interruption)).and_then(|index| {
+    let index = || FrameIndex::of(clip.only_file("rsrectify index")?, interruption);
+    let written = is_writable.and_then(|()| index()).and_then(|index| {
         let text = serde_json::to_string(&index)?;
         match &options.output {
             Some(file) => {
@@ -154,5 +157,5 @@ pub fn run(options: &IndexOptions, interruption: &Interruption) -> Result<bool> 
             None => progress::print(format!("{text}\n").as_bytes()),
         }
     });
-    clips::finish(&options.clip, written, interruption)
+    clips::finish(&clip, written, interruption)
 }

@@ -17,6 +17,7 @@ mod estimate;
 mod fix;
 mod frame_rate;
 mod index;
+mod input;
 mod interruption;
 mod isobmff;
 mod join;

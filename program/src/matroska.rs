@@ -7,7 +7,7 @@ use std::path::Path;
 
 /// Bytes from the beginning of a file in which its tracks are described.
 const SEARCHED: u64 = 1 << 20;
-const FILE: &[u8] = &[0x1a, 0x45, 0xdf, 0xa3];
+pub const FILE: &[u8] = &[0x1a, 0x45, 0xdf, 0xa3];
 const SEGMENT: &[u8] = &[0x18, 0x53, 0x80, 0x67];
 const TRACKS: &[u8] = &[0x16, 0x54, 0xae, 0x6b];
 const ENTRY: &[u8] = &[0xae];
@@ -32,14 +32,9 @@ pub struct Delays {
 }
 
 impl Delays {
-    /// Those of a file; none of one that is no Matroska file.
-    pub fn of(clip: &Path) -> Self {
-        let mut bytes = Vec::new();
-        let read = File::open(clip).and_then(|file| file.take(SEARCHED).read_to_end(&mut bytes));
-        match read {
-            Ok(_) if bytes.starts_with(FILE) => Self { tracks: delays(&bytes) },
-            _ => Self::default(),
-        }
+    /// Those of a file that begins so; none of one that is no Matroska file.
+    pub fn of(beginning: &[u8]) -> Self {
+        if beginning.starts_with(FILE) { Self { tracks: delays(beginning) } } else { Self::default() }
     }
 
     /// By how much later than its times a stream is to be written, in nanoseconds, so that no time is negative: the demuxer ends
@@ -55,17 +50,15 @@ impl Delays {
 }
 
 /// What a Matroska file has that the demuxer does not give out, or the muxers do not take, in sentences.
-pub fn losses(clip: &Path) -> Vec<String> {
-    let mut bytes = Vec::new();
-    let read = File::open(clip).and_then(|file| file.take(SEARCHED).read_to_end(&mut bytes));
-    if read.is_err() || !bytes.starts_with(FILE) {
+pub fn losses(beginning: &[u8]) -> Vec<String> {
+    if !beginning.starts_with(FILE) {
         return Vec::new();
     }
     let mut all = Vec::new();
-    if parts(&bytes, ATTACHMENTS).next().is_some() {
+    if parts(beginning, ATTACHMENTS).next().is_some() {
         all.push("attached files, such as a cover picture or fonts, are left out".to_owned());
     }
-    let tags = parts(&bytes, TAGS).filter(|(name, _)| *name == TAG).flat_map(|(_, tag)| elements(tag));
+    let tags = parts(beginning, TAGS).filter(|(name, _)| *name == TAG).flat_map(|(_, tag)| elements(tag));
     let entries = tags.filter(|(name, _)| *name == SIMPLE_TAG).flat_map(|(_, entry)| elements(entry));
     let mut names = entries.filter(|(name, _)| *name == TAG_NAME).map(|(_, name)| name);
     let is_passing = |name: &[u8]| PASSING.iter().any(|passing| name.starts_with(passing.as_bytes()));
@@ -136,6 +129,17 @@ pub fn keep_first_time(pad: &gst::Pad) {
         }
         gst::PadProbeReturn::Ok
     });
+}
+
+/// The bytes of a file in which all this is; none of what cannot be read.
+pub fn beginning(file: &Path) -> Vec<u8> {
+    let mut bytes = Vec::new();
+    // What is read of a named pipe is gone.
+    let file = Some(file).filter(|file| file.is_file()).and_then(|file| File::open(file).ok());
+    match file.map(|file| file.take(SEARCHED).read_to_end(&mut bytes)) {
+        Some(Ok(_)) => bytes,
+        _ => Vec::new(),
+    }
 }
 
 /// Whether a file is of this kind.

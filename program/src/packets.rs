@@ -1,8 +1,8 @@
 //! The encoded video of a file, packet by packet, in the file's order.
 
-use crate::clips;
 use crate::decoder;
 use crate::elements::{NO_VIDEO, drop_all, launch, named, pad};
+use crate::input;
 use crate::interruption::Interruption;
 use crate::matroska;
 use crate::playback::Playback;
@@ -31,7 +31,7 @@ pub struct Packets {
 impl Packets {
     /// Opens a file.
     pub fn open(file: &Path, interruption: &Interruption) -> Result<Self> {
-        clips::check(file)?;
+        input::check_file(file)?;
         let pipeline = launch(
             "filesrc name=source ! parsebin name=parser  appsink name=sink sync=false max-buffers=64",
         )?;

@@ -1,11 +1,12 @@
 //! A part of a clip: the frames that are asked for, and those around them that tell how the camera moves.
 
 use crate::index::FrameIndex;
+use crate::input::Clip;
 use crate::interruption::Interruption;
 use anyhow::{Result, bail};
 use clap::Args;
 use std::ops::Range;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 /// Which frames of a clip are wanted.
 #[derive(Args, Clone, Debug, Default)]
@@ -99,9 +100,10 @@ pub struct Part {
 
 impl PartOptions {
     /// The part of a clip that is meant, of which so many frames are looked ahead; `None` for all of it.
-    pub fn of(&self, clip: &Path, lookahead: usize, interruption: &Interruption) -> Result<Option<Part>> {
+    pub fn of(&self, clip: &Clip, lookahead: usize, interruption: &Interruption) -> Result<Option<Part>> {
         let Some(frames) = self.frames else { return Ok(None) };
-        let index = FrameIndex::given_or_of(self.index.as_deref(), clip, interruption)?;
+        let file = clip.only_file("--frames")?;
+        let index = FrameIndex::given_or_of(self.index.as_deref(), file, interruption)?;
         Part::new(&index, frames, [self.halo, lookahead]).map(Some)
     }
 }

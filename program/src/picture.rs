@@ -4,14 +4,13 @@
 //! before what parsers and decoders find, so that they are read here without them, and fill only what is left open.
 
 use crate::colour::{Colour, UNSPECIFIED};
-use crate::decoder;
 use crate::elements::{self, NO_VIDEO};
+use crate::input::{Clip, Opening};
 use crate::times::{Delay, Watch};
 use anyhow::{Context, Result, bail};
 use gst::prelude::*;
 use gst_video::prelude::*;
 use gst_video::{VideoBufferFlags, VideoColorMatrix, VideoColorRange, VideoColorimetry, VideoInfo};
-use std::path::Path;
 use std::sync::atomic::{AtomicU32, Ordering};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -32,6 +31,10 @@ const LIGHT: &str = "content-light-level";
 pub struct Picture {
     /// Format, size and scanning of the decoded frames; `None` where none could be decoded.
     pub info: Option<VideoInfo>,
+    /// Whether they have no transparency although their format has.
+    pub is_opaque: bool,
+    /// What their stream is, as its decoder takes it; `None` where it is raw.
+    pub coded: Option<gst::Caps>,
     pub colour: Colour,
     /// The display that the clip was mastered on, as caps state it.
     pub mastering_display: Option<String>,
@@ -43,9 +46,9 @@ pub struct Picture {
 
 impl Picture {
     /// Those of a clip's first video stream, from its first frame.
-    pub fn of(clip: &Path) -> Result<Self> {
+    pub fn of(clip: &Clip) -> Result<Self> {
         let pipeline = gst::Pipeline::new();
-        let decoder = decoder::add(&pipeline, clip)?;
+        let decoder = clip.open(&pipeline, Opening::Look)?;
         let demuxed = hide_what_files_state(&pipeline);
         let watch = Watch::of(&pipeline);
         let (found, first_frame) = channel();
@@ -82,12 +85,12 @@ impl Picture {
         });
         let result = wait_for_frame(&pipeline, &first_frame);
         let _ = pipeline.set_state(gst::State::Null);
-        let First { stream, caps, delay } = result?;
+        let First { stream, caps, delay, coded } = result?;
         let caps = caps.context(NO_VIDEO)?;
         let demuxed = demuxed.lock().unwrap_or_else(PoisonError::into_inner);
         let of_file = demuxed.iter().find(|(id, _)| *id == stream).map(|(_, caps)| caps);
         // GStreamer's demuxer of films passes over ranges, and over what it cannot name.
-        let film = Colour::of_film(clip).or_else(|| of_file.map(|caps| Colour::of_caps(caps)));
+        let film = Colour::of_film(clip.path()).or_else(|| of_file.map(|caps| Colour::of_caps(caps)));
         let stated = |field: &str| {
             let text = |caps: &gst::Caps| caps.structure(0)?.get::<String>(field).ok();
             text(&caps).or_else(|| of_file.and_then(text))
@@ -97,6 +100,8 @@ impl Picture {
         let by_codec = Colour { matrix: if is_vp8 { BT601 } else { UNSPECIFIED }, ..Colour::default() };
         Ok(Self {
             info: VideoInfo::from_caps(&caps).ok(),
+            is_opaque: clip.is_opaque(),
+            coded,
             colour: Colour::of_caps(&caps).or(film.unwrap_or_default()).or(by_codec),
             mastering_display: stated(MASTERING),
             light_level: stated(LIGHT),
@@ -137,6 +142,7 @@ impl Picture {
 struct First {
     stream: Option<gst::glib::GString>,
     caps: Option<gst::Caps>,
+    coded: Option<gst::Caps>,
     delay: Delay,
 }
 
@@ -161,11 +167,20 @@ fn report(
         state_order(caps.make_mut(), frame);
         first.caps = Some(caps);
         first.stream = pad.stream_id();
+        first.coded = coded(pad);
     }
     if first.delay.take(watch, pad, frame).is_some() {
         let _ = found.send(Some(std::mem::take(first)));
     }
     gst::PadProbeReturn::Drop
+}
+
+/// What comes to the decoder that a pad belongs to; `None` where there is none, as the stream is raw.
+fn coded(pad: &gst::Pad) -> Option<gst::Caps> {
+    let inner = pad.downcast_ref::<gst::GhostPad>().and_then(|pad| pad.target());
+    let decoder = inner.and_then(|pad| pad.parent_element());
+    let decoder = decoder.filter(|element| elements::is_of_class(element, "Decoder"))?;
+    decoder.static_pad("sink")?.current_caps()
 }
 
 /// Has caps of fields in one frame state their order, which some decoders state of each frame only.

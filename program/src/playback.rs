@@ -26,6 +26,7 @@ pub struct Playback {
     waited: (u64, u32),
     /// What the decoder lacks, once it has said so.
     missing: Option<String>,
+    waits_for_ever: bool,
 }
 
 /// The error of a decoder of audio.
@@ -89,7 +90,12 @@ impl Playback {
         }
         let counted = moved.clone();
         pipeline.connect_deep_element_added(move |_, _, element| count_buffers(element, &counted));
-        Ok(Self { pipeline, bus, moved, waited: (0, 0), missing: None })
+        Ok(Self { pipeline, bus, moved, waited: (0, 0), missing: None, waits_for_ever: false })
+    }
+
+    /// Does not give up where nothing moves: another program that writes or reads a pipe may take its time.
+    pub fn wait_for_ever(&mut self) {
+        self.waits_for_ever = true;
     }
 
     /// The pipeline.
@@ -125,6 +131,9 @@ impl Playback {
                         one_line(error.error().message()).trim_end_matches('.').to_owned()
                     ));
                 }
+                if source.and_then(|source| source.factory()).is_some_and(|made| made.name() == "fdsink") {
+                    bail!("the standard output cannot be written; whoever read it may have closed it");
+                }
                 bail!("{}", self.missing.take().unwrap_or_else(|| one_line(error.error().message())))
             }
             gst::MessageView::Warning(warning) => {
@@ -143,7 +152,7 @@ impl Playback {
         let moved = self.moved.load(Ordering::Relaxed);
         let times = if moved == self.waited.0 { self.waited.1 + 1 } else { 0 };
         self.waited = (moved, times);
-        if times >= PATIENCE {
+        if times >= PATIENCE && !self.waits_for_ever {
             bail!("nothing has come from the file or gone on for 45 s: given up");
         }
         Ok(())

@@ -6,6 +6,7 @@
 use crate::analysis::{Analysis, Frame};
 use crate::camera::{CameraChoice, Known};
 use crate::estimate::Estimate;
+use crate::input::Clip;
 use crate::interruption::Interruption;
 use crate::part::Part;
 use crate::progress;
@@ -256,14 +257,14 @@ impl Summary {
 
 /// Looks for the readout of a clip where it is to be found first, and goes on with it; what was found.
 pub fn find_first(
-    clip: &Path,
+    clip: &Clip,
     analysis: &mut AnalysisOptions,
     interruption: &Interruption,
 ) -> Result<Option<Found>> {
     if !analysis.wants_readout() {
         return Ok(None);
     }
-    let (camera, settings) = (analysis.camera.of(clip)?, analysis.settings());
+    let (camera, settings) = (analysis.camera.of(clip.path())?, analysis.settings());
     let found = find(clip, settings, camera.as_ref(), Extent::Stretches, interruption)?;
     settle(found.as_ref(), analysis);
     Ok(found)
@@ -287,7 +288,7 @@ pub fn settle(found: Option<&Found>, analysis: &mut AnalysisOptions) {
 
 /// Analyses a clip for what it says of its camera, starting from what is known of it; `None` where it has no frames.
 pub fn find(
-    clip: &Path,
+    clip: &Clip,
     settings: Settings,
     camera: Option<&Known>,
     extent: Extent,
@@ -334,12 +335,12 @@ pub fn find(
 
 /// What is expected of the readout of a clip that is not analysed before it is rectified.
 pub fn expected(
-    clip: &Path,
+    clip: &Clip,
     options: &AnalysisOptions,
     interruption: &Interruption,
 ) -> Result<Option<ReadoutPrior>> {
-    let Some(camera) = options.camera.of(clip)? else { return Ok(None) };
-    expect(&mut Analysis::open(clip, options.settings(), interruption)?, Some(&camera))
+    let Some(camera) = options.camera.of(clip.path())? else { return Ok(None) };
+    expect(&mut Analysis::look(clip, options.settings(), interruption)?, Some(&camera))
 }
 
 /// Starts from what is expected of the camera that made a clip, and prints it.

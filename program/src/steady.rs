@@ -1,6 +1,7 @@
 //! What stabilisation and a crop take beforehand: the frames to look ahead, and how much is to be cut away.
 
 use crate::analysis::Analysis;
+use crate::input::Clip;
 use crate::interruption::Interruption;
 use crate::part::Part;
 use crate::progress;
@@ -8,7 +9,6 @@ use crate::rectifier_options::{Crop, MAX_LOOKAHEAD, RectifierOptions};
 use anyhow::{Result, bail};
 use rsrectify::rectifier::{PLANNED_SHARE, stabilization_lookahead};
 use rsrectify::warp::{Interpolation, UNBENT_SHARE, WarpSettings, least_zoom};
-use std::path::Path;
 
 /// Per cent that are cut away at most where the picture is steadied: a quarter more zoom.
 const MAX_CROP: f64 = 20.0;
@@ -16,10 +16,10 @@ const MAX_CROP: f64 = 20.0;
 const LARGEST: f64 = 50.0;
 
 /// Sets the frames to look ahead where the picture is steadied; not fewer than are set already.
-pub fn set_lookahead(clip: &Path, options: &mut RectifierOptions, interruption: &Interruption) -> Result<()> {
+pub fn set_lookahead(clip: &Clip, options: &mut RectifierOptions, interruption: &Interruption) -> Result<()> {
     let stabilization = options.stabilization();
     if stabilization > 0.0 {
-        let analysis = Analysis::open(clip, options.analysis.settings(), interruption)?;
+        let analysis = Analysis::look(clip, options.analysis.settings(), interruption)?;
         let period = analysis.period().unwrap_or(1.0 / 30.0);
         let wanted = u32::try_from(stabilization_lookahead(stabilization, period)).unwrap_or(u32::MAX);
         let wanted = wanted.max(options.analysis.lookahead.unwrap_or(0)).min(MAX_LOOKAHEAD);
@@ -60,13 +60,18 @@ pub fn crop_for(zoom: f64, options: &mut RectifierOptions) -> Result<String> {
 
 /// Finds the least crop, where that is asked for; what is to be said of it.
 pub fn set_crop(
-    clip: &Path,
+    clip: &Clip,
     options: &mut RectifierOptions,
     part: Option<&Part>,
     interruption: &Interruption,
 ) -> Result<Option<String>> {
     if options.crop() != Some(Crop::Auto) {
         return Ok(None);
+    }
+    if clip.is_pipe() {
+        bail!(
+            "what comes on the standard input cannot be analysed beforehand for the least crop: give --crop PERCENT, such as --crop 10"
+        );
     }
     let mut settings = options.analysis.settings();
     settings.stabilization = options.stabilization();

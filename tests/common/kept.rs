@@ -18,6 +18,8 @@ const BOUND_TO_SAMPLES: [&str; 2] = ["rtp ", "mp4s"];
 /// What a file has: the names of properties and their values, as far as it has them.
 pub struct Content {
     pub properties: BTreeMap<String, String>,
+    /// The codec of the main video.
+    pub codec: String,
     /// When each frame of the main video is shown; `None` where the file does not say.
     times: Vec<Option<f64>>,
     file_start: f64,
@@ -94,6 +96,7 @@ impl Content {
         let time = |frame: &Value| seconds(&frame["best_effort_timestamp_time"]);
         Some(Self {
             properties,
+            codec: video["codec_name"].as_str().unwrap_or("?").to_owned(),
             times: frames.iter().map(time).collect(),
             file_start: seconds(&format["start_time"]).unwrap_or(0.0),
             audio_start: audios.first().and_then(|audio| seconds(&audio["start_time"])),

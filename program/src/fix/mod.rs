@@ -5,21 +5,21 @@ mod options;
 mod pipeline;
 mod plan;
 
-use crate::clips;
 use crate::damage::{self, Complaints};
 use crate::interruption::Interruption;
 use crate::messages::{self, RESULT};
 use crate::motions::Motions;
-use crate::output::codec::Container;
-use crate::output::{self, Unfinished};
+use crate::output::container::Container;
+use crate::output::{self, Target, Unfinished, choice};
 use crate::part;
+use crate::picture::Picture;
 use crate::playback::{Event, Playback, UndecodableAudio};
 use crate::progress;
 use crate::readout::{self, Extent};
 use crate::steady;
 use crate::streams::{Audio, Excerpt, Remux};
 use crate::summary::{Source, Summary, Tally};
-use anyhow::{Context, Result, anyhow, bail};
+use anyhow::{Result, anyhow, bail};
 use gst::prelude::*;
 use indicatif::{ProgressBar, ProgressStyle};
 pub use options::FixOptions;
@@ -35,12 +35,16 @@ pub fn run(options: &FixOptions, interruption: &Interruption) -> Result<bool> {
     if let Some(file) = &options.log {
         messages::add_to(file)?;
     }
-    let jobs = plan::jobs(options)?;
+    let jobs = plan::jobs(options, interruption)?;
     if options.json && options.dry_run {
-        println!("{}", serde_json::to_string_pretty(&plan::Listing::of(&jobs)?)?);
+        println!("{}", serde_json::to_string_pretty(&plan::Listing::of(&jobs, interruption)?)?);
         return Ok(true);
     }
-    if options.json {
+    let is_output_taken = jobs.iter().any(|job| job.output == Target::Pipe);
+    if options.json && is_output_taken {
+        bail!("the standard output is taken by the video: --json has no place there");
+    }
+    if options.json || is_output_taken {
         messages::leave_standard_output();
     }
     let count = jobs.len();
@@ -82,7 +86,7 @@ struct Report {
 
 impl Report {
     fn of(job: &Job) -> Self {
-        let [clip, output] = [&job.input, &job.output].map(|path| path.display().to_string());
+        let (clip, output) = (job.input.display().to_string(), job.output.to_string());
         Self { clip, output, summary: None, warnings: Vec::new(), error: None }
     }
 }
@@ -90,24 +94,24 @@ impl Report {
 /// Rectifies a clip.
 fn one(job: &Job, options: &FixOptions, report: &mut Report, interruption: &Interruption) -> Result<()> {
     let started = Instant::now();
-    clips::check(&job.input)?;
-    output::check(&job.input, &job.output, options.overwrite)?;
+    job.input.begin()?;
+    job.output.check(&job.input, options.overwrite)?;
     let mut recipe = job.recipe.clone();
-    recipe.codec.check(recipe.container, recipe.rate)?;
+    recipe.encoding.check(recipe.container)?;
     if options.dry_run {
-        let (codec, container) = (recipe.codec, recipe.container);
-        let (input, output) = (job.input.display(), job.output.display());
-        log::info!(target: RESULT, "{input} -> {output}: {codec} in {container}");
+        let (input, output, codec) = (job.input.display(), &job.output, job.codec()?);
+        log::info!(target: RESULT, "{input} -> {output}: {codec} in {}", recipe.container);
         return Ok(());
     }
-    if let Some(folder) = job.output.parent() {
-        // `--output` may name a folder that is not there yet.
-        if options.output.is_some() && job.is_in_folder {
-            std::fs::create_dir_all(folder).with_context(|| format!("cannot make {}", folder.display()))?;
-        }
+    let picture = Picture::of(&job.input)?;
+    let choice::Chosen { encoding, notes } = choice::choose(&recipe.encoding, &picture, recipe.container)?;
+    // `--output` may name a folder that is not there yet.
+    let _made = job.output.make_folder(job.is_in_folder)?;
+    if let Some(file) = job.output.as_file() {
+        output::check_writable(Unfinished::beside(file).path())?;
     }
-    output::check_writable(Unfinished::beside(&job.output).path())?;
-    if let Some(other) = recipe.motions.as_ref().and_then(|motions| motions.other_clip(&job.input)) {
+    notes.iter().for_each(|note| log::info!(target: RESULT, "{note}"));
+    if let Some(other) = recipe.motions.as_ref().and_then(|motions| motions.other_clip(job.input.path())) {
         log::warn!("{other}");
     }
     let has_motion = recipe.motions.is_some();
@@ -119,8 +123,15 @@ fn one(job: &Job, options: &FixOptions, report: &mut Report, interruption: &Inte
     if has_motion {
         // Nothing is analysed.
         source = Source::MotionFile;
+    } else if job.input.is_pipe() {
+        // It is read once, so that the readout is found on the way.
+        if analysis.wants_readout() {
+            source = Source::Sought(None);
+            log::info!(target: RESULT, "readout: sought while the clip is rectified, as the standard input is read once");
+        }
+        analysis.expected = readout::expected(&job.input, analysis, interruption)?;
     } else if analysis.wants_readout() {
-        let camera = analysis.camera.of(&job.input)?;
+        let camera = analysis.camera.of(job.input.path())?;
         let settings = analysis.settings();
         source = Source::Sought(None);
         match readout::find(&job.input, settings, camera.as_ref(), Extent::Stretches, interruption) {
@@ -139,7 +150,7 @@ fn one(job: &Job, options: &FixOptions, report: &mut Report, interruption: &Inte
             Err(error) => unsearched = Some(error),
         }
     } else {
-        readout::report_stabilisation(&job.input, &analysis.camera)?;
+        readout::report_stabilisation(job.input.path(), &analysis.camera)?;
     }
     interruption.check()?;
     let progress = Arc::new(Progress::default());
@@ -158,16 +169,25 @@ fn one(job: &Job, options: &FixOptions, report: &mut Report, interruption: &Inte
     let excerpt = part.map(|part| Arc::new(Excerpt::new(part)));
     let is_part = excerpt.is_some();
     let expected = excerpt.as_ref().map(|excerpt| excerpt.frames().len());
+    // What was read from one, or written to it, is gone.
+    let has_pipe = job.input.is_pipe() || job.output == Target::Pipe;
     let (complaints, tally) = (Complaints::listen(), Tally::default());
     let start = |recipe: &Recipe| {
         progress.times().clear();
-        let rectification =
-            Rectification::new(recipe, excerpt.clone(), &job.input, &job.output, &progress, &tally)?;
-        let played = play(&rectification.remux, recipe.container, &progress, interruption);
+        let rectification = Rectification::new(
+            recipe,
+            &encoding,
+            excerpt.clone(),
+            &job.input,
+            &job.output,
+            &progress,
+            &tally,
+        )?;
+        let played = play(&rectification.remux, recipe.container, has_pipe, &progress, interruption);
         played.map(|()| rectification)
     };
     let rectification = match start(&recipe) {
-        Err(error) if error.is::<UndecodableAudio>() && recipe.audio != Audio::None => {
+        Err(error) if error.is::<UndecodableAudio>() && recipe.audio != Audio::None && !has_pipe => {
             log::warn!("{}: {error:#}; it is left out", job.input.display());
             recipe.audio = Audio::None;
             start(&recipe)?
@@ -182,16 +202,14 @@ fn one(job: &Job, options: &FixOptions, report: &mut Report, interruption: &Inte
         part::check_count(frames, expected)?;
     }
     let uncovered = recipe.motions.as_ref().map_or(Ok(None), Motions::check)?;
-    let file = rectification.finish(interruption)?;
-    output::verify(file.path(), &progress.times(), interruption)
-        .context("the file is not as it should be")?;
-    file.finish(&job.output)?;
+    let notes = rectification.finish(&progress.times(), interruption)?;
+    notes.iter().for_each(|note| log::warn!("{note}"));
     if let Some(error) = unsearched {
         log::warn!("{}: the readout was not sought beforehand: {error:#}", job.input.display());
     }
     let zoom = recipe.rectifier.zoom();
     let summary = Summary::new(&tally, &source, frames, started.elapsed(), zoom);
-    log::info!(target: RESULT, "{}: {summary}", job.output.display());
+    log::info!(target: RESULT, "{}: {summary}", job.output);
     report.summary = Some(summary);
     if let Some(uncovered) = uncovered {
         log::warn!("{uncovered}");
@@ -204,10 +222,19 @@ fn one(job: &Job, options: &FixOptions, report: &mut Report, interruption: &Inte
     damage::report(&job.input, frames, is_part, complaints.first(), interruption)
 }
 
-/// Runs the pipeline to its end.
-fn play(remux: &Remux, container: Container, progress: &Progress, interruption: &Interruption) -> Result<()> {
+/// Runs the pipeline to its end; `waits` for as long as it takes, where a pipe is read or written.
+fn play(
+    remux: &Remux,
+    container: Container,
+    waits: bool,
+    progress: &Progress,
+    interruption: &Interruption,
+) -> Result<()> {
     let bar = progress::spinner()?;
     let mut playback = Playback::new(remux.pipeline.clone())?;
+    if waits {
+        playback.wait_for_ever();
+    }
     playback.set_state(gst::State::Playing);
     let started = Instant::now();
     loop {

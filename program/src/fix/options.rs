@@ -1,5 +1,6 @@
 //! What the user may ask of `fix`.
 
+use crate::input::InputOptions;
 use crate::output::encoding::EncodingOptions;
 use crate::part::PartOptions;
 use crate::rectifier_options::RectifierOptions;
@@ -26,11 +27,15 @@ const MOTION_IS_GIVEN: [&str; 12] = [
 /// What the user may ask of `fix`.
 #[derive(Args, Debug)]
 pub struct FixOptions {
-    /// Clips, folders of clips, or patterns such as 'card/*.MP4'.
+    /// Clips, folders of clips, or patterns such as 'card/*.MP4'; numbered images such as frames/%06d.png, or a folder of them; -
+    /// for Y4M or Matroska on the standard input.
     #[arg(required = true, value_name = "CLIP")]
     pub clips: Vec<PathBuf>,
+    #[command(flatten)]
+    pub input: InputOptions,
     /// The file to write, or the folder for all; without it each clip goes beside its original, its name ending in
-    /// -rectified. A folder is one that is there already, ends in a slash, or is meant for several clips.
+    /// -rectified. A folder is one that is there already, ends in a slash, or is meant for several clips. A pattern such as
+    /// frames/%06d.png writes numbered images; - writes Y4M, or MKV with --container mkv, to the standard output.
     #[arg(long, short, value_name = "FILE|FOLDER")]
     pub output: Option<PathBuf>,
     /// Takes the clips of folders in folders, too; below the output folder they keep their folders.
@@ -39,7 +44,7 @@ pub struct FixOptions {
     /// Replaces files that are there.
     #[arg(long)]
     pub overwrite: bool,
-    /// Says which file each clip would become, without opening it.
+    /// Says which file each clip would become; with --codec same it is opened for its codec.
     #[arg(long)]
     pub dry_run: bool,
     /// Prints what was done with each clip as JSON, one object a line, and everything else to the standard error; with --dry-run

@@ -5,24 +5,24 @@
 
 use super::comparison::{self, SIDE_BY_SIDE};
 use crate::elements::{hold_for_twins, named, pad, parse};
+use crate::input::Clip;
 use crate::interruption::Interruption;
 use crate::isobmff::EncodedVideo;
 use crate::motions::Motions;
-use crate::output::Unfinished;
-use crate::output::codec::{Codec, Container, Rate};
+use crate::output::container::Container;
 use crate::output::encoder::Encoding;
-use crate::picture::Picture;
+use crate::output::encoding::EncodingOptions;
+use crate::output::{self, FrameWriter, Target, Unfinished};
 use crate::rectifier_options::RectifierOptions;
 use crate::streams::timecode::Timecode;
 use crate::streams::{Audio, Destination, Excerpt, Remux, Video, collect};
 use crate::summary::Tally;
 use crate::times::{self, Straightened};
-use anyhow::Result;
+use anyhow::{Context, Result};
 use gst::buffer::BufferMetaForeachAction;
 use gst::prelude::*;
 use gst_video::VideoTimeCodeMeta;
 use std::ops::ControlFlow;
-use std::path::Path;
 use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 
 /// Keeps the encoded stream.
@@ -33,12 +33,10 @@ const UPRIGHT: &str = "videoconvert ! videoflip video-direction=auto";
 /// What is to become of a clip.
 #[derive(Clone, Debug)]
 pub struct Recipe {
-    /// How the video is encoded.
-    pub codec: Codec,
+    /// How the video is to be encoded.
+    pub encoding: EncodingOptions,
     /// The file around it.
     pub container: Container,
-    /// How much may be lost.
-    pub rate: Rate,
     /// What becomes of the audio.
     pub audio: Audio,
     /// Whether the clip is shown before and after, side by side.
@@ -99,9 +97,12 @@ fn video_branch(
     } else {
         rectified
     };
-    let encoded = match recipe.container.is_isobmff() {
-        true => format!("{} ! {} ! {KEPT}", encoding.description(), recipe.codec.form_in_boxes()),
-        false => encoding.description(),
+    let encoded = match recipe.container {
+        container if container.is_isobmff() => {
+            format!("{} ! {} ! {KEPT}", encoding.description(), encoding.codec().form_in_boxes())
+        }
+        container if container.is_of_frames_only() => format!("{} ! {KEPT}", encoding.description()),
+        _ => encoding.description(),
     };
     let bin = parse(&format!("queue name=frames ! videoconvert name=decoded ! {shown} ! {encoded}"))?;
     let rectifier = named(&bin, "rectifier")?;
@@ -168,36 +169,44 @@ fn on_caps(pad: &gst::Pad, call: impl Fn(&gst::Pad, &gst::CapsRef) + Send + Sync
 /// A pipeline that rectifies a clip, or a part of it; its encoder is called `encoder`.
 pub struct Rectification {
     pub remux: Remux,
-    /// What is encoded, where this program writes the file.
-    encoded: Option<Arc<Mutex<EncodedVideo>>>,
+    product: Product,
     is_turned: bool,
     straightened: Option<Straightened>,
-    file: Unfinished,
+    target: Target,
+}
+
+/// What comes out of a pipeline.
+enum Product {
+    /// A file that the pipeline writes, in the making.
+    Muxed(Unfinished),
+    /// What is encoded, of which this program makes a file, in the making.
+    Encoded(Arc<Mutex<EncodedVideo>>, Unfinished),
+    /// Frames that this program writes.
+    Frames(Arc<Mutex<FrameWriter>>),
+    /// Nothing that is left to be done.
+    Done,
 }
 
 impl Rectification {
-    /// Of a clip whose rectified twin is called `output` in the end.
+    /// Of a clip whose pictures are encoded so, and whose rectified twin goes to `target` in the end.
     pub fn new(
         recipe: &Recipe,
+        encoding: &Encoding,
         excerpt: Option<Arc<Excerpt>>,
-        clip: &Path,
-        output: &Path,
+        clip: &Clip,
+        target: &Target,
         progress: &Arc<Progress>,
         tally: &Tally,
     ) -> Result<Self> {
         let (container, audio) = (recipe.container, recipe.audio);
-        let (mut encoded, mut is_turned, mut straightened) = (None, true, None);
-        let part = Unfinished::beside(output).path().to_owned();
-        let destination = Destination { output: &part, container, audio, excerpt: excerpt.clone() };
-        let picture = Picture::of(clip)?;
-        let delay = picture.delay;
-        let encoding = Encoding::new(recipe.codec, recipe.rate, picture);
-        let colour = encoding.colour();
-        let has_timecode = Timecode::of(clip).is_some();
+        let (mut product, mut is_turned, mut straightened) = (Product::Done, true, None);
+        let part = target.as_file().map(|file| Unfinished::beside(file).path().to_owned());
+        let destination = Destination { output: part.as_deref(), container, audio, excerpt: excerpt.clone() };
+        let has_timecode = Timecode::of(clip.path()).is_some();
         let remux = Remux::new(clip, destination, |keeps_orientation, later| {
             // Parts of a clip are alike in all containers, so that they can be joined in any.
             is_turned = recipe.compare || excerpt.is_some() || !keeps_orientation;
-            let video = video_branch(recipe, &encoding, is_turned, has_timecode, excerpt.as_deref())?;
+            let video = video_branch(recipe, encoding, is_turned, has_timecode, excerpt.as_deref())?;
             if excerpt.is_none() {
                 straightened = Some(times::straighten(&pad(&named(&video, "frames")?, "src")?));
             }
@@ -209,17 +218,24 @@ impl Rectification {
                     .apply(&rectifier, later.clone(), move |time, motion| tally.add_given(time, motion))?;
             }
             progress.watch(&pad(&named(&video, "encoder")?, "sink")?);
-            if container.is_isobmff() {
-                encoded = Some(collect(&video, part.clone(), colour)?);
+            if container.is_of_frames_only() {
+                product = Product::Frames(FrameWriter::new(target, encoding)?.collect(&video)?);
+            } else if let Some((part, file)) = part.clone().zip(target.as_file()) {
+                product = match container.is_isobmff() {
+                    true => {
+                        let encoded = collect(&video, part, encoding.colour())?;
+                        Product::Encoded(encoded, Unfinished::with_ending(file, ".whole"))
+                    }
+                    false => Product::Muxed(Unfinished::beside(file)),
+                };
             }
             Ok(Video::Decoded(video))
         })?;
-        times::mend(&remux.pipeline, delay);
-        for loss in encoding.losses() {
+        times::mend(&remux.pipeline, encoding.delay());
+        for (_, loss) in encoding.losses() {
             gst::element_warning!(remux.pipeline, gst::StreamError::Format, ("{loss}"));
         }
-        let file = Unfinished::with_ending(output, if encoded.is_some() { ".whole" } else { ".part" });
-        Ok(Self { remux, encoded, is_turned, straightened, file })
+        Ok(Self { remux, product, is_turned, straightened, target: target.clone() })
     }
 
     /// How many frames are shown later than the clip says, as it shows several at once or in another order.
@@ -227,13 +243,29 @@ impl Rectification {
         self.straightened.as_ref().map_or(0, Straightened::moved)
     }
 
-    /// Once the pipeline has come to its end: writes the file, where the pipeline has not.
-    pub fn finish(&self, interruption: &Interruption) -> Result<&Unfinished> {
-        if let Some(encoded) = &self.encoded {
-            let mut encoded = encoded.lock().unwrap_or_else(PoisonError::into_inner);
-            encoded.finish()?;
-            self.remux.write(&encoded, self.is_turned, self.file.path(), interruption)?;
-        }
-        Ok(&self.file)
+    /// Once the pipeline has come to its end: writes what it has not, reads a file again, and gives it its name. What is to be
+    /// said of it.
+    pub fn finish(
+        &self,
+        times: &[Option<gst::ClockTime>],
+        interruption: &Interruption,
+    ) -> Result<Vec<String>> {
+        let file = match &self.product {
+            Product::Done => return Ok(Vec::new()),
+            Product::Frames(frames) => {
+                let mut frames = frames.lock().unwrap_or_else(PoisonError::into_inner);
+                return frames.finish(&self.target, times);
+            }
+            Product::Muxed(file) => file,
+            Product::Encoded(encoded, file) => {
+                let mut encoded = encoded.lock().unwrap_or_else(PoisonError::into_inner);
+                encoded.finish()?;
+                self.remux.write(&encoded, self.is_turned, file.path(), interruption)?;
+                file
+            }
+        };
+        output::verify(file.path(), times, interruption).context("the file is not as it should be")?;
+        file.finish(self.target.as_file().context("there is no file")?)?;
+        Ok(Vec::new())
     }
 }

@@ -3,24 +3,43 @@
 use super::options::FixOptions;
 use super::pipeline::Recipe;
 use crate::clips;
+use crate::input::{Clip, Numbered};
+use crate::interruption::Interruption;
 use crate::motions::Motions;
-use crate::output;
-use crate::property_values::name_of;
+use crate::output::codec::Codec;
+use crate::output::container::Container;
+use crate::output::encoding::CodecChoice;
+use crate::output::{self, Target, choice};
+use crate::picture::Picture;
 use anyhow::{Context, Result, bail};
 use serde::Serialize;
-use std::path::PathBuf;
+use std::path::Path;
 
 /// One clip to be rectified.
 #[derive(Debug)]
 pub struct Job {
     /// The clip.
-    pub input: PathBuf,
-    /// The file to write.
-    pub output: PathBuf,
+    pub input: Clip,
+    /// Where it goes.
+    pub output: Target,
     /// Whether the user named the folder only.
     pub is_in_folder: bool,
     /// How.
     pub recipe: Recipe,
+}
+
+impl Job {
+    /// The codec that the clip would get; it is opened where that depends on it.
+    pub fn codec(&self) -> Result<Codec> {
+        match self.recipe.encoding.codec {
+            CodecChoice::Of(codec) => Ok(codec),
+            CodecChoice::Same => {
+                let picture = Picture::of(&self.input)?;
+                let chosen = choice::choose(&self.recipe.encoding, &picture, self.recipe.container)?;
+                Ok(chosen.encoding.codec())
+            }
+        }
+    }
 }
 
 /// A job as it is printed.
@@ -28,21 +47,23 @@ pub struct Job {
 pub struct Listing {
     clip: String,
     output: String,
-    codec: String,
+    /// `None` of a clip that cannot be opened.
+    codec: Option<String>,
     container: String,
 }
 
 impl Listing {
     /// What each of the jobs would do; an error where that cannot be written.
-    pub fn of(jobs: &[Job]) -> Result<Vec<Self>> {
+    pub fn of(jobs: &[Job], interruption: &Interruption) -> Result<Vec<Self>> {
         let listed = |job: &Job| {
-            let Recipe { codec, container, rate, .. } = job.recipe;
-            codec.check(container, rate)?;
+            interruption.check()?;
+            let Recipe { encoding, container, .. } = &job.recipe;
+            encoding.check(*container)?;
             Ok(Self {
                 clip: job.input.display().to_string(),
-                output: job.output.display().to_string(),
-                codec: name_of(&codec),
-                container: name_of(&container),
+                output: job.output.to_string(),
+                codec: job.codec().ok().map(|codec| codec.name().to_owned()),
+                container: container.extension().to_owned(),
             })
         };
         jobs.iter().map(listed).collect()
@@ -50,45 +71,71 @@ impl Listing {
 }
 
 /// What is to be done; refuses what would write two clips to one file.
-pub fn jobs(options: &FixOptions) -> Result<Vec<Job>> {
-    let clips = clips::expand(&options.clips, options.recursive)?;
+pub fn jobs(options: &FixOptions, interruption: &Interruption) -> Result<Vec<Job>> {
+    let clips = clips::expand(&options.clips, options.recursive, &options.input, interruption)?;
     if options.motion.is_some() && clips.len() > 1 {
         bail!("--motion is of one clip, not of {}", clips.len());
     }
     let motions = options.motion.as_deref().map(Motions::open).transpose()?;
     let output = options.output.as_deref();
+    if output == Some(Path::new("-")) && clips.len() > 1 {
+        bail!("--output - takes one clip, not {}", clips.len());
+    }
     let folder = output.filter(|output| clips.len() > 1 || output::is_folder(output));
     let mut jobs: Vec<Job> = Vec::new();
-    for clips::Named { path: clip, below } in clips {
+    for clips::Named { clip, below } in clips {
         let file = output.filter(|_| folder.is_none());
-        let container = options.encoding.container(&clip, file)?;
-        let output = match file {
-            Some(file) => file.to_owned(),
-            None => {
-                let ending = format!("{}.{}", clips::RECTIFIED, container.extension());
+        let (container, output) = match file {
+            Some(file) if file.as_os_str() == "-" => {
+                let container = options.encoding.container.unwrap_or(Container::Y4m);
+                if container.is_isobmff() {
+                    bail!("{container} files cannot be written to a pipe: give --container y4m or mkv");
+                }
+                (container, Target::Pipe)
+            }
+            file => {
+                let container = options.encoding.container(&clip, file)?;
                 let folder = folder.map(|folder| folder.join(below));
-                let output = output::beside(&clip, folder.as_deref(), &ending);
-                output.with_context(|| clip.display().to_string())?
+                (container, target(&clip, file, folder.as_deref(), container)?)
             }
         };
         if let Some(other) = jobs.iter().find(|job| job.output == output) {
             bail!(
-                "{} and {} would both be written to {}; rectify them one by one",
+                "{} and {} would both be written to {output}; rectify them one by one",
                 other.input.display(),
                 clip.display(),
-                output.display()
             );
         }
         let recipe = Recipe {
-            codec: options.encoding.codec,
+            encoding: options.encoding.clone(),
             container,
-            rate: options.encoding.rate(),
             audio: options.audio,
             compare: options.compare,
             rectifier: options.rectifier.clone(),
             motions: motions.clone(),
         };
-        jobs.push(Job { input: clip, output, is_in_folder: folder.is_some(), recipe });
+        let is_named = file.is_none() && options.output.is_some();
+        jobs.push(Job { input: clip, output, is_in_folder: is_named, recipe });
     }
     Ok(jobs)
+}
+
+/// Where a clip goes: to the file that is named, or into a folder, or beside itself.
+fn target(clip: &Clip, file: Option<&Path>, folder: Option<&Path>, container: Container) -> Result<Target> {
+    let images = |path: &Path| {
+        let pattern = Numbered::of(path).context("is no pattern")?;
+        Ok(Target::images(pattern, clip))
+    };
+    if let Some(file) = file {
+        return if container == Container::Images { images(file) } else { Ok(Target::File(file.to_owned())) };
+    }
+    let beside = |ending: &str| {
+        let output = output::beside(&clip.namesake()?, folder, ending);
+        output.with_context(|| clip.display().to_string())
+    };
+    let Some(own) = clip.as_images().filter(|_| container == Container::Images) else {
+        return beside(&format!("{}.{}", clips::RECTIFIED, container.extension())).map(Target::File);
+    };
+    let name = Path::new(&own.pattern.name()).with_extension(container.extension());
+    images(&beside(clips::RECTIFIED)?.join(name))
 }

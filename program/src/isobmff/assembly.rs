@@ -10,7 +10,7 @@ use super::tables::{self, Chunk};
 use super::video::{self, Sample, Timing, VideoTrack};
 use crate::boxes::boxed;
 use crate::interruption::Interruption;
-use crate::output::codec::Container;
+use crate::output::container::Container;
 use crate::streams::timecode::Timecode;
 use anyhow::{Context, Result};
 use std::fs::File;

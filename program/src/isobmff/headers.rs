@@ -4,7 +4,7 @@ use super::film::{EPOCH, Film, Track};
 use super::tables;
 use super::video::VideoTrack;
 use crate::boxes::{boxed, child, children, number, words};
-use crate::output::codec::Container;
+use crate::output::container::Container;
 use crate::streams::timecode::Timecode;
 use anyhow::Result;
 

@@ -4,9 +4,10 @@ mod parts;
 
 use crate::clips;
 use crate::index::FrameIndex;
+use crate::input::{self, Clip};
 use crate::interruption::Interruption;
 use crate::isobmff::EncodedVideo;
-use crate::output::codec::Container;
+use crate::output::container::Container;
 use crate::output::{self, Unfinished};
 use crate::playback::{Event, Playback};
 use crate::progress;
@@ -67,11 +68,11 @@ struct ReportedPart {
 pub fn run(options: &JoinOptions, interruption: &Interruption) -> Result<bool> {
     let container = options.container.or_else(|| Container::of(&options.output));
     let container = container.context("--output must end in .mp4, .mov or .mkv, or --container be given")?;
-    clips::finish(&options.clip, join(options, container, interruption), interruption)
+    clips::finish(&Clip::file(&options.clip), join(options, container, interruption), interruption)
 }
 
 fn join(options: &JoinOptions, container: Container, interruption: &Interruption) -> Result<()> {
-    clips::check(&options.clip)?;
+    input::check_file(&options.clip)?;
     for input in std::iter::once(&options.clip).chain(&options.parts) {
         output::check(input, &options.output, options.overwrite)?;
     }
@@ -116,12 +117,12 @@ fn write(
     interruption: &Interruption,
 ) -> Result<()> {
     let parts = Arc::new(parts);
-    let destination = Destination { output, container, audio, excerpt: None };
+    let destination = Destination { output: Some(output), container, audio, excerpt: None };
     let video = match container.is_isobmff() {
         true => Video::Elsewhere,
         false => Video::Replaced(parts::branch(&parts, caps, interruption)?),
     };
-    let remux = Remux::new(clip, destination, |_, _| Ok(video))?;
+    let remux = Remux::new(&Clip::file(clip), destination, |_, _| Ok(video))?;
     let bar = progress::spinner()?;
     let show = || {
         bar.set_message(format!("{} of {} frames joined", parts.joined(), parts.frames()));

@@ -4,6 +4,7 @@ mod report;
 
 use crate::camera::CameraChoice;
 use crate::clips;
+use crate::input::{Clip, InputOptions};
 use crate::interruption::Interruption;
 use crate::part::{self, PartOptions};
 use crate::progress;
@@ -13,14 +14,17 @@ use anyhow::{Context, Result};
 use clap::Args;
 use report::{Measurement, Together};
 use serde::Serialize;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 /// What the user may ask of `measure`.
 #[derive(Args, Debug)]
 pub struct MeasureOptions {
-    /// Clips, folders of clips, or patterns such as 'card/*.MP4'.
+    /// Clips, folders of clips, or patterns such as 'card/*.MP4'; numbered images such as frames/%06d.png, or a folder of them; -
+    /// for Y4M or Matroska on the standard input.
     #[arg(required = true, value_name = "CLIP")]
     pub clips: Vec<PathBuf>,
+    #[command(flatten)]
+    pub input: InputOptions,
     /// Prints JSON; times in milliseconds, focal lengths in frame widths.
     #[arg(long)]
     pub json: bool,
@@ -59,7 +63,7 @@ struct Report {
 /// Measures all clips; whether all could be.
 pub fn run(options: &MeasureOptions, interruption: &Interruption) -> Result<bool> {
     let mut report = Report { clips: Vec::new(), failed: Vec::new(), same_camera: None };
-    for clips::Named { path: clip, .. } in clips::expand(&options.clips, false)? {
+    for clips::Named { clip, .. } in clips::expand(&options.clips, false, &options.input, interruption)? {
         match one(&clip, options, interruption) {
             Ok(measurement) => {
                 if !options.json {
@@ -86,10 +90,10 @@ pub fn run(options: &MeasureOptions, interruption: &Interruption) -> Result<bool
     Ok(report.failed.is_empty())
 }
 
-fn one(clip: &Path, options: &MeasureOptions, interruption: &Interruption) -> Result<Measurement> {
-    clips::check(clip)?;
+fn one(clip: &Clip, options: &MeasureOptions, interruption: &Interruption) -> Result<Measurement> {
+    clip.begin()?;
     let settings = options.settings.settings();
-    let camera = options.camera.of(clip)?;
+    let camera = options.camera.of(clip.path())?;
     // What follows is left to the measurement of another part, so that each frame tells once.
     let part = options.part.of(clip, 0, interruption)?;
     let frames = part.as_ref().map(|part| part.frames.clone());

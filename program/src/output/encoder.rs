@@ -1,7 +1,7 @@
 //! Frames → the encoded stream: what the encoder is given, and what the stream states of it.
 
-use super::codec::{Codec, Rate};
-use super::{av1, prores, tags};
+use super::codec::{Codec, Preset, Rate};
+use super::{av1, hardware, prores, tags};
 use crate::colour::Colour;
 use crate::elements::{named, pad, replace_caps};
 use crate::picture::Picture;
@@ -12,11 +12,77 @@ use gst_video::{VideoColorimetry, VideoFormat, VideoFormatInfo, VideoInfo};
 /// The matrix of BT.709, by which RGB is encoded.
 const BT709: u8 = 1;
 
+/// Formats of the frames that Y4M files hold.
+const OF_Y4M: [&str; 10] = [
+    "GRAY8",
+    "I420",
+    "Y42B",
+    "Y444",
+    "I420_10LE",
+    "I422_10LE",
+    "Y444_10LE",
+    "I420_12LE",
+    "I422_12LE",
+    "Y444_12LE",
+];
+/// Formats of the frames of which PNG images are made.
+const OF_PNG: [&str; 5] = ["GRAY8", "RGB", "RGBA", "GRAY16_BE", "RGBA64_BE"];
+
+/// What encodes, and how.
+#[derive(Clone, Debug)]
+pub struct Encoder {
+    codec: Codec,
+    /// The name of GStreamer's element.
+    element: String,
+    is_hardware: bool,
+    rate: Rate,
+    preset: Preset,
+}
+
+impl Encoder {
+    /// That in software.
+    pub fn new(codec: Codec, rate: Rate, preset: Preset) -> Self {
+        Self { codec, element: codec.encoder().to_owned(), is_hardware: false, rate, preset }
+    }
+
+    /// One in hardware.
+    pub fn in_hardware(codec: Codec, rate: Rate, element: &str) -> Self {
+        Self { codec, element: element.to_owned(), is_hardware: true, rate, preset: Preset::default() }
+    }
+
+    /// The formats that it takes.
+    fn formats(&self) -> Vec<VideoFormat> {
+        let names = match self.codec {
+            Codec::Raw => OF_Y4M.map(str::to_owned).to_vec(),
+            Codec::Png => OF_PNG.map(str::to_owned).to_vec(),
+            _ => self.names_of_formats().unwrap_or_default(),
+        };
+        let formats = names.iter().map(|name| VideoFormat::from_string(name));
+        formats.filter(|format| *format != VideoFormat::Unknown).collect()
+    }
+
+    fn names_of_formats(&self) -> Option<Vec<String>> {
+        let factory = gst::ElementFactory::find(&self.element)?;
+        let mut templates = factory.static_pad_templates().into_iter();
+        let template = templates.find(|template| template.direction() == gst::PadDirection::Sink)?.caps();
+        // Those in hardware also take frames that are there already.
+        let is_plain = |features: &gst::CapsFeaturesRef| {
+            features.is_any() || features.contains(gst::CAPS_FEATURE_MEMORY_SYSTEM_MEMORY)
+        };
+        let (taken, _) = template.iter_with_features().find(|(_, features)| is_plain(features))?;
+        let taken = taken.value("format").ok()?;
+        Some(match taken.get::<gst::List>() {
+            Ok(list) => list.iter().filter_map(|name| name.get::<String>().ok()).collect(),
+            Err(_) => vec![taken.get::<String>().ok()?],
+        })
+    }
+}
+
 /// What encodes the pictures of a clip.
 #[derive(Clone, Debug)]
 pub struct Encoding {
     codec: Codec,
-    rate: Rate,
+    encoder: Encoder,
     /// As they are encoded: RGB becomes YUV for most.
     picture: Picture,
     /// The format that the encoder is given; `None` where that of the clip is not known.
@@ -27,8 +93,9 @@ pub struct Encoding {
 }
 
 impl Encoding {
-    pub fn new(codec: Codec, rate: Rate, mut picture: Picture) -> Self {
-        let format = picture.info.as_ref().and_then(|info| nearest_format(codec, info));
+    pub fn new(encoder: Encoder, mut picture: Picture) -> Self {
+        let codec = encoder.codec;
+        let format = picture.info.as_ref().and_then(|info| nearest_format(&encoder, info, picture.is_opaque));
         let is_rgb = picture.info.as_ref().is_some_and(|info| info.format_info().is_rgb());
         if is_rgb && format.is_some_and(|format| VideoFormatInfo::from_format(format).is_yuv()) {
             picture.colour.matrix = BT709;
@@ -42,7 +109,7 @@ impl Encoding {
         if narrowed.is_some() {
             picture.colour.full_range = Some(false);
         }
-        Self { codec, rate, picture, format, is_rgb, narrowed }
+        Self { codec, encoder, picture, format, is_rgb, narrowed }
     }
 
     /// Of frames that have been drawn over as RGB, of a clip that is YUV.
@@ -52,8 +119,17 @@ impl Encoding {
 
     /// Raw video → the encoded stream; the encoder is called `encoder`.
     pub fn description(&self) -> String {
-        // GStreamer 1.22 passes over a change of range alone, but not over one to and from RGB.
-        let range = if self.narrowed.is_some() { "videoconvert ! video/x-raw,format=ARGB64 ! " } else { "" };
+        // GStreamer 1.22 passes over a change of range alone, but not over one to and from RGB; and its short way from YUV to RGB of 8 bits
+        // is off by up to five steps of 255.
+        let is_image_of_yuv = self.codec == Codec::Png && !self.is_rgb;
+        let by_way_of = match self.narrowed {
+            Some(_) => Some("ARGB64"),
+            None if is_image_of_yuv && self.has_alpha() => Some("AYUV64"),
+            None => is_image_of_yuv.then_some("Y444_16LE"),
+        };
+        let detour = by_way_of.map(|format| format!("videoconvert ! video/x-raw,format={format} ! "));
+        let (detour, dither) =
+            (detour.unwrap_or_default(), if is_image_of_yuv { " dither=none" } else { "" });
         let mut raw = String::from("video/x-raw");
         if let Some(format) = self.format {
             raw += &format!(",format={}", format.to_str());
@@ -65,8 +141,8 @@ impl Encoding {
         }
         let parser = self.codec.parser().map(|parser| format!(" ! {parser} name=parser"));
         format!(
-            "{range}videoconvert ! {raw} ! {} name=encoder{}",
-            self.codec.encoder(),
+            "{detour}videoconvert{dither} ! {raw} ! {} name=encoder{}",
+            self.encoder.element,
             parser.unwrap_or_default()
         )
     }
@@ -74,17 +150,32 @@ impl Encoding {
     /// Has decoded frames that come to a pad state their true colours where they are to be converted: their caps may have them from the
     /// file.
     pub fn label(&self, frames: &gst::Pad) {
-        let Some(colours) = self.narrowed.as_ref().map(|colours| colours.to_string()) else { return };
+        // Of images, RGB is made by them.
+        let of_images = self.picture.colorimetry().filter(|_| self.codec == Codec::Png && !self.is_rgb);
+        let Some(colours) = self.narrowed.or(of_images).map(|colours| colours.to_string()) else {
+            return;
+        };
         self.on_caps(frames, move |_, caps| caps.set("colorimetry", &colours));
     }
 
     /// Sets the encoder up that was made by the description.
     pub fn configure(&self, bin: &impl IsA<gst::Bin>) -> Result<()> {
         let encoder = named(bin, "encoder")?;
-        self.codec.configure(&encoder, self.rate);
+        if self.encoder.is_hardware {
+            if !hardware::configure(&encoder, self.codec, self.encoder.rate) {
+                let name = &self.encoder.element;
+                gst::element_warning!(
+                    encoder,
+                    gst::LibraryError::Settings,
+                    ("{name} cannot be set to this quality or bit rate: it goes by its own")
+                );
+            }
+        } else {
+            self.codec.configure(&encoder, self.encoder.rate, self.encoder.preset);
+        }
         let options = match self.codec {
-            Codec::H264 => tags::x264(&self.picture),
-            Codec::Hevc => tags::x265(&self.picture),
+            Codec::H264 if !self.encoder.is_hardware => tags::x264(&self.picture),
+            Codec::Hevc if !self.encoder.is_hardware => tags::x265(&self.picture),
             _ => String::new(),
         };
         if !options.is_empty() {
@@ -92,7 +183,7 @@ impl Encoding {
             let all = own.map_or(options.clone(), |own| format!("{own}:{options}"));
             encoder.set_property("option-string", all);
         }
-        if self.codec == Codec::H264 {
+        if self.codec == Codec::H264 && !self.encoder.is_hardware {
             // Else what GStreamer makes of the caps wins over the options, and that is a guess where they state nothing.
             encoder.set_property("insert-vui", false);
         }
@@ -150,54 +241,100 @@ impl Encoding {
         mode.is_some_and(|mode| mode != gst_video::VideoInterlaceMode::Progressive)
     }
 
+    /// What encodes.
+    pub fn encoder(&self) -> &Encoder {
+        &self.encoder
+    }
+
+    /// The codec.
+    pub fn codec(&self) -> Codec {
+        self.codec
+    }
+
     /// What the encoded pictures stand for.
     pub fn colour(&self) -> Colour {
         self.picture.colour
     }
 
-    /// What of the pictures the stream does not keep, each in a sentence.
-    pub fn losses(&self) -> Vec<String> {
+    /// The first of the bits, colours, transparency and fields that the stream does not keep, in a sentence.
+    pub fn lost_samples(&self) -> Option<String> {
+        self.losses().into_iter().find(|(is_of_samples, _)| *is_of_samples).map(|(_, loss)| loss)
+    }
+
+    /// By how many packets the decoder of the clip waits.
+    pub fn delay(&self) -> usize {
+        self.picture.delay
+    }
+
+    /// Whether the clip has transparency.
+    pub fn has_alpha(&self) -> bool {
+        let has_alpha = self.picture.info.as_ref().is_some_and(|info| info.format_info().has_alpha());
+        has_alpha && !self.picture.is_opaque
+    }
+
+    /// What of the pictures the stream does not keep, each in a sentence; whether samples or fields are lost by it.
+    pub fn losses(&self) -> Vec<(bool, String)> {
         let (Some(info), Some(format)) = (&self.picture.info, self.format) else { return Vec::new() };
         let (clip, coded) = (info.format_info(), VideoFormatInfo::from_format(format));
         let codec = self.codec;
         let mut losses = Vec::new();
         if bits(&coded) < bits(&clip) {
             let (clip, coded) = (bits(&clip), bits(&coded));
-            losses.push(format!(
+            let loss = format!(
                 "the {codec} encoder takes {coded} bits, the clip has {clip}; another --codec keeps them"
-            ));
+            );
+            losses.push((true, loss));
         }
         if lost_chroma(&clip, &coded) > 0 {
-            losses.push(format!("the {codec} encoder has less resolution of colour than the clip"));
+            let loss = format!("the {codec} encoder has less resolution of colour than the clip");
+            losses.push((true, loss));
         } else if coded.is_yuv() && !clip.is_gray() && chroma(&coded) != chroma(&clip) && is_strict(codec) {
             let why = match !is_whole(&clip, info) {
                 true => format!(" for pictures of {} x {} pixels", info.width(), info.height()),
                 false => String::new(),
             };
-            losses.push(format!(
-                "{codec} cannot hold the clip's resolution of colour{why}: it is raised to {}",
-                match chroma(&coded) {
-                    [0, 0] => "4:4:4",
-                    [1, 0] => "4:2:2",
-                    _ => "4:2:0",
-                }
-            ));
+            let raised = match chroma(&coded) {
+                [0, 0] => "4:4:4",
+                [1, 0] => "4:2:2",
+                _ => "4:2:0",
+            };
+            let loss =
+                format!("{codec} cannot hold the clip's resolution of colour{why}: it is raised to {raised}");
+            losses.push((false, loss));
         }
         if clip.is_rgb() && coded.is_yuv() {
-            losses
-                .push(format!("the {codec} encoder takes no RGB: the clip's pictures are converted to YUV"));
+            let loss = format!("the {codec} encoder takes no RGB: the clip's pictures are converted to YUV");
+            losses.push((false, loss));
         }
-        if clip.has_alpha() && !coded.has_alpha() {
-            losses.push(format!("{codec} has no transparency: that of the clip is left out"));
+        if self.has_alpha() && !coded.has_alpha() {
+            losses.push((true, format!("{codec} has no transparency: that of the clip is left out")));
         }
         if self.narrowed.is_some() {
-            losses.push(format!("{codec} has limited range only: the clip's full range is converted to it"));
+            let loss = format!("{codec} has limited range only: the clip's full range is converted to it");
+            losses.push((false, loss));
         }
-        if self.is_interlaced() && matches!(codec, Codec::Hevc | Codec::Av1) {
-            losses
-                .push(format!("the {codec} encoder cannot mark the clip's fields; --codec h264 keeps them"));
+        if self.is_interlaced() && matches!(codec, Codec::Hevc | Codec::Av1 | Codec::Png) {
+            let loss = format!("the {codec} encoder cannot mark the clip's fields; --codec h264 keeps them");
+            losses.push((true, loss));
         }
+        losses.extend(self.lost_statements().map(|loss| (false, loss)));
         losses
+    }
+
+    /// That what holds frames only does not state what they stand for, where that is not what is usual.
+    fn lost_statements(&self) -> Option<String> {
+        let colour = self.picture.colour;
+        let is_lit = self.picture.mastering_display.is_some() || self.picture.light_level.is_some();
+        let (what, is_stated) = match self.codec {
+            Codec::Raw => ("Y4M files state no primaries, transfer and matrix", !colour.is_untagged()),
+            // Programs take images for sRGB, which BT.709 comes close to.
+            Codec::Png => (
+                "PNG images state no primaries and transfer here",
+                !matches!(colour.primaries, 1 | 2) || !matches!(colour.transfer, 1 | 2 | 6 | 13),
+            ),
+            _ => return None,
+        };
+        (is_stated || is_lit).then(|| format!("{what}: those of the clip are left out"))
     }
 }
 
@@ -250,24 +387,16 @@ fn storage(format: &VideoFormatInfo) -> u32 {
 }
 
 /// Of the formats that an encoder takes, the one that loses least of the clip's and then adds least to it.
-fn nearest_format(codec: Codec, info: &VideoInfo) -> Option<VideoFormat> {
-    let factory = gst::ElementFactory::find(codec.encoder())?;
-    let mut templates = factory.static_pad_templates().into_iter();
-    let template = templates.find(|template| template.direction() == gst::PadDirection::Sink)?.caps();
-    let taken = template.structure(0)?.value("format").ok()?;
-    let names = match taken.get::<gst::List>() {
-        Ok(list) => list.iter().filter_map(|name| name.get::<String>().ok()).collect(),
-        Err(_) => vec![taken.get::<String>().ok()?],
-    };
+fn nearest_format(encoder: &Encoder, info: &VideoInfo, is_opaque: bool) -> Option<VideoFormat> {
+    let codec = encoder.codec;
     let clip = info.format_info();
-    let formats = names.iter().map(|name| VideoFormat::from_string(name));
-    let formats = formats.filter(|format| *format != VideoFormat::Unknown).map(VideoFormatInfo::from_format);
+    let formats = encoder.formats().into_iter().map(VideoFormatInfo::from_format);
     let formats = formats.filter(|format| !is_strict(codec) || is_whole(format, info));
     let nearest = formats.min_by_key(|format| {
         (
             bits(&clip).saturating_sub(bits(format)),
             lost_chroma(&clip, format),
-            clip.has_alpha() && !format.has_alpha(),
+            clip.has_alpha() && !is_opaque && !format.has_alpha(),
             clip.is_rgb() != format.is_rgb(),
             storage(format),
         )

@@ -1,18 +1,28 @@
 //! The files that the program writes: their names, how video in them is encoded, and that none is left half.
 
 mod av1;
+mod checks;
+pub mod choice;
 pub mod codec;
+pub mod container;
 pub mod encoder;
 pub mod encoding;
+mod frames;
+mod hardware;
 mod prores;
 mod tags;
+mod target;
 mod unfinished;
 mod verify;
 
+pub use checks::{check, check_writable};
+pub use frames::FrameWriter;
+pub use target::Target;
 pub use unfinished::Unfinished;
 pub use verify::verify;
 
-use anyhow::{Context, Result, bail};
+use crate::input::Clip;
+use anyhow::{Context, Result};
 use std::path::{Path, PathBuf};
 
 /// Whether what `--output` names is a folder: one that is there, or a name that ends in a slash.
@@ -31,10 +41,10 @@ pub fn beside(clip: &Path, folder: Option<&Path>, ending: &str) -> Result<PathBu
 }
 
 /// The file that a command writes for one clip: `output`, or one in it if that is a folder, else beside the clip.
-pub fn of_one(clip: &Path, output: Option<&Path>, ending: &str) -> Result<PathBuf> {
+pub fn of_one(clip: &Clip, output: Option<&Path>, ending: &str) -> Result<PathBuf> {
     match output {
         Some(file) if !is_folder(file) => Ok(file.to_owned()),
-        folder => beside(clip, folder, ending),
+        folder => beside(&clip.namesake()?, folder, ending),
     }
 }
 
@@ -46,34 +56,4 @@ pub fn make_folder(file: &Path, output: Option<&Path>) -> Result<()> {
         }
         None => Ok(()),
     }
-}
-
-/// Refuses a file that cannot be written, before any work is done for it; `file` is where it is written to.
-pub fn check_writable(file: &Path) -> Result<()> {
-    let about = std::fs::metadata(file).ok();
-    if about.as_ref().is_some_and(|about| !about.is_file() && !about.is_dir()) {
-        // Who reads a pipe would take this for its end.
-        return Ok(());
-    }
-    let opened = std::fs::File::options().append(true).create(true).open(file);
-    opened.with_context(|| format!("cannot write {}", file.display()))?;
-    if about.is_none() {
-        std::fs::remove_file(file).with_context(|| format!("cannot write {}", file.display()))?;
-    }
-    Ok(())
-}
-
-/// Refuses to write over what should stay.
-pub fn check(input: &Path, output: &Path, overwrite: bool) -> Result<()> {
-    let same = |output: PathBuf| input.canonicalize().is_ok_and(|input| input == output);
-    if output.canonicalize().is_ok_and(same) {
-        bail!("the output is the same file");
-    }
-    if output.is_dir() {
-        bail!("{} is a folder", output.display());
-    }
-    if output.exists() && !overwrite {
-        bail!("{} is there already; --overwrite replaces it", output.display());
-    }
-    Ok(())
 }

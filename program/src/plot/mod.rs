@@ -7,6 +7,7 @@ pub mod series;
 use crate::analysis::{Analysis, Frame};
 use crate::clips;
 use crate::drawing::Renderer;
+use crate::input::{Clip, InputOptions};
 use crate::interruption::Interruption;
 use crate::output::{self, Unfinished};
 use crate::progress;
@@ -29,8 +30,10 @@ const PNG_SCALE: f32 = 2.0;
 #[derive(Args, Debug)]
 #[command(mut_arg("readout_time", |argument| argument.help(READOUT_TIME)))]
 pub struct PlotOptions {
-    /// The clip.
+    /// The clip: a file, numbered images such as frames/%06d.png or their folder, or - for the standard input.
     pub clip: PathBuf,
+    #[command(flatten)]
+    pub input: InputOptions,
     /// The file to write, .svg or .png, or its folder; without it the figure goes beside the clip, its name ending in
     /// -motion.svg.
     #[arg(long, short, value_name = "FILE|FOLDER")]
@@ -62,20 +65,27 @@ impl Kind {
 
 /// Draws the figure of the clip; `false` where that fails for its sake.
 pub fn run(options: &PlotOptions, interruption: &Interruption) -> Result<bool> {
-    let file = output::of_one(&options.clip, options.output.as_deref(), ENDING)?;
+    let clip = Clip::named(&options.clip, &options.input, interruption)?;
+    let file = output::of_one(&clip, options.output.as_deref(), ENDING)?;
     let kind = Kind::of(&file).context("--output must end in .svg or .png")?;
-    clips::finish(&options.clip, plot(options, &file, kind, interruption), interruption)
+    clips::finish(&clip, plot(options, &clip, &file, kind, interruption), interruption)
 }
 
-fn plot(options: &PlotOptions, file: &Path, kind: Kind, interruption: &Interruption) -> Result<()> {
-    clips::check(&options.clip)?;
-    output::check(&options.clip, file, options.overwrite)?;
+fn plot(
+    options: &PlotOptions,
+    clip: &Clip,
+    file: &Path,
+    kind: Kind,
+    interruption: &Interruption,
+) -> Result<()> {
+    clip.begin()?;
+    output::check(clip.path(), file, options.overwrite)?;
     output::make_folder(file, options.output.as_deref())?;
     let unfinished = Unfinished::beside(file);
     output::check_writable(unfinished.path())?;
-    let mut analysis = Analysis::open(&options.clip, options.analysis.settings(), interruption)?;
+    let mut analysis = Analysis::open(clip, options.analysis.settings(), interruption)?;
     if options.analysis.wants_readout() {
-        let camera = options.analysis.camera.of(&options.clip)?;
+        let camera = options.analysis.camera.of(clip.path())?;
         readout::expect(&mut analysis, camera.as_ref())?;
     }
     let bar = progress::spinner()?;
@@ -92,8 +102,7 @@ fn plot(options: &PlotOptions, file: &Path, kind: Kind, interruption: &Interrupt
     if points.is_empty() {
         bail!("there are too few frames to plot");
     }
-    let name = options.clip.file_name().map(|name| name.to_string_lossy()).unwrap_or_default();
-    let svg = figure::draw(&name, &points)?;
+    let svg = figure::draw(&clip.name(), &points)?;
     let content = match kind {
         Kind::Svg => svg.into_bytes(),
         Kind::Png => Renderer::new().png(&svg, PNG_SCALE)?,

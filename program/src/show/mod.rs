@@ -9,10 +9,11 @@ mod writer;
 use crate::analysis::{Analysis, Frame};
 use crate::clips;
 use crate::drawing::Renderer;
+use crate::input::{Clip, InputOptions};
 use crate::interruption::Interruption;
-use crate::output::codec::Container;
+use crate::output::container::Container;
 use crate::output::encoding::EncodingOptions;
-use crate::output::{self, Unfinished};
+use crate::output::{self, Unfinished, choice};
 use crate::picture::Picture;
 use crate::progress;
 use crate::readout;
@@ -26,8 +27,10 @@ use writer::Writer;
 /// What the user may ask of `show`.
 #[derive(Args, Debug)]
 pub struct ShowOptions {
-    /// The clip.
+    /// The clip: a file, numbered images such as frames/%06d.png or their folder, or - for the standard input.
     pub clip: PathBuf,
+    #[command(flatten)]
+    pub input: InputOptions,
     /// The file to write, or its folder; without it the video goes beside the clip, its name ending in -shown.
     #[arg(long, short, value_name = "FILE|FOLDER")]
     pub output: Option<PathBuf>,
@@ -52,39 +55,50 @@ fn factor(text: &str) -> Result<f64, String> {
 
 /// Draws over the clip; `false` where that fails for its sake.
 pub fn run(options: &ShowOptions, interruption: &Interruption) -> Result<bool> {
-    let (clip, output) = (&options.clip, options.output.as_deref());
+    let clip = Clip::named(&options.clip, &options.input, interruption)?;
+    let output = options.output.as_deref();
     if let Some(folder) = &options.html {
-        let written = page::write(clip, folder, options.overwrite, &options.analysis, interruption);
-        return clips::finish(clip, written, interruption);
+        let written = page::write(&clip, folder, options.overwrite, &options.analysis, interruption);
+        return clips::finish(&clip, written, interruption);
     }
     let named = output.filter(|output| !output::is_folder(output));
-    let container = options.encoding.container(clip, named)?;
+    let container = options.encoding.container(&clip, named)?;
+    let container = if named.is_none() && container.is_of_frames_only() { Container::Mkv } else { container };
     let ending = format!("{}.{}", clips::SHOWN, container.extension());
-    let file = output::of_one(clip, output, &ending)?;
-    clips::finish(clip, show(options, &file, container, interruption), interruption)
+    let file = output::of_one(&clip, output, &ending)?;
+    clips::finish(&clip, show(options, &clip, &file, container, interruption), interruption)
 }
 
-fn show(options: &ShowOptions, file: &Path, container: Container, interruption: &Interruption) -> Result<()> {
-    clips::check(&options.clip)?;
-    output::check(&options.clip, file, options.overwrite)?;
-    options.encoding.codec.check(container, options.encoding.rate())?;
+fn show(
+    options: &ShowOptions,
+    clip: &Clip,
+    file: &Path,
+    container: Container,
+    interruption: &Interruption,
+) -> Result<()> {
+    clip.begin()?;
+    output::check(clip.path(), file, options.overwrite)?;
+    options.encoding.check(container)?;
+    let Some(muxer) = container.muxer() else { bail!("what is shown is written as MP4, MOV or MKV") };
     output::make_folder(file, options.output.as_deref())?;
     let unfinished = Unfinished::beside(file);
     output::check_writable(unfinished.path())?;
+    let picture = Picture::of(clip)?;
+    let chosen = choice::choose(&options.encoding, &picture, container)?;
     let mut told = options.analysis.clone();
-    let found = readout::find_first(&options.clip, &mut told, interruption)?;
+    let found = if clip.is_pipe() { None } else { readout::find_first(clip, &mut told, interruption)? };
     let found = found.filter(|found| found.doubt().is_none());
     let mut settings = told.settings();
     settings.keep_correspondences = true;
-    let mut analysis = Analysis::open(&options.clip, settings, interruption)?;
+    let mut analysis = Analysis::open(clip, settings, interruption)?;
     analysis.keep_pictures();
     let period = analysis.period().map(|period| 1e3 * period);
     let found = found.map(|found| found.estimate());
     let overlay = Overlay::new(analysis.size(), options.magnify, found, period);
     let renderer = Renderer::new();
 
-    let picture = Picture::of(&options.clip)?;
-    let mut writer = Writer::new(analysis.info(), picture, &options.encoding, container, unfinished.path())?;
+    let mut writer =
+        Writer::new(analysis.info(), picture, chosen.encoding.encoder(), muxer, unfinished.path())?;
     let bar = progress::spinner()?;
     let mut frames = 0u64;
     analysis.run(None, interruption, &mut |frame: Frame| {

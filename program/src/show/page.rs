@@ -1,8 +1,8 @@
 //! A page of a clip for browsers: before and after under a slider, and its motion over time.
 
 use super::videos;
-use crate::clips;
 use crate::damage::{self, Complaints};
+use crate::input::Clip;
 use crate::interruption::Interruption;
 use crate::messages::RESULT;
 use crate::output::{self, Unfinished};
@@ -50,14 +50,15 @@ impl Drop for RemovedIfEmpty<'_> {
 
 /// Writes the page of a clip, and its videos, into a folder.
 pub fn write(
-    clip: &Path,
+    clip: &Clip,
     folder: &Path,
     is_overwritten: bool,
     analysis: &AnalysisOptions,
     interruption: &Interruption,
 ) -> Result<()> {
     let started = Instant::now();
-    clips::check(clip)?;
+    clip.only_file("show --html")?;
+    clip.begin()?;
     let is_empty = |folder: &Path| std::fs::read_dir(folder).is_ok_and(|mut files| files.next().is_none());
     if folder.exists() && !is_overwritten && !is_empty(folder) {
         bail!("{} is there already; --overwrite replaces a page in it", folder.display());
@@ -68,7 +69,7 @@ pub fn write(
     let page = folder.join(PAGE);
     let files = VIDEOS.map(|name| folder.join(name));
     for file in files.iter().chain([&page]) {
-        output::check(clip, file, is_overwritten)?;
+        output::check(clip.path(), file, is_overwritten)?;
     }
     let unfinished = [&files[0], &files[1], &page].map(|file| Unfinished::beside(file));
     for file in &unfinished {
@@ -87,8 +88,7 @@ pub fn write(
         Source::Given
     };
     let summary = Summary::new(&written.tally, &source, written.frames, started.elapsed(), 1.0);
-    let name = clip.file_name().map(|name| name.to_string_lossy()).unwrap_or_default();
-    let html = html(&name, written.series.points(Some(summary.period)), &summary, found.as_ref())?;
+    let html = html(&clip.name(), written.series.points(Some(summary.period)), &summary, found.as_ref())?;
     std::fs::write(unfinished[2].path(), html).with_context(|| format!("cannot write {}", page.display()))?;
     for (unfinished, file) in unfinished.iter().zip([&files[0], &files[1], &page]) {
         unfinished.finish(file)?;

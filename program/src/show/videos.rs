@@ -1,7 +1,7 @@
 //! A clip → two videos that browsers play: as it was recorded, and rectified.
 
-use crate::decoder;
 use crate::elements::{NO_VIDEO, hold_for_twins, launch, named, pad};
+use crate::input::{Clip, Opening};
 use crate::interruption::Interruption;
 use crate::picture::Picture;
 use crate::playback;
@@ -31,7 +31,7 @@ pub struct Written {
 
 /// Writes both videos, without audio, upright, with all frames at their times.
 pub fn write(
-    clip: &Path,
+    clip: &Clip,
     analysis: &AnalysisOptions,
     [before, after]: [&Path; 2],
     interruption: &Interruption,
@@ -57,7 +57,7 @@ pub fn write(
         named(&pipeline, name)?.set_property("location", file);
     }
     let frames = named(&pipeline, "frames")?;
-    decoder::read_video(&pipeline, clip, &pad(&frames, "sink")?)?;
+    clip.read_video(&pipeline, Opening::Whole, &pad(&frames, "sink")?)?;
     let straightened = times::straighten(&pad(&frames, "src")?);
     times::mend(&pipeline, picture.delay);
     let rectifier = named(&pipeline, "rectifier")?;

@@ -2,9 +2,7 @@
 
 use crate::elements::{launch, named};
 use crate::interruption::Interruption;
-use crate::output::codec::Container;
-use crate::output::encoder::Encoding;
-use crate::output::encoding::EncodingOptions;
+use crate::output::encoder::{Encoder, Encoding};
 use crate::picture::Picture;
 use crate::playback::{Event, Playback};
 use anyhow::{Context, Result, anyhow};
@@ -32,8 +30,8 @@ impl Writer {
     pub fn new(
         info: &gst_video::VideoInfo,
         mut picture: Picture,
-        encoding: &EncodingOptions,
-        container: Container,
+        encoder: &Encoder,
+        muxer: &str,
         file: &Path,
     ) -> Result<Self> {
         picture.info = Some(info.clone());
@@ -43,8 +41,8 @@ impl Writer {
             info = info.colorimetry(colorimetry);
         }
         let info = info.build()?;
-        let encoding = Encoding::new(encoding.codec, encoding.rate(), picture).of_rgb();
-        let (encoder, muxer) = (encoding.description(), container.muxer());
+        let encoding = Encoding::new(encoder.clone(), picture).of_rgb();
+        let encoder = encoding.description();
         let pipeline =
             launch(&format!("appsrc name=source format=time ! {encoder} ! {muxer} ! filesink name=file"))?;
         named(&pipeline, "file")?.set_property("location", file);

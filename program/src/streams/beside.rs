@@ -11,7 +11,7 @@ use crate::colour::Colour;
 use crate::elements::{self, make, named};
 use crate::interruption::Interruption;
 use crate::isobmff::{Assembly, EncodedVideo, Film, Track};
-use crate::output::codec::Container;
+use crate::output::container::Container;
 use anyhow::{Context, Result, anyhow};
 use gst::prelude::*;
 use std::path::{Path, PathBuf};
@@ -47,7 +47,7 @@ impl Beside {
         let container = Some(destination.container).filter(|container| container.is_isobmff())?;
         let film = Film::read(clip);
         let film = film.and_then(|film| film.main_video().map(|track| (film, track)));
-        let side = Side { path: destination.output.with_extension("side"), ..Side::default() };
+        let side = Side { path: destination.output?.with_extension("side"), ..Side::default() };
         let (audio, excerpt) = (destination.audio, destination.excerpt.clone());
         Some(Self { container, audio, excerpt, film, timecode, side: Arc::new(Mutex::new(side)) })
     }
@@ -94,7 +94,7 @@ impl Beside {
     pub fn link(&self, pipeline: &gst::Pipeline, branch: &gst::Bin, muxer_pad: &str) -> Result<()> {
         let mut side = self.side.lock().unwrap_or_else(PoisonError::into_inner);
         if side.muxer.is_none() {
-            let (muxer, sink) = (make(self.container.muxer())?, make("filesink")?);
+            let (muxer, sink) = (make(self.container.muxer().context("no muxer")?)?, make("filesink")?);
             sink.set_property("location", &side.path);
             // Not waited for at the start: sparse subtitles may come late.
             sink.set_property("async", false);

@@ -2,13 +2,14 @@
 
 use super::excerpt::Excerpt;
 use super::routes::Audio;
-use crate::output::codec::Container;
+use crate::output::container::Container;
 use std::path::Path;
 use std::sync::Arc;
 
 /// Where the streams of a clip go.
 pub struct Destination<'a> {
-    pub output: &'a Path,
+    /// The file; `None` for the standard output.
+    pub output: Option<&'a Path>,
     pub container: Container,
     /// What becomes of the audio.
     pub audio: Audio,

@@ -8,7 +8,7 @@ use super::routes::{Audio, Kind, Route, beside_video, is_copied, route};
 use crate::elements::{self, NO_VIDEO, comes_from, named, parse};
 use crate::isobmff::Film;
 use crate::matroska::{self, Delays};
-use crate::output::codec::Container;
+use crate::output::container::Container;
 use anyhow::{Context, Result, anyhow, bail};
 use gst::glib;
 use gst::prelude::*;
@@ -24,6 +24,8 @@ pub(super) enum Muxer {
     Whole(gst::Element),
     /// This program takes the video, and what lies beside it.
     Boxes(Beside),
+    /// There is nothing to put together: this program takes the video, and the other streams are left out.
+    Nothing,
 }
 
 /// Links what the decoder finds to the muxer.
@@ -57,7 +59,9 @@ impl Linker {
         // Subtitles that are pictures are no video.
         let is_picture = caps.structure(0).is_some_and(|format| format.name().starts_with("subpicture/"));
         let is_beside = is_demuxed && self.beside_video(pad, caps).is_some();
-        let is_unwanted = is_demuxed && self.audio == Audio::None && Kind::of(caps) == Kind::Audio;
+        let is_left_out = matches!(self.muxer, Muxer::Nothing) && Kind::of(caps) != Kind::Video;
+        let is_silenced = self.audio == Audio::None && Kind::of(caps) == Kind::Audio;
+        let is_unwanted = is_demuxed && (is_left_out || is_silenced);
         !is_dropped
             && !is_track
             && !is_picture
@@ -148,6 +152,7 @@ impl Linker {
         match &self.muxer {
             Muxer::Boxes(beside) => beside.note_date(created),
             Muxer::Whole(muxer) => set_date(muxer, created.to_g_date_time().ok()),
+            Muxer::Nothing => {}
         }
     }
 
@@ -183,6 +188,7 @@ impl Linker {
         let is_pcm = stored.structure(0).is_some_and(|format| format.has_name("audio/x-raw"));
         let route = match beside_video {
             Some(branch) => Route::Copied(branch),
+            None if matches!(self.muxer, Muxer::Nothing) => Route::LeftOut,
             None => route(self.container, self.audio, &caps, is_pcm),
         };
         let branch = match route {
@@ -319,7 +325,8 @@ impl Linker {
         pipeline.add(branch)?;
         match &self.muxer {
             Muxer::Whole(muxer) => branch.link_pads(Some("src"), muxer, Some(kind.muxer_pad()))?,
-            Muxer::Boxes(_) if branch.static_pad("src").is_none() => {}
+            Muxer::Boxes(_) | Muxer::Nothing if branch.static_pad("src").is_none() => {}
+            Muxer::Nothing => bail!("a stream has nowhere to go"),
             Muxer::Boxes(beside) => beside.link(&pipeline, branch, kind.muxer_pad())?,
         }
         if !branch.is_locked_state() {

@@ -5,12 +5,12 @@ use super::destination::{Destination, Video};
 use super::linker::{Linker, Muxer, set_date};
 use super::timecode::Timecode;
 use super::{early, label, programs, unheld};
-use crate::decoder;
 use crate::elements::make;
+use crate::input::{Clip, Opening};
 use crate::interruption::Interruption;
 use crate::isobmff::{EncodedVideo, Film};
 use crate::matroska::{self, Delays};
-use anyhow::{Result, bail};
+use anyhow::{Context, Result, bail};
 use gst::glib;
 use gst::prelude::*;
 use std::path::Path;
@@ -28,26 +28,33 @@ impl Remux {
     /// file turn frames as those of the clip do, so that they must not be turned before, and by how much they come later than in the
     /// clip, which is known when the first has come.
     pub fn new(
-        clip: &Path,
+        clip: &Clip,
         destination: Destination<'_>,
         video: impl FnOnce(bool, &early::Later) -> Result<Video>,
     ) -> Result<Self> {
         let pipeline = gst::Pipeline::new();
-        let decoder = decoder::add(&pipeline, clip)?;
+        let beginning = clip.beginning();
+        let decoder = clip.open(&pipeline, Opening::Whole)?;
+        let is_matroska = clip.is_matroska();
+        let clip = clip.path();
         let first_frame = destination.excerpt.as_ref().map_or(0, |excerpt| excerpt.frames().start);
         let timecode = Timecode::of(clip).and_then(|timecode| timecode.after(first_frame));
         let muxer = match Beside::of(clip, &destination, timecode) {
             Some(beside) => Muxer::Boxes(beside),
+            None if destination.container.is_of_frames_only() => {
+                warn_of_timecode(&pipeline, &destination, timecode);
+                Muxer::Nothing
+            }
             None => Muxer::Whole(Self::muxer(clip, &pipeline, &destination, timecode)?),
         };
         let mut losses = match &muxer {
             Muxer::Boxes(beside) => beside.losses(),
-            Muxer::Whole(_) => Film::read(clip)
+            Muxer::Whole(_) | Muxer::Nothing => Film::read(clip)
                 .filter(|_| destination.excerpt.is_none())
                 .map_or_else(Vec::new, |film| unheld::of(&film, destination.container, |_| false)),
         };
         if destination.excerpt.is_none() {
-            losses.extend(matroska::losses(clip));
+            losses.extend(matroska::losses(&beginning));
         }
         for loss in losses {
             gst::element_warning!(pipeline, gst::StreamError::Format, ("{loss}"));
@@ -63,11 +70,12 @@ impl Remux {
                     Box::new(move || muxer.set_property("offset-to-zero", true))
                 }
                 Muxer::Boxes(beside) => beside.begin_at_zero(),
+                Muxer::Nothing => Box::new(|| {}),
             };
             early::keep(&pipeline, &later, begin_at_zero);
         }
         let (has_video, stored) = (AtomicBool::new(false), Mutex::default());
-        let (is_matroska, delays) = (matroska::is_matroska(clip), Delays::of(clip));
+        let delays = Delays::of(&beginning);
         let owner = pipeline.downgrade();
         let linker = Linker {
             pipeline: owner,
@@ -103,8 +111,21 @@ impl Remux {
         timecode: Option<Timecode>,
     ) -> Result<gst::Element> {
         let Destination { output, container, excerpt, .. } = destination;
-        let (muxer, sink) = (make(container.muxer())?, make("filesink")?);
-        sink.set_property("location", output);
+        let muxer = make(container.muxer().context("no muxer")?)?;
+        let sink = match output {
+            Some(file) => {
+                let sink = make("filesink")?;
+                sink.set_property("location", file);
+                sink
+            }
+            None => {
+                let sink = make("fdsink")?;
+                // The standard output, in which it cannot go back to write down how long the clip is.
+                sink.set_property("fd", 1i32);
+                muxer.set_property("streamable", true);
+                sink
+            }
+        };
         pipeline.add_many([&muxer, &sink])?;
         muxer.link(&sink)?;
         if let Some((excerpt, tags)) = excerpt.as_ref().zip(muxer.dynamic_cast_ref::<gst::TagSetter>()) {
@@ -113,13 +134,7 @@ impl Remux {
         }
         let created = Film::read(clip).and_then(|film| film.created());
         set_date(&muxer, created.and_then(|created| glib::DateTime::from_unix_utc(created).ok()));
-        if let Some(timecode) = timecode.and_then(Timecode::to_gst) {
-            gst::element_warning!(
-                pipeline,
-                gst::StreamError::Format,
-                ("the timecode, from {timecode} on, is left out: it cannot go into {container} files")
-            );
-        }
+        warn_of_timecode(pipeline, destination, timecode);
         Ok(muxer)
     }
 
@@ -134,7 +149,7 @@ impl Remux {
     ) -> Result<()> {
         match &self.linker.muxer {
             Muxer::Boxes(beside) => beside.write(video, is_turned, output, interruption),
-            Muxer::Whole(_) => bail!("the muxer writes the file"),
+            Muxer::Whole(_) | Muxer::Nothing => bail!("the pipeline writes the file"),
         }
     }
 
@@ -143,5 +158,17 @@ impl Remux {
         let Some(excerpt) = &self.linker.excerpt else { return Ok(()) };
         excerpt.release(|pad| self.linker.link(pad))?;
         self.linker.check()
+    }
+}
+
+/// Warns that a timecode is left out, where there is one.
+fn warn_of_timecode(pipeline: &gst::Pipeline, destination: &Destination<'_>, timecode: Option<Timecode>) {
+    let container = destination.container;
+    if let Some(timecode) = timecode.and_then(Timecode::to_gst) {
+        gst::element_warning!(
+            pipeline,
+            gst::StreamError::Format,
+            ("the timecode, from {timecode} on, is left out: it cannot go into {container} files")
+        );
     }
 }

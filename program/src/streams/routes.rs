@@ -1,6 +1,6 @@
 //! The way of each stream from the decoder to the muxer.
 
-use crate::output::codec::Container;
+use crate::output::container::Container;
 use clap::ValueEnum;
 
 /// The encoder holds back dozens of frames; audio that waits for them must not fill its queue,

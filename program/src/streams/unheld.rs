@@ -2,7 +2,7 @@
 
 use crate::boxes::{child, children};
 use crate::isobmff::{Film, Track};
-use crate::output::codec::Container;
+use crate::output::container::Container;
 
 /// Kinds of tracks that the demuxer gives out, or that are named or of no use elsewhere: timecode, and hints to streaming and
 /// the other systems of MPEG-4, which describe samples that are replaced.

@@ -7,6 +7,7 @@ mod velocity;
 
 use crate::analysis::{Analysis, Frame};
 use crate::clips;
+use crate::input::{Clip, InputOptions};
 use crate::interruption::Interruption;
 use crate::output;
 use crate::progress;
@@ -26,11 +27,15 @@ use table::{FRAME_HEADER, FrameRow, LINE_HEADER, LineRow};
 /// about both axes across the view.
 const FOCAL_SURE: f64 = 0.1;
 
+const ADVICE: &str = "give --focal-length in frame widths: 0.5 / tan(half the field of view across)";
+
 /// What the user may ask of `track`.
 #[derive(Args, Debug)]
 pub struct TrackOptions {
-    /// The clip.
+    /// The clip: a file, numbered images such as frames/%06d.png or their folder, or - for the standard input.
     pub clip: PathBuf,
+    #[command(flatten)]
+    pub input: InputOptions,
     /// Writes a line of CSV for each frame; this on the standard output is what is done without any of these options.
     #[arg(long, value_name = "FILE")]
     pub csv: Option<PathBuf>,
@@ -118,29 +123,39 @@ impl Drop for Output {
 
 /// Analyses the clip; `false` where that fails for its sake.
 pub fn run(options: &TrackOptions, interruption: &Interruption) -> Result<bool> {
-    clips::finish(&options.clip, track(options, interruption), interruption)
+    let clip = Clip::named(&options.clip, &options.input, interruption)?;
+    clips::finish(&clip, track(options, &clip, interruption), interruption)
 }
 
-fn track(options: &TrackOptions, interruption: &Interruption) -> Result<()> {
-    clips::check(&options.clip)?;
+fn track(options: &TrackOptions, clip: &Clip, interruption: &Interruption) -> Result<()> {
+    clip.begin()?;
     let TrackOptions { csv, rows_csv, json, gcsv, motion, .. } = options;
     let tables = [csv, rows_csv, json, gcsv];
     if motion.is_none() && (options.steadiness.stabilize.is_some() || options.steadiness.crop.is_some()) {
         bail!("--stabilize and --crop are for --motion: tables tell how the camera moved");
     }
     for file in tables.into_iter().chain([motion]).flatten() {
-        output::check(&options.clip, file, options.overwrite)?;
+        output::check(clip.path(), file, options.overwrite)?;
         output::check_writable(file)?;
     }
     let mut analysis = options.analysis.clone();
     let wants_focal = options.gcsv.is_some() && analysis.focal_length.is_none();
     let mut found = None;
-    if analysis.wants_readout() || wants_focal {
-        let camera = analysis.camera.of(&options.clip)?;
+    if clip.is_pipe() {
+        // It is read once: the readout is found on the way.
+        if wants_focal {
+            bail!(
+                "--gcsv takes the focal length, which cannot be looked for on the standard input; {ADVICE}"
+            );
+        }
+    } else if analysis.wants_readout() || wants_focal {
+        let camera = analysis.camera.of(clip.path())?;
         let settings = analysis.settings();
-        found = readout::find(&options.clip, settings, camera.as_ref(), Extent::Stretches, interruption)?;
+        found = readout::find(clip, settings, camera.as_ref(), Extent::Stretches, interruption)?;
     }
-    readout::settle(found.as_ref(), &mut analysis);
+    if !clip.is_pipe() {
+        readout::settle(found.as_ref(), &mut analysis);
+    }
     if let Some(path) = motion {
         let mut rectifier = RectifierOptions {
             analysis: analysis.clone(),
@@ -149,16 +164,16 @@ fn track(options: &TrackOptions, interruption: &Interruption) -> Result<()> {
         };
         let analysis = &mut rectifier.analysis;
         if !options.analysis.wants_readout() && analysis.leaves_readout_open() {
-            analysis.expected = readout::expected(&options.clip, analysis, interruption)?;
+            analysis.expected = readout::expected(clip, analysis, interruption)?;
         }
         if options.analysis.lookahead.is_none() {
-            steady::set_lookahead(&options.clip, &mut rectifier, interruption)?;
+            steady::set_lookahead(clip, &mut rectifier, interruption)?;
         }
-        if let Some(crop) = steady::set_crop(&options.clip, &mut rectifier, None, interruption)? {
+        if let Some(crop) = steady::set_crop(clip, &mut rectifier, None, interruption)? {
             eprintln!("{crop}");
         }
         let output = Output::create(path, options.overwrite)?;
-        let (file, frames) = motion::write(&options.clip, &rectifier, output, interruption)?;
+        let (file, frames) = motion::write(clip, &rectifier, output, interruption)?;
         file.finish()?;
         eprintln!("{frames} frames");
         if tables.into_iter().all(Option::is_none) {
@@ -172,12 +187,11 @@ fn track(options: &TrackOptions, interruption: &Interruption) -> Result<()> {
         analysis.focal_length = Some(widths);
         focal = Some(widths);
     }
-    write(options, &analysis, focal, interruption)
+    write(options, clip, &analysis, focal, interruption)
 }
 
 /// The focal length that was found, if it can be relied on.
 fn found_focal_length(found: Option<&Found>) -> Result<f64> {
-    const ADVICE: &str = "give --focal-length in frame widths: 0.5 / tan(half the field of view across)";
     match found.and_then(|found| found.focal_length) {
         Some(focal) if focal.deviation <= FOCAL_SURE * focal.widths => Ok(focal.widths),
         Some(focal) => bail!(
@@ -191,6 +205,7 @@ fn found_focal_length(found: Option<&Found>) -> Result<f64> {
 
 fn write(
     options: &TrackOptions,
+    clip: &Clip,
     analysis: &AnalysisOptions,
     focal: Option<f64>,
     interruption: &Interruption,
@@ -198,7 +213,7 @@ fn write(
     let create = |path: &Option<PathBuf>| {
         path.as_deref().map(|path| Output::create(path, options.overwrite)).transpose()
     };
-    let mut clip = Analysis::open(&options.clip, analysis.settings(), interruption)?;
+    let mut analysis = Analysis::open(clip, analysis.settings(), interruption)?;
     let (mut csv, mut rows_csv) = (create(&options.csv)?, create(&options.rows_csv)?);
     let (mut json, mut gcsv) = (create(&options.json)?, create(&options.gcsv)?);
     let is_silent = csv.is_some() || rows_csv.is_some() || json.is_some() || gcsv.is_some();
@@ -213,9 +228,9 @@ fn write(
         writeln!(out.file, "{LINE_HEADER}")?;
     }
     let bar = progress::spinner()?;
-    let name = options.clip.file_name().map(|name| name.to_string_lossy()).unwrap_or_default();
+    let name = clip.name();
     let (mut index, mut without_motion) = (0, 0u64);
-    clip.run(None, interruption, &mut |frame: Frame| {
+    analysis.run(None, interruption, &mut |frame: Frame| {
         let row = FrameRow::new(index, &frame);
         if let Some(out) = &mut printed {
             row.write(out)?;
@@ -246,7 +261,7 @@ fn write(
     })?;
     bar.finish_and_clear();
     if index == 0 {
-        clip.check_whole()?;
+        analysis.check_whole()?;
         bail!("no frame could be decoded");
     }
     if without_motion > 0 {
@@ -256,5 +271,5 @@ fn write(
         writeln!(out.file, "\n]")?;
     }
     [csv, rows_csv, json, gcsv].into_iter().flatten().try_for_each(Output::finish)?;
-    clip.check_whole()
+    analysis.check_whole()
 }

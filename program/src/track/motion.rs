@@ -3,8 +3,8 @@
 //! The frames go through the element as for `fix`, at the same times, so that applying the file gives the same
 //! pictures.
 
-use crate::decoder;
 use crate::elements::{launch, named, pad};
+use crate::input::{self, Opening};
 use crate::interruption::Interruption;
 use crate::isobmff::Film;
 use crate::picture::Picture;
@@ -16,7 +16,6 @@ use gst::prelude::*;
 use gstrsrectify::rsrectify::RsRectify;
 use rsrectify::motion::file::{Clip, MotionFileError, MotionRecord, MotionWriter};
 use std::io::{Seek, Write};
-use std::path::Path;
 use std::sync::{Arc, Mutex, PoisonError};
 
 /// What is written, until it fails.
@@ -24,16 +23,17 @@ type Writing<W> = Arc<Mutex<Result<MotionWriter<W>, MotionFileError>>>;
 
 /// Writes the motion of a clip, whose readout and crop have been sought as `fix` does; the number of its frames.
 pub fn write<W: Write + Seek + Send + 'static>(
-    clip: &Path,
+    clip: &input::Clip,
     options: &RectifierOptions,
     output: W,
     interruption: &Interruption,
 ) -> Result<(W, usize)> {
-    let name = clip.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
-    let bytes = std::fs::metadata(clip).context("cannot be read")?.len();
+    let file = clip.only_file("--motion")?;
+    let name = file.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
+    let bytes = std::fs::metadata(file).context("cannot be read")?.len();
     let picture = Picture::of(clip)?;
     let mut identity = Clip::new(name, bytes);
-    let film = Film::read(clip);
+    let film = Film::read(file);
     let video = film.as_ref().and_then(|film| film.track(film.main_video()?));
     identity.mirrored = video.is_some_and(|track| track.is_mirrored());
     let aspect = picture.info.as_ref().map(|info| [info.par().numer(), info.par().denom()]);
@@ -59,7 +59,7 @@ pub fn write<W: Write + Seek + Send + 'static>(
 
 /// Runs the clip through the rectifier, which does not change it, to its end.
 fn play<W: Write + Seek + Send + 'static>(
-    clip: &Path,
+    clip: &input::Clip,
     delay: usize,
     options: &RectifierOptions,
     writing: &Writing<W>,
@@ -69,7 +69,7 @@ fn play<W: Write + Seek + Send + 'static>(
         "queue name=frames ! videoconvert ! rsrectify name=rectifier ! fakesink sync=false async=false",
     )?;
     let frames = named(&pipeline, "frames")?;
-    decoder::read_video(&pipeline, clip, &pad(&frames, "sink")?)?;
+    clip.read_video(&pipeline, Opening::Whole, &pad(&frames, "sink")?)?;
     note_orientation(&pad(&frames, "sink")?, writing.clone());
     let straightened = times::straighten(&pad(&frames, "src")?);
     times::mend(&pipeline, delay);
