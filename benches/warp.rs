@@ -34,7 +34,7 @@ impl Image {
     fn warp(&mut self, frame: &PreparedFrame<'_>) {
         let source = Plane::new(&self.source, self.layout).expect("a plane");
         let mut target = PlaneMut::new(&mut self.target, self.layout).expect("a plane");
-        frame.warp(&source, &mut target, self.placement, [0; 4]).expect("planes of one kind");
+        frame.warp(&source, &mut target, self.placement).expect("planes of one kind");
         black_box(&self.target);
     }
 }

@@ -60,7 +60,7 @@ fn warp_interleaved(level: CpuLevel, rounds: usize) -> Result<(), Box<dyn Error>
     let mut target = data.clone();
     let source = Plane::new(&data, layout)?;
     for _ in 0..rounds {
-        frame.warp(&source, &mut PlaneMut::new(&mut target, layout)?, Placement::FULL, [0; 4])?;
+        frame.warp(&source, &mut PlaneMut::new(&mut target, layout)?, Placement::FULL)?;
     }
     print_checksum(target.into_iter().map(u32::from));
     Ok(())
@@ -76,7 +76,7 @@ fn warp(level: CpuLevel, format: SampleFormat, rounds: usize) -> Result<(), Box<
         for (share, placement) in [(1, Placement::FULL), (2, CHROMA), (2, CHROMA)] {
             let layout = PlaneLayout::packed(WIDTH / share, HEIGHT / share, format);
             let (source, mut target) = (Plane::new(&source, layout)?, PlaneMut::new(&mut target, layout)?);
-            frame.warp(&source, &mut target, placement, [0; 4])?;
+            frame.warp(&source, &mut target, placement)?;
         }
     }
     print_checksum(target.into_iter().map(u32::from));

@@ -61,11 +61,11 @@ fn give_out(
         let half = Placement { scale: [2.0, 2.0], offset: [0.0, 0.5] };
         let chroma = PlaneLayout::packed(width.div_ceil(2), height.div_ceil(2), SampleFormat::U8);
         let luma = PlaneLayout::packed(width, height, SampleFormat::U8);
-        let placed = [(luma, Placement::FULL, 16), (chroma, half, 128), (chroma, half, 128)];
-        for (plane, (layout, placement, black)) in frame.planes.iter().zip(placed) {
+        let placed = [(luma, Placement::FULL), (chroma, half), (chroma, half)];
+        for (plane, (layout, placement)) in frame.planes.iter().zip(placed) {
             let mut rectified = vec![0; plane.len()];
             let source = Plane::new(plane, layout)?;
-            prepared.warp(&source, &mut PlaneMut::new(&mut rectified, layout)?, placement, [black; 4])?;
+            prepared.warp(&source, &mut PlaneMut::new(&mut rectified, layout)?, placement)?;
             // `rectified` would go to a screen or an encoder here.
         }
     }

@@ -103,7 +103,7 @@ impl Job {
         for (index, placement) in [Placement::FULL, chroma, chroma].into_iter().enumerate() {
             let source = Plane::new(&planes[index], self.layouts[index])?;
             let mut target = PlaneMut::new(&mut self.output[index], self.layouts[index])?;
-            frame.warp(&source, &mut target, placement, [0; 4])?;
+            frame.warp(&source, &mut target, placement)?;
         }
         Ok(())
     }

@@ -28,10 +28,11 @@ mod weights;
 pub use crate::cpu::CpuLevel;
 pub use borders::{UNBENT_SHARE, least_zoom};
 pub use placement::Placement;
-pub use settings::{BorderMode, Interpolation, WarpSettings};
+pub use settings::{BorderMode, Fill, Interpolation, WarpSettings};
 
 use crate::motion::FrameMotion;
 use crate::plane::{Plane, PlaneLayout, PlaneMut};
+use border::PlaneBorder;
 use inverse::InverseMap;
 use knots::KnotTable;
 use std::sync::{Arc, Mutex, PoisonError};
@@ -52,7 +53,7 @@ pub enum WarpError {
 /// Rectifies the planes of successive frames; reuses its buffers.
 ///
 /// With the feature `rayon`, rows are distributed over the thread pool in which [`prepare`](Self::prepare)
-/// and [`PreparedFrame::warp`] are called.
+/// and the methods of [`PreparedFrame`] are called.
 #[derive(Debug)]
 pub struct Warper {
     level: CpuLevel,
@@ -122,13 +123,13 @@ impl Warper {
         }
     }
 
-    /// Fills `dst` with the rectified `src`; see [`PreparedFrame::warp`].
+    /// Fills `dst` with the rectified `src`; see [`PreparedFrame::warp_plane`].
     fn warp(
         &self,
         src: &Plane<'_>,
         dst: &mut PlaneMut<'_>,
         placement: Placement,
-        fill: [u16; 4],
+        index: usize,
     ) -> Result<(), WarpError> {
         let key = |layout: &PlaneLayout| (layout.width, layout.height, layout.channels, layout.format);
         if key(src.layout()) != key(dst.layout()) {
@@ -148,8 +149,7 @@ impl Warper {
         let task = rows::PlaneTask {
             level: self.level,
             interpolation: self.settings.interpolation,
-            border: self.settings.border,
-            fill,
+            border: PlaneBorder::of(self.settings.border, index),
             across: &map.across,
             down: &map.down,
             source: *src,
@@ -180,23 +180,37 @@ pub struct PreparedFrame<'a> {
 }
 
 impl PreparedFrame<'_> {
-    /// Fills `dst` with the rectified `src`, one of the frame's planes.
-    ///
-    /// `fill` holds one sample value per channel (before the format's shift) for
-    /// [`BorderMode::Constant`]. The steps of the two planes may differ; samples that belong to other
-    /// views of the same bytes are not written.
+    /// Fills `dst` with the rectified `src`, the frame's only plane or its first; see
+    /// [`warp_plane`](Self::warp_plane).
     ///
     /// # Errors
-    /// If the planes differ in size, channels or sample format, or the placement is invalid; see
-    /// [`WarpError`].
+    /// As [`warp_plane`](Self::warp_plane).
     pub fn warp(
         &self,
         src: &Plane<'_>,
         dst: &mut PlaneMut<'_>,
         placement: Placement,
-        fill: [u16; 4],
     ) -> Result<(), WarpError> {
-        self.warper.warp(src, dst, placement, fill)
+        self.warp_plane(0, src, dst, placement)
+    }
+
+    /// Fills `dst` with the rectified `src`, plane `index` of the frame, counted from 0. The index
+    /// chooses the sample values of [`BorderMode::Constant`], nothing else.
+    ///
+    /// The steps of the two planes may differ; samples that belong to other views of the same bytes are
+    /// not written.
+    ///
+    /// # Errors
+    /// If the planes differ in size, channels or sample format, or the placement is invalid; see
+    /// [`WarpError`].
+    pub fn warp_plane(
+        &self,
+        index: usize,
+        src: &Plane<'_>,
+        dst: &mut PlaneMut<'_>,
+        placement: Placement,
+    ) -> Result<(), WarpError> {
+        self.warper.warp(src, dst, placement, index)
     }
 }
 
