@@ -88,7 +88,7 @@ fn rectified(u: &mut Unstructured<'_>) -> Result<()> {
     settings.zoom = real(u, 4.0)?;
     let placement = match u.int_in_range(0..=3u8)? {
         0 | 1 => Placement::FULL,
-        2 => Placement { scale: [2.0, 2.0], offset: [0.0, 0.5] },
+        2 => Placement::CHROMA_420,
         _ => Placement { scale: [real(u, 4.0)?, real(u, 4.0)?], offset: [real(u, 9.0)?, real(u, 9.0)?] },
     };
     // Views of packed pictures start anywhere.

@@ -201,6 +201,41 @@ fn borders_follow_their_mode() {
 }
 
 #[test]
+fn a_frame_is_its_planes_each_with_its_placement_and_fill() {
+    let (width, height) = (64, 48);
+    let layout = FrameLayout::yuv420(width, height, SampleFormat::U8);
+    let [y, u, v] = [0, 1, 2].map(|plane| {
+        let (plane_layout, _) = layout.planes[plane];
+        picture(plane_layout.width, plane_layout.height, |x, y| 40.0 + 50.0 * plane as f64 + x + 0.5 * y)
+    });
+    let settings = WarpSettings {
+        border: BorderMode::Constant(Fill::planar([16, 128, 129, 0])),
+        reference_row: 1.0,
+        ..WarpSettings::default()
+    };
+    let readout = readout(width, height, ReadoutDirection::TopToBottom, 1.0);
+    let motion = FrameMotion::new(readout, path(&readout, 0.0, 40.0, 0.0));
+    let mut warper = Warper::new();
+    let prepared = warper.prepare(&motion, &settings);
+    let mut shown = [vec![0; y.len()], vec![0; u.len()], vec![0; v.len()]];
+    prepared.warp_frame(&layout, &[&y, &u, &v], &mut shown).unwrap();
+    assert_eq!([0, 1, 2].map(|plane| shown[plane][0]), [16, 128, 129]);
+    for (index, source) in [&y, &u, &v].into_iter().enumerate() {
+        let (plane_layout, placement) = layout.planes[index];
+        let mut alone = vec![0; source.len()];
+        let mut dst = PlaneMut::new(&mut alone, plane_layout).unwrap();
+        let src = Plane::new(source, plane_layout).unwrap();
+        prepared.warp_plane(index, &src, &mut dst, placement).unwrap();
+        assert_eq!(shown[index], alone);
+    }
+    assert_eq!(prepared.warp_frame(&layout, &[&y, &u], &mut shown), Err(WarpError::Planes));
+    assert_eq!(prepared.warp_frame(&layout, &[&y, &u, &v], &mut shown[..2]), Err(WarpError::Planes));
+    let short = PlaneError::TooShort { len: v.len() - 1, needed: v.len() };
+    let refused = prepared.warp_frame(&layout, &[&y, &u, &v[1..].to_vec()], &mut shown);
+    assert_eq!(refused, Err(WarpError::Plane(short)));
+}
+
+#[test]
 fn planes_that_differ_are_refused() {
     let layout = PlaneLayout::packed(4, 4, SampleFormat::U8);
     let src = Plane::new(&[0; 16], layout).unwrap();
