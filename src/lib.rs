@@ -59,24 +59,17 @@ pub mod robust;
 #[cfg(feature = "unstable")]
 pub mod solve;
 
-// Some items are used by the project's tools only, which build with the feature `unstable`.
 #[cfg(not(feature = "unstable"))]
-#[allow(dead_code, unused_imports)]
 mod correspond;
 #[cfg(not(feature = "unstable"))]
-#[allow(dead_code, unused_imports)]
 mod cpu;
 #[cfg(not(feature = "unstable"))]
-#[allow(dead_code, unused_imports)]
 mod flow;
 #[cfg(not(feature = "unstable"))]
-#[allow(dead_code, unused_imports)]
 mod pyramid;
 #[cfg(not(feature = "unstable"))]
-#[allow(dead_code, unused_imports)]
 mod robust;
 #[cfg(not(feature = "unstable"))]
-#[allow(dead_code, unused_imports)]
 mod solve;
 
 /// The linear algebra of [`motion`], in the version used in the public interface.
