@@ -10,8 +10,6 @@ use rsrectify::readout::{Readout, ReadoutDirection, ReadoutTime};
 use rsrectify::warp::{CpuLevel, Interpolation, Placement, PreparedFrame, WarpSettings, Warper};
 use std::hint::black_box;
 
-const CHROMA: Placement = Placement { scale: [2.0, 2.0], offset: [0.0, 0.5] };
-
 /// A picture with detail everywhere.
 fn samples(layout: &PlaneLayout) -> Vec<u8> {
     let bytes = layout.stride * layout.height;
@@ -34,7 +32,7 @@ impl Image {
     fn warp(&mut self, frame: &PreparedFrame<'_>) {
         let source = Plane::new(&self.source, self.layout).expect("a plane");
         let mut target = PlaneMut::new(&mut self.target, self.layout).expect("a plane");
-        frame.warp(&source, &mut target, self.placement, [0; 4]).expect("planes of one kind");
+        frame.warp(&source, &mut target, self.placement).expect("planes of one kind");
         black_box(&self.target);
     }
 }
@@ -47,13 +45,16 @@ fn formats() -> Vec<(&'static str, Vec<Image>)> {
     let planes = |format| {
         vec![
             Image::new(one_channel(1, format), Placement::FULL),
-            Image::new(one_channel(2, format), CHROMA),
-            Image::new(one_channel(2, format), CHROMA),
+            Image::new(one_channel(2, format), Placement::CHROMA_420),
+            Image::new(one_channel(2, format), Placement::CHROMA_420),
         ]
     };
     let pairs = PlaneLayout { step: 2, channels: 2, stride: 1920, ..one_channel(2, SampleFormat::U8) };
     let rgbx = PlaneLayout { step: 4, channels: 4, stride: 7680, ..one_channel(1, SampleFormat::U8) };
-    let nv12 = vec![Image::new(one_channel(1, SampleFormat::U8), Placement::FULL), Image::new(pairs, CHROMA)];
+    let nv12 = vec![
+        Image::new(one_channel(1, SampleFormat::U8), Placement::FULL),
+        Image::new(pairs, Placement::CHROMA_420),
+    ];
     vec![
         ("y", vec![Image::new(one_channel(1, SampleFormat::U8), Placement::FULL)]),
         ("i420", planes(SampleFormat::U8)),
@@ -119,7 +120,7 @@ fn prepare(criterion: &mut Criterion) {
     for direction in [ReadoutDirection::TopToBottom, ReadoutDirection::LeftToRight] {
         let readout = Readout::new(1920, 1080, direction, time, 1.0).expect("a readout");
         let mut group = criterion.benchmark_group(format!("prepare/{direction:?}"));
-        let mut rows = [(1, Placement::FULL), (2, CHROMA)].map(|(scale, placement)| {
+        let mut rows = [(1, Placement::FULL), (2, Placement::CHROMA_420)].map(|(scale, placement)| {
             Image::new(PlaneLayout { height: 1, ..one_channel(scale, SampleFormat::U8) }, placement)
         });
         for (name, path) in &paths {

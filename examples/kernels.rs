@@ -21,7 +21,6 @@ use std::error::Error;
 
 const WIDTH: usize = 640;
 const HEIGHT: usize = 480;
-const CHROMA: Placement = Placement { scale: [2.0, 2.0], offset: [0.0, 0.5] };
 
 /// Triangular waves of several lengths, turned and shifted, in 1/64 px; in integers, to take few instructions beside the
 /// kernels.
@@ -60,7 +59,7 @@ fn warp_interleaved(level: CpuLevel, rounds: usize) -> Result<(), Box<dyn Error>
     let mut target = data.clone();
     let source = Plane::new(&data, layout)?;
     for _ in 0..rounds {
-        frame.warp(&source, &mut PlaneMut::new(&mut target, layout)?, Placement::FULL, [0; 4])?;
+        frame.warp(&source, &mut PlaneMut::new(&mut target, layout)?, Placement::FULL)?;
     }
     print_checksum(target.into_iter().map(u32::from));
     Ok(())
@@ -73,10 +72,12 @@ fn warp(level: CpuLevel, format: SampleFormat, rounds: usize) -> Result<(), Box<
     let source: Vec<u8> = (0..2 * WIDTH * HEIGHT).map(|i| (i % 4) as u8).collect();
     let mut target = source.clone();
     for _ in 0..rounds {
-        for (share, placement) in [(1, Placement::FULL), (2, CHROMA), (2, CHROMA)] {
+        for (share, placement) in
+            [(1, Placement::FULL), (2, Placement::CHROMA_420), (2, Placement::CHROMA_420)]
+        {
             let layout = PlaneLayout::packed(WIDTH / share, HEIGHT / share, format);
             let (source, mut target) = (Plane::new(&source, layout)?, PlaneMut::new(&mut target, layout)?);
-            frame.warp(&source, &mut target, placement, [0; 4])?;
+            frame.warp(&source, &mut target, placement)?;
         }
     }
     print_checksum(target.into_iter().map(u32::from));

@@ -5,10 +5,7 @@
 //! cargo run --release --example raw_planes -- FRAMES.i420 640 480 30  8-bit 4:2:0 planes from a file
 //! ```
 
-use rsrectify::plane::{Luma, Plane, PlaneLayout, PlaneMut, SampleFormat};
-use rsrectify::rectifier::{Duplicate, Settings};
-use rsrectify::warp::{Placement, WarpSettings};
-use rsrectify::{Rectifier, Warper};
+use rsrectify::{Duplicate, FrameLayout, Rectifier, SampleFormat, Settings, WarpSettings, Warper};
 use std::collections::VecDeque;
 use std::error::Error;
 
@@ -29,17 +26,17 @@ fn main() -> Result<(), Box<dyn Error>> {
         _ => return Err("give no argument, or FILE WIDTH HEIGHT FRAMES_PER_SECOND".into()),
     };
 
+    let layout = FrameLayout::yuv420(width, height, SampleFormat::U8);
     let mut rectifier = Rectifier::new(Settings::default(), width, height, Some(1.0 / rate))?;
     let mut warper = Warper::new();
     let mut waiting = VecDeque::new();
     for frame in frames {
-        let luma = Plane::new(&frame.planes[0], PlaneLayout::packed(width, height, SampleFormat::U8))?;
-        rectifier.push(&Luma::from(luma), Some(frame.time), Duplicate::Detect)?;
+        rectifier.push(&layout.luma(&frame.planes)?, Some(frame.time), Duplicate::Detect)?;
         waiting.push_back(frame);
-        give_out(&mut rectifier, &mut warper, &mut waiting, (width, height))?;
+        give_out(&mut rectifier, &mut warper, &mut waiting, &layout)?;
     }
     rectifier.drain();
-    give_out(&mut rectifier, &mut warper, &mut waiting, (width, height))
+    give_out(&mut rectifier, &mut warper, &mut waiting, &layout)
 }
 
 /// Rectifies the frames whose motion is known by now.
@@ -47,7 +44,7 @@ fn give_out(
     rectifier: &mut Rectifier,
     warper: &mut Warper,
     waiting: &mut VecDeque<Frame>,
-    (width, height): (usize, usize),
+    layout: &FrameLayout,
 ) -> Result<(), Box<dyn Error>> {
     while let Some(solution) = rectifier.pop() {
         let Some(frame) = waiting.pop_front() else { return Err("a motion without a frame".into()) };
@@ -56,18 +53,10 @@ fn give_out(
             "{:7.3} s: turns {:+.3} rad/s, moves ({:+7.1}, {:+7.1}) px/s, confidence {:.2}",
             frame.time, twist.omega, twist.velocity.x, twist.velocity.y, solution.confidence
         );
+        let mut rectified = frame.planes.clone();
         let prepared = warper.prepare(&solution.motion, &WarpSettings::default());
-        // Chroma of 4:2:0 lies on every other luma column and between two luma rows (MPEG-2 siting).
-        let half = Placement { scale: [2.0, 2.0], offset: [0.0, 0.5] };
-        let chroma = PlaneLayout::packed(width.div_ceil(2), height.div_ceil(2), SampleFormat::U8);
-        let luma = PlaneLayout::packed(width, height, SampleFormat::U8);
-        let placed = [(luma, Placement::FULL, 16), (chroma, half, 128), (chroma, half, 128)];
-        for (plane, (layout, placement, black)) in frame.planes.iter().zip(placed) {
-            let mut rectified = vec![0; plane.len()];
-            let source = Plane::new(plane, layout)?;
-            prepared.warp(&source, &mut PlaneMut::new(&mut rectified, layout)?, placement, [black; 4])?;
-            // `rectified` would go to a screen or an encoder here.
-        }
+        prepared.warp_frame(layout, &frame.planes, &mut rectified)?;
+        // `rectified` would go to a screen or an encoder here.
     }
     Ok(())
 }

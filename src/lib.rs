@@ -1,12 +1,9 @@
 //! Takes rolling-shutter distortion (lean, jello, wobble, stretch) out of video from **unknown**
 //! cameras: no gyroscope, no calibration, no metadata.
 //!
-//! The library does not depend on any media framework: its input are borrowed image planes and their
-//! times, its output the motion of each frame and rectified planes.
+#![doc = include_str!("../docs/library.md")]
 //!
-//! A [`Rectifier`] takes the frames' luma planes in order and returns a
-//! [`FrameSolution`](rectifier::FrameSolution) for each; a [`Warper`] rectifies any plane of a frame by its
-//! motion.
+//! # Modules
 //!
 //! Data flows one way, and no module imports from a later one:
 //!
@@ -25,6 +22,8 @@
 //! | [`rectifier`] | luma planes, in order | the motions, in order |
 //!
 //! Modules without a link are private, except with the feature `unstable`.
+//!
+//! # Features
 //!
 //! | feature | default | |
 //! |---|---|---|
@@ -60,38 +59,26 @@ pub mod robust;
 #[cfg(feature = "unstable")]
 pub mod solve;
 
-// Some items are used by the project's tools only, which build with the feature `unstable`.
 #[cfg(not(feature = "unstable"))]
-#[allow(dead_code, unused_imports)]
 mod correspond;
 #[cfg(not(feature = "unstable"))]
-#[allow(dead_code, unused_imports)]
 mod cpu;
 #[cfg(not(feature = "unstable"))]
-#[allow(dead_code, unused_imports)]
 mod flow;
 #[cfg(not(feature = "unstable"))]
-#[allow(dead_code, unused_imports)]
 mod pyramid;
 #[cfg(not(feature = "unstable"))]
-#[allow(dead_code, unused_imports)]
 mod robust;
 #[cfg(not(feature = "unstable"))]
-#[allow(dead_code, unused_imports)]
 mod solve;
 
 /// The linear algebra of [`motion`], in the version used in the public interface.
 pub use nalgebra;
 
 pub use cpu::CpuLevel;
-pub use plane::{Plane, PlaneMut};
-pub use rectifier::Rectifier;
-pub use warp::Warper;
-
-/// Compiles the examples of the documentation as tests.
-#[cfg(doctest)]
-#[doc = include_str!("../docs/library.md")]
-pub struct Documents;
+pub use plane::{Plane, PlaneMut, SampleFormat};
+pub use rectifier::{Duplicate, Rectifier, Settings};
+pub use warp::{FrameLayout, WarpSettings, Warper};
 
 #[cfg(test)]
 mod tests {
@@ -108,6 +95,7 @@ mod tests {
         check::<rectifier::PushError>();
         check::<Warper>();
         check::<warp::PreparedFrame<'static>>();
+        check::<warp::FrameLayout>();
         check::<warp::WarpSettings>();
         check::<warp::WarpError>();
         check::<motion::FrameMotion>();

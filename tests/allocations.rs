@@ -52,7 +52,7 @@ fn a_frame_of_a_running_stream_takes_little_memory() {
             let source = Plane::new(&frames[given_out], layout).unwrap();
             let mut target = PlaneMut::new(&mut rectified, layout).unwrap();
             let prepared = warper.prepare(&solution.motion, &WarpSettings::default());
-            prepared.warp(&source, &mut target, Placement::FULL, [0; 4]).unwrap();
+            prepared.warp(&source, &mut target, Placement::FULL).unwrap();
             given_out += 1;
         }
     };

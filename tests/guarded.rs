@@ -7,7 +7,7 @@ use rsrectify::correspond::{Pyramid, Sampler};
 use rsrectify::motion::{FrameMotion, MotionPath, Twist};
 use rsrectify::plane::{Luma, Plane, PlaneLayout, PlaneMut, SampleFormat};
 use rsrectify::readout::{Readout, ReadoutDirection, ReadoutTime};
-use rsrectify::warp::{BorderMode, CpuLevel, Interpolation, Placement, WarpSettings, Warper};
+use rsrectify::warp::{BorderMode, CpuLevel, Fill, Interpolation, Placement, WarpSettings, Warper};
 use rustix::mm::{MapFlags, MprotectFlags, ProtFlags, mmap_anonymous, mprotect, munmap};
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -16,7 +16,8 @@ const FORMATS: [SampleFormat; 5] =
     [SampleFormat::U8, SampleFormat::U10, SampleFormat::U10_HIGH, SampleFormat::U12, SampleFormat::U16];
 const INTERPOLATIONS: [Interpolation; 4] =
     [Interpolation::Nearest, Interpolation::Linear, Interpolation::Cubic, Interpolation::Lanczos];
-const BORDERS: [BorderMode; 3] = [BorderMode::Replicate, BorderMode::Mirror, BorderMode::Constant];
+const BORDERS: [BorderMode; 3] =
+    [BorderMode::Replicate, BorderMode::Mirror, BorderMode::Constant(Fill::packed([9; 4]))];
 const DIRECTIONS: [ReadoutDirection; 4] = [
     ReadoutDirection::TopToBottom,
     ReadoutDirection::BottomToTop,
@@ -199,7 +200,7 @@ fn the_warp_stays_within_its_planes() {
                     let rectified = |source: &[u8], target: &mut [u8]| {
                         let source = Plane::new(source, from).unwrap();
                         let mut target = PlaneMut::new(target, to).unwrap();
-                        frame.warp(&source, &mut target, Placement::FULL, [9; 4]).unwrap();
+                        frame.warp(&source, &mut target, Placement::FULL).unwrap();
                     };
                     let len = to.required_bytes().unwrap();
                     // With other samples before and behind, which must not matter.

@@ -1,10 +1,8 @@
 //! How long the library takes for a frame, from luma to the three rectified planes.
 
 use anyhow::{Context, Result, bail};
-use rsrectify::plane::{Luma, Plane, PlaneLayout, PlaneMut, SampleFormat};
-use rsrectify::rectifier::{Duplicate, Effort, FrameSolution, Settings};
-use rsrectify::warp::{Placement, WarpSettings};
-use rsrectify::{Rectifier, Warper};
+use rsrectify::rectifier::{Effort, FrameSolution};
+use rsrectify::{Duplicate, FrameLayout, Rectifier, SampleFormat, Settings, WarpSettings, Warper};
 use std::collections::VecDeque;
 use std::fs::File;
 use std::path::Path;
@@ -55,7 +53,7 @@ pub fn of_file(path: &Path, lookahead: usize, effort: Effort) -> Result<Vec<Cost
 
 /// A stream that is being rectified.
 struct Job {
-    layouts: [PlaneLayout; 3],
+    layout: FrameLayout,
     period: f64,
     rectifier: Rectifier,
     warper: Warper,
@@ -66,26 +64,27 @@ struct Job {
 
 impl Job {
     fn new(width: usize, height: usize, period: f64, lookahead: usize, effort: Effort) -> Result<Self> {
-        let luma = PlaneLayout::packed(width, height, SampleFormat::U8);
-        let chroma = PlaneLayout::packed(width.div_ceil(2), height.div_ceil(2), SampleFormat::U8);
-        let layouts = [luma, chroma, chroma];
+        let (luma, chroma) = (width * height, width.div_ceil(2) * height.div_ceil(2));
         let mut settings = Settings::default();
         (settings.lookahead, settings.effort) = (lookahead, effort);
         Ok(Self {
-            layouts,
+            layout: FrameLayout::yuv420(width, height, SampleFormat::U8),
             period,
             rectifier: Rectifier::new(settings, width, height, Some(period))?,
             warper: Warper::new(),
             waiting: VecDeque::new(),
-            output: layouts.map(|layout| vec![0; layout.stride * layout.height]),
+            output: [luma, chroma, chroma].map(|bytes| vec![0; bytes]),
             pushed: 0,
         })
     }
 
     fn frame(&mut self, planes: Planes) -> Result<Cost> {
         let started = Instant::now();
-        let luma = Luma::from(Plane::new(&planes[0], self.layouts[0])?);
-        self.rectifier.push(&luma, Some(self.pushed as f64 * self.period), Duplicate::Detect)?;
+        self.rectifier.push(
+            &self.layout.luma(&planes)?,
+            Some(self.pushed as f64 * self.period),
+            Duplicate::Detect,
+        )?;
         self.pushed += 1;
         let analysed = Instant::now();
         self.waiting.push_back(planes);
@@ -97,15 +96,8 @@ impl Job {
 
     fn warp(&mut self, solution: &FrameSolution) -> Result<()> {
         let planes = self.waiting.pop_front().context("a motion without its frame")?;
-        // MPEG-2 siting: chroma lies on every second luma column and between two luma rows.
-        let chroma = Placement { scale: [2.0, 2.0], offset: [0.0, 0.5] };
         let frame = self.warper.prepare(&solution.motion, &WarpSettings::default());
-        for (index, placement) in [Placement::FULL, chroma, chroma].into_iter().enumerate() {
-            let source = Plane::new(&planes[index], self.layouts[index])?;
-            let mut target = PlaneMut::new(&mut self.output[index], self.layouts[index])?;
-            frame.warp(&source, &mut target, placement, [0; 4])?;
-        }
-        Ok(())
+        Ok(frame.warp_frame(&self.layout, &planes, &mut self.output)?)
     }
 }
 

@@ -63,10 +63,7 @@ fn rectified(frame: i64, settings: &WarpSettings) -> Vec<u8> {
     let (source, mut target) =
         (Plane::new(&input, layout).unwrap(), PlaneMut::new(&mut output, layout).unwrap());
     let mut warper = Warper::new();
-    warper
-        .prepare(&motion(frame), settings)
-        .warp(&source, &mut target, Placement::FULL, [0, 0, 0, 255])
-        .unwrap();
+    warper.prepare(&motion(frame), settings).warp(&source, &mut target, Placement::FULL).unwrap();
     output
 }
 

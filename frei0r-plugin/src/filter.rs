@@ -13,8 +13,6 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 /// Bytes of a pixel: blue, green, red, alpha.
 const CHANNELS: usize = 4;
-/// Black, opaque.
-const BLACK: [u16; 4] = [0, 0, 0, 255];
 
 /// A filter for frames of one size, 8-bit BGRA; hosts may call it from several threads at once.
 #[derive(Debug)]
@@ -146,7 +144,7 @@ impl Filter {
         };
         let (source, mut target) = (Plane::new(input, layout).ok()?, PlaneMut::new(output, layout).ok()?);
         let mut warper = lock(&self.warpers).pop().unwrap_or_default();
-        let warped = warper.prepare(motion, settings).warp(&source, &mut target, Placement::FULL, BLACK);
+        let warped = warper.prepare(motion, settings).warp(&source, &mut target, Placement::FULL);
         lock(&self.warpers).push(warper);
         warped.ok()
     }

@@ -1,8 +1,11 @@
 //! The parameters of the filter.
 
 use crate::clock::{ClockSettings, Unit};
-use rsrectify::warp::{BorderMode, Interpolation, WarpSettings};
+use rsrectify::warp::{BorderMode, Fill, Interpolation, WarpSettings};
 use std::ffi::{CStr, CString};
+
+/// Black, opaque, in frei0r's blue, green, red, alpha.
+const BLACK: BorderMode = BorderMode::Constant(Fill::packed([0, 0, 0, 255]));
 
 /// What values a parameter takes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -168,7 +171,7 @@ impl Values {
         };
         settings.border = match name(BORDER_MODE) {
             "mirror" => BorderMode::Mirror,
-            "constant" => BorderMode::Constant,
+            "constant" => BLACK,
             _ => BorderMode::Replicate,
         };
         settings.zoom = match name(BORDER_MODE) {
@@ -200,7 +203,7 @@ mod tests {
         let warp = values.warp(1.3);
         assert_eq!((warp.strength, warp.zoom, warp.interpolation), (0.25, 1.25, Interpolation::Lanczos));
         values.set_text(BORDER_MODE, c"constant");
-        assert_eq!((values.warp(1.3).border, values.warp(1.3).zoom), (BorderMode::Constant, 1.0));
+        assert_eq!((values.warp(1.3).border, values.warp(1.3).zoom), (BLACK, 1.0));
         assert_eq!(values.text(BORDER_MODE), Some(c"constant"));
     }
 

@@ -6,11 +6,12 @@ use nalgebra::Matrix3;
 use rsrectify::motion::{FrameMotion, MotionPath, ResidualField, ResidualMesh, SampledPath, Twist};
 use rsrectify::plane::{Plane, PlaneLayout, PlaneMut};
 use rsrectify::readout::Readout;
-use rsrectify::warp::{BorderMode, CpuLevel, Interpolation, Placement, WarpSettings, Warper};
+use rsrectify::warp::{BorderMode, CpuLevel, Fill, Interpolation, Placement, WarpSettings, Warper};
 
 const INTERPOLATIONS: [Interpolation; 4] =
     [Interpolation::Cubic, Interpolation::Nearest, Interpolation::Linear, Interpolation::Lanczos];
-const BORDERS: [BorderMode; 3] = [BorderMode::Replicate, BorderMode::Mirror, BorderMode::Constant];
+const BORDERS: [BorderMode; 3] =
+    [BorderMode::Replicate, BorderMode::Mirror, BorderMode::Constant(Fill::packed([200, 100, 50, 65535]))];
 /// What the bytes hold that the warp must not write.
 const UNTOUCHED: u8 = 0xa5;
 
@@ -50,7 +51,7 @@ fn layouts(u: &mut Unstructured<'_>) -> Result<()> {
         let still = FrameMotion::new(Readout::global_shutter(layout.width, layout.height), MotionPath::STILL);
         let mut warper = Warper::new();
         let frame = warper.prepare(&still, &WarpSettings::default());
-        let copied = source.map(|source| frame.warp(&source, &mut plane, Placement::FULL, [0; 4]));
+        let copied = source.map(|source| frame.warp(&source, &mut plane, Placement::FULL));
         assert_eq!(copied, Ok(Ok(())), "{layout:?}");
     }
     Ok(())
@@ -87,14 +88,16 @@ fn rectified(u: &mut Unstructured<'_>) -> Result<()> {
     settings.zoom = real(u, 4.0)?;
     let placement = match u.int_in_range(0..=3u8)? {
         0 | 1 => Placement::FULL,
-        2 => Placement { scale: [2.0, 2.0], offset: [0.0, 0.5] },
+        2 => Placement::CHROMA_420,
         _ => Placement { scale: [real(u, 4.0)?, real(u, 4.0)?], offset: [real(u, 9.0)?, real(u, 9.0)?] },
     };
     // Views of packed pictures start anywhere.
     let offset = u.int_in_range(0..=8usize)?;
     let mut random = Random::new(u.arbitrary()?);
     let plain = u.ratio(1, 4)?.then(|| (random.next() >> 13) as u16 & from.format.max_value());
-    let fill = plain.map_or([200, 100, 50, 65535], |value| [value; 4]);
+    if let (BorderMode::Constant(fill), Some(value)) = (&mut settings.border, plain) {
+        *fill = Fill::packed([value; 4]);
+    }
     let source = {
         let len = offset + from.required_bytes().unwrap_or(0);
         match plain {
@@ -109,7 +112,7 @@ fn rectified(u: &mut Unstructured<'_>) -> Result<()> {
         let frame = warper.prepare(&motion, &settings);
         let mut bytes = vec![UNTOUCHED; offset + to.required_bytes().unwrap_or(0) + 5];
         let Ok(mut target) = PlaneMut::new(&mut bytes[offset..], to) else { panic!("{to:?} is a layout") };
-        if frame.warp(&source, &mut target, placement, fill).is_err() {
+        if frame.warp(&source, &mut target, placement).is_err() {
             return Ok(());
         }
         verify(&bytes, &to, offset, plain);

@@ -217,7 +217,7 @@ fn verify(solution: &FrameSolution, [width, height]: [usize; 2]) {
     let mut warper = Warper::new();
     let frame = warper.prepare(motion, &WarpSettings::default());
     if let (Ok(source), Ok(mut target)) = (source, target) {
-        assert_eq!(frame.warp(&source, &mut target, Placement::FULL, [0; 4]), Ok(()));
+        assert_eq!(frame.warp(&source, &mut target, Placement::FULL), Ok(()));
     }
     assert_eq!(rectified, plain);
 }

@@ -44,14 +44,16 @@ pub struct Sampler {
 }
 
 impl Sampler {
-    /// For frames of `width` × `height` pixels and a grid of cells with one point each.
-    ///
-    /// Any size is valid; frames (or grids) too small for a single patch yield no correspondences.
+    /// As [`with_effort`](Self::with_effort), with the usual effort.
+    #[cfg(feature = "unstable")]
     pub fn new(width: usize, height: usize, grid_columns: usize, grid_rows: usize) -> Self {
         Self::with_effort(Effort::default(), width, height, grid_columns, grid_rows)
     }
 
-    /// As [`new`](Self::new), for frames that are analysed as finely as `effort` says.
+    /// For frames of `width` × `height` pixels that are analysed as finely as `effort` says, and a grid of cells
+    /// with one point each.
+    ///
+    /// Any size is valid; frames (or grids) too small for a single patch yield no correspondences.
     pub fn with_effort(
         effort: Effort,
         width: usize,
@@ -64,6 +66,7 @@ impl Sampler {
     }
 
     /// As [`new`](Self::new), with the instructions of `cpu`; results differ by rounding only.
+    #[cfg(feature = "unstable")]
     pub fn with_cpu(
         cpu: CpuLevel,
         width: usize,

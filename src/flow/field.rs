@@ -39,6 +39,7 @@ impl Clone for FlowField {
 impl FlowField {
     /// A field of cells, row by row with `columns` in a row, each `side` full-frame pixels wide. `None` if
     /// the last row is incomplete or the side is not positive.
+    #[cfg(feature = "unstable")]
     pub fn new(columns: usize, side: f64, cells: Vec<Cell>) -> Option<Self> {
         let rows = cells.len().checked_div(columns)?;
         let is_complete = rows * columns == cells.len() && side.is_finite() && side > 0.0;

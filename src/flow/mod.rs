@@ -42,7 +42,9 @@ mod search;
 #[cfg(test)]
 mod tests;
 
-pub use field::{Cell, FlowField};
+#[cfg(feature = "unstable")]
+pub use field::Cell;
+pub use field::FlowField;
 
 use crate::cpu::CpuLevel;
 use crate::parallel;
@@ -81,11 +83,12 @@ pub struct DenseFlow {
 
 impl DenseFlow {
     /// For the pyramids of `reducer`.
+    #[cfg(feature = "unstable")]
     pub fn new(reducer: &Reducer) -> Self {
         Self::with_cpu(CpuLevel::detect(), reducer)
     }
 
-    /// As [`new`](Self::new), with the instructions of `cpu`; results differ by rounding only.
+    /// For the pyramids of `reducer`, with the instructions of `cpu`; results differ by rounding only.
     pub fn with_cpu(cpu: CpuLevel, reducer: &Reducer) -> Self {
         Self {
             cpu,

@@ -26,11 +26,13 @@ pub struct Pyramid {
 
 impl Pyramid {
     /// An empty pyramid, without a frame.
+    #[cfg(feature = "unstable")]
     pub fn new() -> Self {
         Self::default()
     }
 
     /// Whether it holds no frame.
+    #[cfg(feature = "unstable")]
     pub fn is_empty(&self) -> bool {
         !self.filled
     }
@@ -61,11 +63,12 @@ pub struct Reducer {
 
 impl Reducer {
     /// For full frames of `width` × `height` pixels, any size.
+    #[cfg(feature = "unstable")]
     pub fn new(width: usize, height: usize) -> Self {
         Self::with_effort(width, height, Effort::default())
     }
 
-    /// As [`new`](Self::new), analysed as finely as `effort` says.
+    /// For full frames of `width` × `height` pixels, any size, analysed as finely as `effort` says.
     pub fn with_effort(width: usize, height: usize, effort: Effort) -> Self {
         let reduction = Reduction::new(width, height, effort.scale(width.max(height)));
         let count = level_count(reduction.size());

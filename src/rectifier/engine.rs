@@ -202,20 +202,15 @@ impl Sequential {
         let settled = self.window.settle();
         self.settled = settled.as_ref().map(|candidate| candidate.fit.twist);
         let readout = self.readouts.pop_front()?;
-        settled.map(|MotionCandidate { fit, origin }| FrameSolution {
-            motion: FrameMotion::new(readout, MotionPath::uniform(fit.twist, readout.time)),
-            confidence: fit.confidence,
-            expected_error: None,
-            region_errors: Vec::new(),
-            origin,
-            correspondences: fit.correspondences,
-            inliers: fit.inliers,
-            residual: fit.energy.sqrt(),
-            readout_deviation: 0.0,
-            begins_shot: false,
-            timing: FrameTiming::default(),
-            focal_length: None,
-            fitted: Vec::new(),
+        settled.map(|MotionCandidate { fit, origin }| {
+            let motion = FrameMotion::new(readout, MotionPath::uniform(fit.twist, readout.time));
+            FrameSolution {
+                confidence: fit.confidence,
+                correspondences: fit.correspondences,
+                inliers: fit.inliers,
+                residual: fit.energy.sqrt(),
+                ..FrameSolution::new(motion, origin)
+            }
         })
     }
 }

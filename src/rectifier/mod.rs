@@ -14,7 +14,6 @@ mod steady_tests;
 mod tests;
 
 use crate::correspond::{Correspondence, Pyramid, Sampler};
-use crate::motion::{FrameMotion, MotionPath};
 use crate::plane::Luma;
 use crate::readout::{Readout, ReadoutPosterior};
 use crate::solve::continuous::Camera;
@@ -54,7 +53,10 @@ pub struct Timings {
 /// A frame whose motion has not been solved yet.
 #[derive(Clone, Copy, Debug)]
 struct Waiting {
-    /// Seconds.
+    index: usize,
+    /// Timestamp in seconds, as it was pushed.
+    stated: Option<f64>,
+    /// Time assigned to it, in seconds.
     time: f64,
     readout: Readout,
     correspondences: usize,
@@ -65,7 +67,8 @@ struct Waiting {
 
 /// Estimates the motion of a stream's frames, in order, in bounded memory.
 ///
-/// Exactly one solution is popped for every frame pushed, in the same order.
+/// Exactly one solution is popped for every frame pushed, in the same order, with the frame's
+/// [number](FrameSolution::index) and [timestamp](FrameSolution::time).
 #[derive(Debug)]
 pub struct Rectifier {
     settings: Settings,
@@ -80,6 +83,8 @@ pub struct Rectifier {
     reference: Option<f64>,
     duplicates: Duplicates,
     engine: Engine,
+    /// Frames pushed since the rectifier was made or reset.
+    pushed: usize,
     waiting: VecDeque<Waiting>,
     stabilizer: Stabilizer<FrameSolution>,
     solved: VecDeque<FrameSolution>,
@@ -130,6 +135,7 @@ impl Rectifier {
             reference: None,
             duplicates: Duplicates::default(),
             engine,
+            pushed: 0,
             waiting: VecDeque::new(),
             stabilizer: Stabilizer::new([width, height], settings.target()),
             solved: VecDeque::new(),
@@ -168,12 +174,15 @@ impl Rectifier {
                 || self.duplicates.is_repeated(self.sampler.difference(&self.before, &self.now)));
         let readout = self.readout();
         self.waiting.push_back(Waiting {
+            index: self.pushed,
+            stated: time.filter(|time| time.is_finite()),
             time: tick.time,
             readout,
             correspondences: 0,
             repeats,
             begins_shot: false,
         });
+        self.pushed += 1;
         if repeats {
             self.timings.correspond += started.elapsed();
         } else {
@@ -215,6 +224,7 @@ impl Rectifier {
     pub fn reset(&mut self) {
         self.waiting.clear();
         self.solved.clear();
+        self.pushed = 0;
         self.start_segment();
     }
 
@@ -286,33 +296,22 @@ impl Rectifier {
             self.last = self.engine.settle();
         }
         let solution = match &self.last {
-            Some(last) => FrameSolution {
-                origin: if frame.repeats { Origin::Repeated } else { last.origin },
-                begins_shot: frame.begins_shot,
-                ..last.clone()
-            },
+            Some(last) if frame.repeats => FrameSolution { origin: Origin::Repeated, ..last.clone() },
+            Some(last) => last.clone(),
             None => self.untouched(&frame),
         };
-        self.pass_on(solution, &frame);
+        let Waiting { index, stated: time, begins_shot, .. } = frame;
+        self.pass_on(FrameSolution { index, time, begins_shot, ..solution }, &frame);
         self.timings.solve += started.elapsed();
     }
 
     fn untouched(&self, frame: &Waiting) -> FrameSolution {
         let (readout, readout_deviation) = self.engine.belief(&frame.readout);
         FrameSolution {
-            motion: FrameMotion::new(readout, MotionPath::STILL).with_weight(0.0),
-            confidence: 0.0,
-            expected_error: None,
-            region_errors: Vec::new(),
-            timing: self.engine.timing(),
-            origin: Origin::Untouched,
             correspondences: frame.correspondences,
-            inliers: 0,
-            residual: 0.0,
             readout_deviation,
-            begins_shot: frame.begins_shot,
-            focal_length: None,
-            fitted: Vec::new(),
+            timing: self.engine.timing(),
+            ..FrameSolution::untouched(readout)
         }
     }
 }

@@ -4,7 +4,7 @@ use super::tests::{HEIGHT, PERIOD, WIDTH, pops, push, texture};
 use super::*;
 use crate::plane::{Plane, PlaneLayout, PlaneMut, SampleFormat};
 use crate::readout::{ReadoutDirection, ReadoutTime};
-use crate::warp::{BorderMode, Placement, WarpSettings, Warper, least_zoom};
+use crate::warp::{BorderMode, Fill, Placement, WarpSettings, Warper, least_zoom};
 use nalgebra::Vector2;
 use std::f64::consts::TAU;
 
@@ -68,7 +68,7 @@ fn a_shaken_picture_is_steady_and_shows_no_border() {
     let frames: Vec<Vec<u8>> = (0..FRAMES).map(shaken).collect();
     let still = jitter(&solved(&mut rectifier(0.0, 4), &frames));
     let settings = WarpSettings {
-        border: BorderMode::Constant,
+        border: BorderMode::Constant(Fill::default()),
         zoom: 1.0 / (1.0 - 2.0 * MARGIN),
         ..WarpSettings::default()
     };
@@ -85,7 +85,7 @@ fn a_shaken_picture_is_steady_and_shows_no_border() {
             let mut target = PlaneMut::new(&mut out, layout).unwrap();
             let source = Plane::new(frame, layout).unwrap();
             let prepared = warper.prepare(&solution.motion, &settings);
-            prepared.warp(&source, &mut target, Placement::FULL, [0; 4]).unwrap();
+            prepared.warp(&source, &mut target, Placement::FULL).unwrap();
             // Cubic interpolation may undershoot, but not to black.
             assert!(out.iter().all(|value| *value > 5), "frame {k} shows its border");
         }

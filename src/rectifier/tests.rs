@@ -1,6 +1,7 @@
 //! The rectifier on pictures whose motion is known in closed form.
 
 use super::*;
+use crate::motion::{FrameMotion, MotionPath};
 use crate::plane::{Plane, PlaneLayout, SampleFormat};
 use crate::readout::{ReadoutDirection, ReadoutTime};
 use nalgebra::Vector2;
@@ -107,6 +108,34 @@ fn every_frame_comes_out_once_after_the_lookahead() {
 }
 
 #[test]
+fn solutions_carry_number_and_timestamp_of_their_frame() {
+    let grey = [128; WIDTH * HEIGHT];
+    // The clock fills in what is missing and what stands still; the solutions do not.
+    let stated = [Some(7.0), Some(7.0), None, Some(f64::NAN), Some(6.5), Some(1e6), Some(1e6 + PERIOD)];
+    let expected = stated.map(|time| time.filter(|time| !time.is_nan()));
+    for (estimator, stabilization) in ESTIMATORS.into_iter().flat_map(|one| [(one, 0.0), (one, 0.5)]) {
+        let mut rectifier = rectifier(estimator, 3);
+        rectifier.set_stabilization(stabilization, 0.1);
+        let mut fill = |times: &[Option<f64>]| {
+            for time in times {
+                let plane = Plane::new(&grey, PlaneLayout::packed(WIDTH, HEIGHT, SampleFormat::U8)).unwrap();
+                rectifier.push(&Luma::from(plane), *time, Duplicate::Detect).unwrap();
+            }
+            rectifier.drain();
+            let solved = rectifier.solved.iter();
+            solved.map(|solution| (solution.index, solution.time)).collect::<Vec<_>>()
+        };
+        fill(&stated[..4]);
+        let all: Vec<_> = expected.into_iter().enumerate().collect();
+        assert_eq!(fill(&stated[4..]), all, "a drain does not start the numbers anew");
+        rectifier.reset();
+        push(&mut rectifier, &grey, 3.0, Duplicate::Detect);
+        let first = rectifier.pop_early().unwrap();
+        assert_eq!((first.index, first.time), (0, Some(3.0)));
+    }
+}
+
+#[test]
 fn without_lookahead_the_first_frame_stays_as_it_is() {
     for estimator in ESTIMATORS {
         let mut rectifier = rectifier(estimator, 0);
@@ -171,31 +200,32 @@ fn a_duplicate_repeats_its_frame_s_motion() {
 fn a_duplicate_is_corrected_as_much_as_its_frame() {
     let mut rectifier = rectifier(Estimator::default(), 4);
     let readout = rectifier.readout();
+    let motion = FrameMotion::new(readout, MotionPath::STILL).with_weight(0.5);
     let found = FrameSolution {
-        motion: FrameMotion::new(readout, MotionPath::STILL).with_weight(0.5),
+        index: 6,
+        time: Some(0.24),
         confidence: 0.5,
         expected_error: Some(2.5),
         region_errors: vec![3.0, 4.0, 0.0, 0.0],
-        origin: Origin::Continuous,
         correspondences: 740,
         inliers: 700,
         residual: 1.0,
-        readout_deviation: 0.0,
         begins_shot: true,
-        timing: FrameTiming::default(),
-        focal_length: None,
-        fitted: Vec::new(),
+        ..FrameSolution::new(motion, Origin::Continuous)
     };
     rectifier.last = Some(found.clone());
     rectifier.waiting.push_back(Waiting {
-        time: 0.0,
+        index: 7,
+        stated: Some(0.28),
+        time: 0.28,
         readout,
         correspondences: 0,
         repeats: true,
         begins_shot: false,
     });
     let solution = rectifier.pop_early().unwrap();
-    assert_eq!(solution, FrameSolution { origin: Origin::Repeated, begins_shot: false, ..found });
+    let own = FrameSolution { index: 7, time: Some(0.28), begins_shot: false, ..found };
+    assert_eq!(solution, FrameSolution { origin: Origin::Repeated, ..own });
 }
 
 #[test]

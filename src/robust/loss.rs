@@ -38,9 +38,11 @@ pub trait Density: Loss {
 }
 
 /// ρ(s) = s: normal distribution.
+#[cfg(test)]
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Squares;
 
+#[cfg(test)]
 impl<T: RealField + Copy> Loss<T> for Squares {
     #[inline(always)]
     fn rho(self, s: T) -> T {
@@ -128,6 +130,7 @@ impl<const FREEDOM: i32> Mixture<FREEDOM> {
     }
 
     /// Posterior probability of an inlier.
+    #[cfg(test)]
     #[inline(always)]
     pub fn inlier_probability(self, s: f64) -> f64 {
         let inlier = self.inlier_density(s);
@@ -173,11 +176,6 @@ impl FromIterator<f64> for EffectiveNumber {
 }
 
 impl EffectiveNumber {
-    /// The effective number; 0 if all weights are 0.
-    pub fn number(self) -> f64 {
-        if self.sum > 0.0 { self.sum * self.sum / self.squares } else { 0.0 }
-    }
-
     /// The factor on all weights by which they count as at most `most` independent measurements: `most` over
     /// the effective number, at most 1; 0 if all weights are 0.
     pub fn independent_share(self, most: f64) -> f64 {
@@ -272,8 +270,12 @@ mod tests {
     #[test]
     fn the_effective_number_of_unequal_weights_is_smaller() {
         let of = |weights: &[f64]| weights.iter().copied().collect::<EffectiveNumber>();
-        assert_eq!((of(&[]).number(), of(&[0.0; 3]).number()), (0.0, 0.0));
-        assert_eq!((of(&[0.3; 4]).number(), of(&[3.0, 1.0]).number()), (4.0, 1.6));
+        assert_eq!((of(&[]).independent_share(1.0), of(&[0.0; 3]).independent_share(1.0)), (0.0, 0.0));
+        // Effective numbers of 4 and 1.6.
+        assert_eq!(
+            (of(&[0.25; 4]).independent_share(2.0), of(&[3.0, 1.0]).independent_share(0.8)),
+            (0.5, 0.5)
+        );
         // Four with an effective number of one and a half.
         assert_eq!(of(&[2.0; 4]).independent_share(1.5), 0.375);
         assert_eq!((of(&[2.0; 4]).independent_share(5.0), of(&[]).independent_share(5.0)), (1.0, 0.0));

@@ -20,6 +20,6 @@ pub mod sequential;
 mod solution;
 
 pub use frame_timing::{FrameTiming, Timeline};
-pub use sequential::link::{Fit, Link};
+pub use sequential::link::Link;
 pub use sequential::window::{MotionCandidate, Window};
-pub use solution::{FittedCorrespondence, FocalLength, FrameSolution, Origin, root_mean_square};
+pub use solution::{FittedCorrespondence, FocalLength, FrameSolution, Origin};

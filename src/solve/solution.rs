@@ -1,7 +1,8 @@
 //! The result for a frame, from either estimator.
 
 use super::frame_timing::FrameTiming;
-use crate::motion::FrameMotion;
+use crate::motion::{FrameMotion, MotionPath};
+use crate::readout::Readout;
 use nalgebra::Vector2;
 
 /// How a frame's motion was obtained.
@@ -42,6 +43,12 @@ impl Origin {
 #[derive(Clone, Debug, PartialEq)]
 #[non_exhaustive]
 pub struct FrameSolution {
+    /// Number of the frame, counted from 0 over all frames pushed since the rectifier was made or
+    /// [reset](crate::Rectifier::reset). A [drain](crate::Rectifier::drain) does not start it anew: no two frames that can
+    /// be popped have the same.
+    pub index: usize,
+    /// Timestamp of the frame in seconds, as it was pushed; `None` where it was missing or not finite.
+    pub time: Option<f64>,
     /// The motion to rectify the frame with: the path during its readout, the shutter it was solved for, and
     /// the share of the correction to apply, less than 1 if a continuous path is uncertain.
     pub motion: FrameMotion,
@@ -83,6 +90,35 @@ pub struct FrameSolution {
     /// [`Settings::keep_correspondences`](crate::rectifier::Settings::keep_correspondences) is set, for a frame
     /// without a motion, and from the sequential estimator.
     pub fitted: Vec<FittedCorrespondence>,
+}
+
+impl FrameSolution {
+    /// An uncorrected frame.
+    pub(crate) fn untouched(readout: Readout) -> Self {
+        let motion = FrameMotion::new(readout, MotionPath::STILL).with_weight(0.0);
+        Self::new(motion, Origin::Untouched)
+    }
+
+    /// A frame of this motion, without a number, confidence, or anything else that only some estimators state.
+    pub(crate) fn new(motion: FrameMotion, origin: Origin) -> Self {
+        Self {
+            index: 0,
+            time: None,
+            motion,
+            confidence: 0.0,
+            expected_error: None,
+            region_errors: Vec::new(),
+            origin,
+            correspondences: 0,
+            inliers: 0,
+            residual: 0.0,
+            readout_deviation: 0.0,
+            begins_shot: false,
+            timing: FrameTiming::default(),
+            focal_length: None,
+            fitted: Vec::new(),
+        }
+    }
 }
 
 /// A focal length, given or estimated.

@@ -3,7 +3,7 @@
 //! A point at x in the frame (centred pixels, exposed at share s) is moved to
 //! z · (x + α·(carry(x, s, ref) − x)) in the rectified frame: 25.11 with a strength α and a zoom z. A frame that is stabilised
 //! has a placement besides, a homography P after all this but the zoom: by z · P(…).
-//! [`Warper::prepare`] inverts this map once a frame, [`PreparedFrame::warp`] resamples any of the
+//! [`Warper::prepare`] inverts this map once a frame, [`PreparedFrame::warp_frame`] resamples the
 //! frame's planes by it, in two passes: first down the columns, then along the rows (see `kernels`).
 //!
 //! Positions are accurate to 0.01 px: the map is solved at nodes, interpolated between them, and
@@ -14,6 +14,7 @@ mod blocks;
 mod border;
 mod borders;
 mod correction;
+mod frame;
 mod inverse;
 mod kernels;
 mod knots;
@@ -27,11 +28,13 @@ mod weights;
 
 pub use crate::cpu::CpuLevel;
 pub use borders::{UNBENT_SHARE, least_zoom};
+pub use frame::FrameLayout;
 pub use placement::Placement;
-pub use settings::{BorderMode, Interpolation, WarpSettings};
+pub use settings::{BorderMode, Fill, Interpolation, WarpSettings};
 
 use crate::motion::FrameMotion;
-use crate::plane::{Plane, PlaneLayout, PlaneMut};
+use crate::plane::{Plane, PlaneError, PlaneLayout, PlaneMut};
+use border::PlaneBorder;
 use inverse::InverseMap;
 use knots::KnotTable;
 use std::sync::{Arc, Mutex, PoisonError};
@@ -47,12 +50,18 @@ pub enum WarpError {
     /// The placement is invalid: a scale that is not positive or a number that is not finite.
     #[error("a plane's scale must be positive and its offset finite")]
     Placement,
+    /// A frame has more or fewer planes than its layout.
+    #[error("a frame has more or fewer planes than its layout")]
+    Planes,
+    /// The bytes of a plane are not as its layout says.
+    #[error(transparent)]
+    Plane(#[from] PlaneError),
 }
 
 /// Rectifies the planes of successive frames; reuses its buffers.
 ///
 /// With the feature `rayon`, rows are distributed over the thread pool in which [`prepare`](Self::prepare)
-/// and [`PreparedFrame::warp`] are called.
+/// and the methods of [`PreparedFrame`] are called.
 #[derive(Debug)]
 pub struct Warper {
     level: CpuLevel,
@@ -122,13 +131,13 @@ impl Warper {
         }
     }
 
-    /// Fills `dst` with the rectified `src`; see [`PreparedFrame::warp`].
+    /// Fills `dst` with the rectified `src`; see [`PreparedFrame::warp_plane`].
     fn warp(
         &self,
         src: &Plane<'_>,
         dst: &mut PlaneMut<'_>,
         placement: Placement,
-        fill: [u16; 4],
+        index: usize,
     ) -> Result<(), WarpError> {
         let key = |layout: &PlaneLayout| (layout.width, layout.height, layout.channels, layout.format);
         if key(src.layout()) != key(dst.layout()) {
@@ -148,8 +157,7 @@ impl Warper {
         let task = rows::PlaneTask {
             level: self.level,
             interpolation: self.settings.interpolation,
-            border: self.settings.border,
-            fill,
+            border: PlaneBorder::of(self.settings.border, index),
             across: &map.across,
             down: &map.down,
             source: *src,
@@ -180,23 +188,60 @@ pub struct PreparedFrame<'a> {
 }
 
 impl PreparedFrame<'_> {
-    /// Fills `dst` with the rectified `src`, one of the frame's planes.
-    ///
-    /// `fill` holds one sample value per channel (before the format's shift) for
-    /// [`BorderMode::Constant`]. The steps of the two planes may differ; samples that belong to other
-    /// views of the same bytes are not written.
+    /// Fills `dst` with the rectified `src`, the frame's only plane or its first; see
+    /// [`warp_plane`](Self::warp_plane).
     ///
     /// # Errors
-    /// If the planes differ in size, channels or sample format, or the placement is invalid; see
-    /// [`WarpError`].
+    /// As [`warp_plane`](Self::warp_plane).
     pub fn warp(
         &self,
         src: &Plane<'_>,
         dst: &mut PlaneMut<'_>,
         placement: Placement,
-        fill: [u16; 4],
     ) -> Result<(), WarpError> {
-        self.warper.warp(src, dst, placement, fill)
+        self.warp_plane(0, src, dst, placement)
+    }
+
+    /// Fills `dst` with the rectified `src`, plane `index` of the frame, counted from 0. The index
+    /// chooses the sample values of [`BorderMode::Constant`], nothing else.
+    ///
+    /// The steps of the two planes may differ; samples that belong to other views of the same bytes are
+    /// not written.
+    ///
+    /// # Errors
+    /// If the planes differ in size, channels or sample format, or the placement is invalid; see
+    /// [`WarpError`].
+    pub fn warp_plane(
+        &self,
+        index: usize,
+        src: &Plane<'_>,
+        dst: &mut PlaneMut<'_>,
+        placement: Placement,
+    ) -> Result<(), WarpError> {
+        self.warper.warp(src, dst, placement, index)
+    }
+
+    /// Fills the planes `dst` with those of the rectified frame, whose planes are `src`; both have this
+    /// layout.
+    ///
+    /// # Errors
+    /// If there are more or fewer planes than in the layout, or one of them is shorter, or the layout is
+    /// invalid; see [`WarpError`].
+    pub fn warp_frame(
+        &self,
+        layout: &FrameLayout,
+        src: &[impl AsRef<[u8]>],
+        dst: &mut [impl AsMut<[u8]>],
+    ) -> Result<(), WarpError> {
+        if [src.len(), dst.len()] != [layout.planes.len(); 2] {
+            return Err(WarpError::Planes);
+        }
+        let planes = layout.planes.iter().zip(src).zip(dst).enumerate();
+        for (index, ((&(layout, placement), src), dst)) in planes {
+            let (src, mut dst) = (Plane::new(src.as_ref(), layout)?, PlaneMut::new(dst.as_mut(), layout)?);
+            self.warp_plane(index, &src, &mut dst, placement)?;
+        }
+        Ok(())
     }
 }
 

@@ -16,6 +16,9 @@ impl Placement {
     /// A plane of the frame's own size.
     pub const FULL: Self = Self { scale: [1.0, 1.0], offset: [0.0, 0.0] };
 
+    /// Chroma of 4:2:0 as MPEG-2 and its successors site it: on every other luma column, between two luma rows.
+    pub const CHROMA_420: Self = Self { scale: [2.0, 2.0], offset: [0.0, 0.5] };
+
     /// Whether scales are positive and all numbers finite.
     pub(super) fn is_valid(&self) -> bool {
         let numbers = self.scale.iter().chain(&self.offset);

@@ -1,9 +1,10 @@
 //! Processes the rows of a plane in bands, one band per task of the thread pool.
 
 use super::blocks::{BLOCK, Block};
+use super::border::PlaneBorder;
 use super::kernels::{self, Fixed, Float, Horizontal, OutputFormat, Passes, Vertical};
 use super::knots::KnotTable;
-use super::settings::{BorderMode, Interpolation};
+use super::settings::Interpolation;
 use crate::cpu::{CpuLevel, for_each_cpu};
 use crate::parallel::*;
 use crate::plane::{Plane, PlaneLayout, PlaneMut};
@@ -16,8 +17,7 @@ const BAND: usize = 16;
 pub(super) struct PlaneTask<'a> {
     pub level: CpuLevel,
     pub interpolation: Interpolation,
-    pub border: BorderMode,
-    pub fill: [u16; 4],
+    pub border: PlaneBorder,
     pub across: &'a KnotTable,
     pub down: &'a KnotTable,
     pub source: Plane<'a>,
@@ -81,7 +81,6 @@ impl PlaneTask<'_> {
         let vertical = Vertical {
             plane: self.source,
             border: self.border,
-            fill: self.fill,
             row: index as isize,
             column: from,
             blocks: &scratch.down,

@@ -24,8 +24,36 @@ pub enum BorderMode {
     Replicate,
     /// The picture mirrored at its edge.
     Mirror,
-    /// A fill value.
-    Constant,
+    /// One colour.
+    Constant(Fill),
+}
+
+/// A colour as sample values: of each of a frame's planes, of each of its channels, before the format's
+/// [shift](crate::plane::SampleFormat::shift). Larger values than the format has count as its largest.
+///
+/// ```
+/// use rsrectify::warp::{BorderMode, Fill, WarpSettings};
+/// let mut settings = WarpSettings::default();
+/// // Black in 8-bit Y′CbCr of limited range, planar or semi-planar.
+/// settings.border = BorderMode::Constant(Fill::planar([16, 128, 128, 0]));
+/// // Opaque black in packed RGBA.
+/// settings.border = BorderMode::Constant(Fill::packed([0, 0, 0, 255]));
+/// ```
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+pub struct Fill(pub [[u16; 4]; 4]);
+
+impl Fill {
+    /// One value for each plane, in all its channels.
+    #[must_use]
+    pub const fn planar([a, b, c, d]: [u16; 4]) -> Self {
+        Self([[a; 4], [b; 4], [c; 4], [d; 4]])
+    }
+
+    /// One value for each channel, in all planes.
+    #[must_use]
+    pub const fn packed(channels: [u16; 4]) -> Self {
+        Self([channels; 4])
+    }
 }
 
 /// How a frame is rectified.

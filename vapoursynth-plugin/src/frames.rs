@@ -4,7 +4,7 @@ use rsrectify::Warper;
 use rsrectify::motion::FrameMotion;
 use rsrectify::motion::file::MotionFile;
 use rsrectify::plane::{Plane, PlaneLayout, PlaneMut, SampleFormat};
-use rsrectify::warp::{BorderMode, Interpolation, Placement, WarpSettings};
+use rsrectify::warp::{BorderMode, Fill, Interpolation, Placement, WarpSettings};
 use std::path::Path;
 use std::slice;
 use std::sync::{Mutex, PoisonError};
@@ -61,7 +61,8 @@ impl Settings {
         self.warp.border = match name {
             "auto" | "replicate" | "crop" => BorderMode::Replicate,
             "mirror" => BorderMode::Mirror,
-            "constant" => BorderMode::Constant,
+            // Its samples are those of the format at hand.
+            "constant" => BorderMode::Constant(Fill::default()),
             _ => return Err("border must be auto, replicate, mirror, constant or crop".into()),
         };
         self.zoom = match name {
@@ -117,7 +118,11 @@ impl Rectifier {
         let mut target = core.new_video_frame(format, width, height, Some(&source));
         let mut warper =
             self.warpers.lock().unwrap_or_else(PoisonError::into_inner).pop().unwrap_or_default();
-        let prepared = warper.prepare(&motion, &self.settings.warp);
+        let mut settings = self.settings.warp;
+        if matches!(settings.border, BorderMode::Constant(_)) {
+            settings.border = BorderMode::Constant(black(format));
+        }
+        let prepared = warper.prepare(&motion, &settings);
         for index in 0..format.num_planes {
             let layout = layout(&source, index)?;
             let target_layout = PlaneLayout { stride: stride(&target, index)?, ..layout };
@@ -130,8 +135,8 @@ impl Rectifier {
             let from = Plane::new(from, layout).map_err(|error| error.to_string())?;
             let mut to = PlaneMut::new(to, target_layout).map_err(|error| error.to_string())?;
             let placement = if index > 0 { chroma(format, &source) } else { Placement::FULL };
-            let fill = [black(format, index); 4];
-            prepared.warp(&from, &mut to, placement, fill).map_err(|error| error.to_string())?;
+            let index = usize::try_from(index).unwrap_or(0);
+            prepared.warp_plane(index, &from, &mut to, placement).map_err(|error| error.to_string())?;
         }
         self.warpers.lock().unwrap_or_else(PoisonError::into_inner).push(warper);
         Ok(target)
@@ -197,12 +202,11 @@ fn chroma(format: &VideoFormat, frame: &VideoFrame) -> Placement {
     Placement { scale, offset: [across * (scale[0] - 1.0), down * (scale[1] - 1.0)] }
 }
 
-/// The sample of black.
-fn black(format: &VideoFormat, plane: i32) -> u16 {
+/// Black.
+fn black(format: &VideoFormat) -> Fill {
     let above = u32::try_from(format.bits_per_sample - 8).unwrap_or(0);
-    match (format.color_family, plane) {
-        (VSColorFamily::YUV, 0) => 16 << above,
-        (VSColorFamily::YUV, _) => 128 << above,
-        _ => 0,
+    match format.color_family {
+        VSColorFamily::YUV => Fill::planar([16, 128, 128, 0].map(|value| value << above)),
+        _ => Fill::default(),
     }
 }

@@ -241,12 +241,13 @@ pub enum BorderMode {
     Crop = 3,
 }
 
-impl From<BorderMode> for warp::BorderMode {
-    fn from(mode: BorderMode) -> Self {
-        match mode {
-            BorderMode::Replicate | BorderMode::Crop => Self::Replicate,
-            BorderMode::Mirror => Self::Mirror,
-            BorderMode::Constant => Self::Constant,
+impl BorderMode {
+    /// The library's mode, with `border-color` as samples.
+    pub fn filled_with(self, fill: warp::Fill) -> warp::BorderMode {
+        match self {
+            Self::Replicate | Self::Crop => warp::BorderMode::Replicate,
+            Self::Mirror => warp::BorderMode::Mirror,
+            Self::Constant => warp::BorderMode::Constant(fill),
         }
     }
 }

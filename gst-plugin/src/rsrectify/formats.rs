@@ -10,7 +10,7 @@ use gst_video::{
     VideoCapsBuilder, VideoFormat, VideoFrameRef, VideoInfo, VideoMeta, VideoOverlayCompositionMeta,
 };
 use rsrectify::plane::{Luma, Plane, PlaneLayout, PlaneMut, SampleFormat};
-use rsrectify::warp::Placement;
+use rsrectify::warp::{Fill, Placement};
 
 /// The formats that can be rectified, the most usual first.
 pub const FORMATS: [VideoFormat; 64] = [
@@ -219,8 +219,18 @@ impl FrameLayout {
         self.views.iter().all(|view| view.layout_in(frame).is_some())
     }
 
-    /// An 0xAARRGGBB colour as one sample value a component, by the stream's colour matrix and range.
-    pub fn fill(&self, argb: u32) -> [u16; COMPONENTS] {
+    /// An 0xAARRGGBB colour as samples of the views, by the stream's colour matrix and range.
+    pub fn fill(&self, argb: u32) -> Fill {
+        let components = self.components(argb);
+        let mut fill = Fill::default();
+        for (samples, view) in fill.0.iter_mut().zip(&self.views) {
+            *samples = view.fill(&components);
+        }
+        fill
+    }
+
+    /// The colour as one sample value a component.
+    fn components(&self, argb: u32) -> [u16; COMPONENTS] {
         let [a, r, g, b] = argb.to_be_bytes().map(|byte| f64::from(byte) / 255.0);
         let colorimetry = self.info.colorimetry();
         let range = match colorimetry.range() {
@@ -257,7 +267,7 @@ impl View {
     }
 
     /// The value in each channel of a view, from one value a component; padding is opaque white.
-    pub fn fill(&self, components: &[u16; COMPONENTS]) -> [u16; COMPONENTS] {
+    fn fill(&self, components: &[u16; COMPONENTS]) -> [u16; COMPONENTS] {
         self.components.map(|component| component.map_or(self.layout.format.max_value(), |c| components[c]))
     }
 

@@ -147,8 +147,7 @@ fn border_colour_in_every_colour_space() {
         let colorimetry: gst_video::VideoColorimetry = colorimetry.parse().unwrap();
         let info = VideoInfo::builder(format, 8, 8).colorimetry(&colorimetry).build().unwrap();
         let layout = FrameLayout::new(&info).unwrap();
-        let components = layout.fill(argb);
-        layout.views().iter().map(|view| view.fill(&components)).collect::<Vec<_>>()
+        layout.fill(argb).0[..layout.views().len()].to_vec()
     };
     let first = |fills: Vec<[u16; 4]>| fills.iter().map(|fill| fill[0]).collect::<Vec<_>>();
     assert_eq!(first(fill(VideoFormat::I420, "bt601", 0xff00_0000)), [16, 128, 128]);

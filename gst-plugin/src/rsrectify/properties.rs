@@ -120,7 +120,7 @@ impl Settings {
         prior.ok().filter(|_| self.expected_readout_time != 0)
     }
 
-    /// How a frame is rectified.
+    /// How a frame is rectified, apart from the border, whose samples depend on the format.
     pub fn warp(&self) -> warp::WarpSettings {
         let zoom = match self.border_mode {
             BorderMode::Crop => 1.0 / (1.0 - self.crop / 100.0),
@@ -128,7 +128,6 @@ impl Settings {
         };
         let mut settings = warp::WarpSettings::default();
         settings.interpolation = self.interpolation.into();
-        settings.border = self.border_mode.into();
         settings.reference_row = self.reference_row;
         settings.strength = self.strength;
         settings.zoom = zoom;

@@ -330,15 +330,15 @@ impl State {
         self.padding.clear(&self.layout, output)?;
         let mut output = VideoFrameRef::from_buffer_ref_writable(output, info)
             .map_err(|_| "cannot map the output frame for writing")?;
-        let fill = self.layout.fill(settings.border_color);
         let mut warp = settings.warp();
+        warp.border = settings.border_mode.filled_with(self.layout.fill(settings.border_color));
         warp.strength *= share;
         let frame = self.workers.run(|| self.warper.prepare(motion, &warp));
-        for view in self.layout.views() {
+        for (index, view) in self.layout.views().iter().enumerate() {
             let source = view.plane(&input).ok_or("the buffer does not hold a whole frame")?;
             let mut target = view.plane_mut(&mut output).ok_or("the output buffer is too small")?;
             self.workers
-                .run(|| frame.warp(&source, &mut target, view.placement, view.fill(&fill)))
+                .run(|| frame.warp_plane(index, &source, &mut target, view.placement))
                 .map_err(|_| "input and output frames differ")?;
         }
         Ok(())

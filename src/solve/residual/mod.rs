@@ -26,7 +26,12 @@ mod path;
 mod solver;
 mod velocity;
 
+#[cfg(feature = "unstable")]
 pub use frame_flow::FrameFlow;
 pub use local::{LocalMotion, LocalMotions};
-pub use path::{Path, Still};
-pub use solver::{CellVelocities, REGIONS, Region, ResidualSolver};
+pub use path::Path;
+#[cfg(feature = "unstable")]
+pub use path::Still;
+#[cfg(feature = "unstable")]
+pub use solver::{CellVelocities, ResidualSolver};
+pub use solver::{REGIONS, Region};

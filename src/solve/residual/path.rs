@@ -12,9 +12,11 @@ pub trait Path: Sync {
 }
 
 /// A path without motion.
+#[cfg(feature = "unstable")]
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Still;
 
+#[cfg(feature = "unstable")]
 impl Path for Still {
     fn until(&self, _: f64) -> Matrix3<f64> {
         Matrix3::identity()

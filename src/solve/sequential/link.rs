@@ -102,16 +102,6 @@ impl Link {
         Self { pairs, interval, readout_time: readout.time, noise, still_energy }
     }
 
-    /// Number of correspondences.
-    pub fn len(&self) -> usize {
-        self.pairs.len()
-    }
-
-    /// Whether the link has no correspondences.
-    pub fn is_empty(&self) -> bool {
-        self.pairs.is_empty()
-    }
-
     /// Whether nothing moved between the two frames: any model fits such a pair, so it cannot be the
     /// initial pair.
     pub fn is_still(&self) -> bool {

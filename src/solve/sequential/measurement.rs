@@ -56,7 +56,7 @@ struct PointBlock {
 
 impl Minimiser {
     /// The twist of least Σ ρ(s) near `start`, or `None` where the matches do not determine one; s is the part of a match in E, so
-    /// σ is 1 px. [`Squares`](crate::robust::loss::Squares) is 25.4 as printed.
+    /// σ is 1 px. The sum of squares is 25.4 as printed.
     pub fn minimise(&mut self, matches: &[TimedMatch], start: Twist, loss: impl Loss) -> Option<Twist> {
         self.corrected.clear();
         self.corrected.extend(matches.iter().map(|m| halfway(m, start)));
@@ -91,6 +91,7 @@ impl Minimiser {
     }
 
     /// The corrected points o of the last minimisation, in centred pixels, one a match.
+    #[cfg(test)]
     pub fn corrected(&self) -> &[Vector2<f64>] {
         &self.corrected
     }

@@ -2,7 +2,7 @@
 
 use crate::plane::Plane;
 use crate::warp::blocks::Block;
-use crate::warp::settings::BorderMode;
+use crate::warp::border::PlaneBorder;
 
 /// One output row of the vertical pass.
 #[derive(Clone, Copy)]
@@ -10,9 +10,7 @@ pub(in crate::warp) struct Vertical<'a> {
     /// The source plane.
     pub plane: Plane<'a>,
     /// The picture outside of it.
-    pub border: BorderMode,
-    /// Value outside for [`BorderMode::Constant`], one per channel.
-    pub fill: [u16; 4],
+    pub border: PlaneBorder,
     /// The output row.
     pub row: isize,
     /// The first column, a multiple of 16.

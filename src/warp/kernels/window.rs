@@ -4,8 +4,7 @@
 
 use super::task::Vertical;
 use crate::warp::blocks::BLOCK;
-use crate::warp::border::resolve;
-use crate::warp::settings::BorderMode;
+use crate::warp::border::{PlaneBorder, resolve};
 use crate::warp::weights::Kernel;
 
 /// The samples that one block of the vertical pass reads.
@@ -63,7 +62,7 @@ impl Vertical<'_> {
         let layout = self.plane.layout();
         let height = layout.height as isize;
         // Unless mirrored, all rows beyond an edge are identical.
-        let is_uniform = self.border != BorderMode::Mirror && (top >= height || top + rows as isize <= 0);
+        let is_uniform = self.border != PlaneBorder::Mirror && (top >= height || top + rows as isize <= 0);
         let columns = self.columns(left);
         let shown = |row: isize| resolve(row, layout.height, self.border).map(|row| self.plane.row(row));
         if let (true, Columns::InPlace(offset), Some(bytes)) = (is_uniform, &columns, shown(top)) {
@@ -102,7 +101,7 @@ impl Vertical<'_> {
         let shown = |column: isize| resolve(column, layout.width, self.border).map(|column| column * pixel);
         if left >= 0 && left + BLOCK as isize <= self.whole_pixels() {
             Columns::InPlace(left as usize * pixel)
-        } else if self.border != BorderMode::Mirror && (left >= width || left + BLOCK as isize <= 0) {
+        } else if self.border != PlaneBorder::Mirror && (left >= width || left + BLOCK as isize <= 0) {
             Columns::Single(shown(left))
         } else {
             Columns::Listed(std::array::from_fn(|index| shown(left + index as isize)))
@@ -122,10 +121,11 @@ impl Vertical<'_> {
 
     /// Writes the fill value to the first pixel of `out`.
     fn copy_fill(&self, out: &mut [u8]) {
+        let PlaneBorder::Constant(fill) = self.border else { return };
         let layout = self.plane.layout();
         let format = layout.format;
         let samples = out.chunks_exact_mut(format.bytes()).take(layout.channels);
-        for (sample, fill) in samples.zip(self.fill) {
+        for (sample, fill) in samples.zip(fill) {
             let stored = fill.min(format.max_value()) << format.shift();
             sample.copy_from_slice(&stored.to_le_bytes()[..format.bytes()]);
         }
@@ -173,6 +173,8 @@ mod tests {
     use crate::warp::blocks::Block;
     use crate::warp::weights::Cubic;
 
+    const FILL: [u16; 4] = [9, 8, 7, 6];
+
     /// Two bytes for all formats, the second zero for 8 bits.
     fn sample(bytes: &[u8], at: usize, size: usize) -> [u8; 2] {
         [bytes[at], if size == 2 { bytes[at + 1] } else { 0 }]
@@ -180,7 +182,7 @@ mod tests {
 
     #[test]
     fn windows_show_what_each_sample_resolves_to() {
-        let borders = [BorderMode::Replicate, BorderMode::Mirror, BorderMode::Constant];
+        let borders = [PlaneBorder::Replicate, PlaneBorder::Mirror, PlaneBorder::Constant(FILL)];
         let layouts = [(1, 1, 0), (1, 2, 1), (2, 2, 3), (3, 4, 0), (4, 4, 4)];
         for format in [SampleFormat::U8, SampleFormat::U12_HIGH] {
             for (width, height) in [(1, 1), (16, 5), (32, 9), (41, 3)] {
@@ -196,7 +198,6 @@ mod tests {
                             check(&Vertical {
                                 plane,
                                 border,
-                                fill: [9, 8, 7, 6],
                                 row,
                                 column: -32,
                                 blocks: &[Block::default(); 7],
@@ -225,7 +226,7 @@ mod tests {
                     Some((row, column)) => {
                         sample(task.plane.row(row), (column * layout.step + channel) * size, size)
                     }
-                    None => (task.fill[channel] << layout.format.shift()).to_le_bytes(),
+                    None => (FILL[channel] << layout.format.shift()).to_le_bytes(),
                 };
                 assert_eq!(
                     sample(window.bytes, at, size),

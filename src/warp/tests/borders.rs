@@ -37,7 +37,7 @@ fn no_border_is_seen_with_any_settings() {
             .with_weight(random.signed().abs() + 0.3);
         let settings = WarpSettings {
             interpolation: KERNELS[random.below(4)],
-            border: BorderMode::Constant,
+            border: BorderMode::Constant(Fill::default()),
             reference_row: random.signed().abs(),
             strength: random.signed().abs() + 0.3,
             zoom: 1.0 / (1.0 - 0.03 - 0.3 * random.signed().abs()),
@@ -47,7 +47,7 @@ fn no_border_is_seen_with_any_settings() {
         let layout = PlaneLayout::packed(width, height, SampleFormat::U8);
         let white = vec![255; width * height];
         warper.solve(&motion, &settings);
-        let shown = rectify(&warper, &white, layout, Placement::FULL, [0; 4]);
+        let shown = rectify(&warper, &white, layout, Placement::FULL);
         let seen: Vec<_> = (0..shown.len()).filter(|index| shown[*index] < 255).collect();
         assert!(
             seen.is_empty(),

@@ -4,7 +4,8 @@ use super::*;
 
 const INTERPOLATIONS: [Interpolation; 4] =
     [Interpolation::Nearest, Interpolation::Linear, Interpolation::Cubic, Interpolation::Lanczos];
-const BORDERS: [BorderMode; 3] = [BorderMode::Replicate, BorderMode::Mirror, BorderMode::Constant];
+const BORDERS: [BorderMode; 3] =
+    [BorderMode::Replicate, BorderMode::Mirror, BorderMode::Constant(Fill::packed([200, 100, 50, 255]))];
 const FORMATS: [SampleFormat; 6] = [
     SampleFormat::U8,
     SampleFormat::U10,
@@ -76,7 +77,7 @@ fn levels_agree_and_only_own_samples_are_written() {
                 let mut out = vec![0xa5; to.required_bytes().unwrap() + 7];
                 let mut dst = PlaneMut::new(&mut out, to).unwrap();
                 let src = Plane::new(&data, from).unwrap();
-                warper.warp(&src, &mut dst, Placement::FULL, [200, 100, 50, 255]).unwrap();
+                warper.warp(&src, &mut dst, Placement::FULL, 0).unwrap();
                 out
             })
             .collect();
@@ -95,13 +96,17 @@ fn constant_pictures_stay_constant() {
         for interpolation in INTERPOLATIONS {
             for border in BORDERS {
                 let mut warper = Warper::new();
-                let settings = WarpSettings { interpolation, border, ..WarpSettings::default() };
-                warper.solve(&FrameMotion::new(readout, path(&readout, 0.2, 9.0, -7.0)), &settings);
                 for value in [0, 1, format.max_value() / 3, format.max_value()] {
+                    let border = match border {
+                        BorderMode::Constant(_) => BorderMode::Constant(Fill::packed([value; 4])),
+                        other => other,
+                    };
+                    let settings = WarpSettings { interpolation, border, ..WarpSettings::default() };
+                    warper.solve(&FrameMotion::new(readout, path(&readout, 0.2, 9.0, -7.0)), &settings);
                     let stored = (value << format.shift()).to_le_bytes();
                     let data = stored[..format.bytes()].repeat(50 * 40);
                     let layout = PlaneLayout::packed(50, 40, format);
-                    let out = rectify(&warper, &data, layout, Placement::FULL, [value; 4]);
+                    let out = rectify(&warper, &data, layout, Placement::FULL);
                     assert_eq!(out, data, "{format:?} {interpolation:?} {border:?} {value}");
                 }
             }
@@ -123,7 +128,7 @@ fn words_keep_their_shift_and_range() {
             let settings = WarpSettings { interpolation, ..WarpSettings::default() };
             warper.solve(&FrameMotion::new(readout, path(&readout, 0.1, 5.0, 3.3)), &settings);
             let layout = PlaneLayout::packed(64, 48, format);
-            for word in rectify(&warper, &data, layout, Placement::FULL, [0; 4]).chunks(2) {
+            for word in rectify(&warper, &data, layout, Placement::FULL).chunks(2) {
                 let word = u16::from_le_bytes([word[0], word[1]]);
                 assert!(word >> format.shift() <= format.max_value());
                 assert_eq!(word % (1 << format.shift()), 0);
@@ -144,9 +149,9 @@ fn hostile_motion_ends_and_stays_inside() {
                 let settings = WarpSettings { border, zoom: other, ..WarpSettings::default() };
                 warper.solve(&FrameMotion::new(readout, path.clone()), &settings);
                 let layout = PlaneLayout::packed(70, 33, SampleFormat::U8);
-                rectify(&warper, &[9; 70 * 33], layout, Placement::FULL, [9; 4]);
+                rectify(&warper, &[9; 70 * 33], layout, Placement::FULL);
                 let far = Placement { scale: [3.0, 1e-3], offset: [1e5, -1e5] };
-                rectify(&warper, &[9; 70 * 33], layout, far, [9; 4]);
+                rectify(&warper, &[9; 70 * 33], layout, far);
             }
         }
     }
@@ -169,7 +174,7 @@ fn planes_of_a_scale_near_zero_agree_at_all_levels() {
             .map(|level| {
                 let mut warper = Warper::with_cpu(level);
                 warper.solve(&motion, &WarpSettings::default());
-                rectify(&warper, &data, layout, Placement { scale, offset }, [0; 4])
+                rectify(&warper, &data, layout, Placement { scale, offset })
             })
             .collect();
         assert!(shown.windows(2).all(|pair| pair[0] == pair[1]), "{scale:?}");
@@ -188,7 +193,7 @@ fn an_invalid_placement_is_refused() {
     ] {
         let (source, mut target) =
             (Plane::new(&source, layout).unwrap(), PlaneMut::new(&mut target, layout).unwrap());
-        let refused = Warper::new().warp(&source, &mut target, Placement { scale, offset }, [0; 4]);
+        let refused = Warper::new().warp(&source, &mut target, Placement { scale, offset }, 0);
         assert_eq!(refused, Err(WarpError::Placement));
     }
 }

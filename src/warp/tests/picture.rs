@@ -46,7 +46,7 @@ fn rectified(
     let mut warper = Warper::new();
     warper
         .solve(&FrameMotion::new(readout, path), &WarpSettings { interpolation, ..WarpSettings::default() });
-    rectify(&warper, &data, PlaneLayout::packed(SIZE.0, SIZE.1, SampleFormat::U8), Placement::FULL, [0; 4])
+    rectify(&warper, &data, PlaneLayout::packed(SIZE.0, SIZE.1, SampleFormat::U8), Placement::FULL)
 }
 
 #[test]
@@ -92,7 +92,7 @@ fn ramp(layout: PlaneLayout, placement: Placement, axis: usize) -> Vec<u8> {
 /// Frame positions of the pixels of the rectified plane, from a ramp along each axis.
 pub(super) fn positions(warper: &Warper, layout: PlaneLayout, placement: Placement) -> [Vec<f64>; 2] {
     [0, 1].map(|axis| {
-        rectify(warper, &ramp(layout, placement, axis), layout, placement, [0; 4])
+        rectify(warper, &ramp(layout, placement, axis), layout, placement)
             .chunks(2)
             .map(|word| (f64::from(u16::from_le_bytes([word[0], word[1]])) - 2000.0) / 100.0)
             .collect()
@@ -130,7 +130,7 @@ fn a_translation_moves_each_row_to_the_reference() {
     let settings = WarpSettings { interpolation: Interpolation::Linear, ..WarpSettings::default() };
     warper.solve(&FrameMotion::new(readout, path(&readout, 0.0, 64.0, 0.0)), &settings);
     let data = picture(256, 64, |x, _| x);
-    let out = rectify(&warper, &data, layout, Placement::FULL, [0; 4]);
+    let out = rectify(&warper, &data, layout, Placement::FULL);
     for row in 0..64 {
         for column in 40..216 {
             let truth = column as f64 - (32.0 - (row as f64 + 0.5));
@@ -150,7 +150,7 @@ fn a_weight_of_half_halves_the_correction() {
         let mut warper = Warper::new();
         let interpolation = Interpolation::Linear;
         warper.solve(&motion, &WarpSettings { interpolation, strength, ..WarpSettings::default() });
-        let out = rectify(&warper, &data, layout, Placement::FULL, [0; 4]);
+        let out = rectify(&warper, &data, layout, Placement::FULL);
         for (row, column) in (0..64).flat_map(|row| (40..216).map(move |column| (row, column))) {
             let truth = column as f64 - weight * strength * (32.0 - (row as f64 + 0.5));
             assert!((f64::from(out[row * 256 + column]) - truth).abs() <= 0.51, "{weight}: {column} {row}");
@@ -169,7 +169,7 @@ fn without_motion_the_result_is_an_exact_copy() {
         let mut warper = Warper::new();
         warper.solve(&FrameMotion::new(readout, path), &settings);
         for format in [SampleFormat::U10_HIGH, SampleFormat::U16] {
-            let out = rectify(&warper, &data, PlaneLayout::packed(33, 21, format), Placement::FULL, [0; 4]);
+            let out = rectify(&warper, &data, PlaneLayout::packed(33, 21, format), Placement::FULL);
             assert_eq!(out, data);
         }
     }
@@ -191,13 +191,48 @@ fn borders_follow_their_mode() {
             ..WarpSettings::default()
         };
         warper.solve(&FrameMotion::new(readout, motion.clone()), &settings);
-        rectify(&warper, &data, layout, Placement::FULL, [7; 4])[..64].to_vec()
+        rectify(&warper, &data, layout, Placement::FULL)[..64].to_vec()
     };
     // Row 0 was read at share 1/16 and moves by 15/16 · 40 = 37.5 px: pixel X shows X − 37.5.
     assert_eq!(first(BorderMode::Replicate)[..37], [10; 37]);
-    assert_eq!(first(BorderMode::Constant)[..37], [7; 37]);
+    assert_eq!(first(BorderMode::Constant(Fill::packed([7; 4])))[..37], [7; 37]);
     let mirror: Vec<u8> = (0..30).map(|x| 10 + (37 - x) - 1).collect();
     assert_eq!(first(BorderMode::Mirror)[..30], mirror);
+}
+
+#[test]
+fn a_frame_is_its_planes_each_with_its_placement_and_fill() {
+    let (width, height) = (64, 48);
+    let layout = FrameLayout::yuv420(width, height, SampleFormat::U8);
+    let [y, u, v] = [0, 1, 2].map(|plane| {
+        let (plane_layout, _) = layout.planes[plane];
+        picture(plane_layout.width, plane_layout.height, |x, y| 40.0 + 50.0 * plane as f64 + x + 0.5 * y)
+    });
+    let settings = WarpSettings {
+        border: BorderMode::Constant(Fill::planar([16, 128, 129, 0])),
+        reference_row: 1.0,
+        ..WarpSettings::default()
+    };
+    let readout = readout(width, height, ReadoutDirection::TopToBottom, 1.0);
+    let motion = FrameMotion::new(readout, path(&readout, 0.0, 40.0, 0.0));
+    let mut warper = Warper::new();
+    let prepared = warper.prepare(&motion, &settings);
+    let mut shown = [vec![0; y.len()], vec![0; u.len()], vec![0; v.len()]];
+    prepared.warp_frame(&layout, &[&y, &u, &v], &mut shown).unwrap();
+    assert_eq!([0, 1, 2].map(|plane| shown[plane][0]), [16, 128, 129]);
+    for (index, source) in [&y, &u, &v].into_iter().enumerate() {
+        let (plane_layout, placement) = layout.planes[index];
+        let mut alone = vec![0; source.len()];
+        let mut dst = PlaneMut::new(&mut alone, plane_layout).unwrap();
+        let src = Plane::new(source, plane_layout).unwrap();
+        prepared.warp_plane(index, &src, &mut dst, placement).unwrap();
+        assert_eq!(shown[index], alone);
+    }
+    assert_eq!(prepared.warp_frame(&layout, &[&y, &u], &mut shown), Err(WarpError::Planes));
+    assert_eq!(prepared.warp_frame(&layout, &[&y, &u, &v], &mut shown[..2]), Err(WarpError::Planes));
+    let short = PlaneError::TooShort { len: v.len() - 1, needed: v.len() };
+    let refused = prepared.warp_frame(&layout, &[&y, &u, &v[1..].to_vec()], &mut shown);
+    assert_eq!(refused, Err(WarpError::Plane(short)));
 }
 
 #[test]
@@ -207,6 +242,6 @@ fn planes_that_differ_are_refused() {
     for other in [PlaneLayout::packed(4, 3, SampleFormat::U8), PlaneLayout::packed(4, 4, SampleFormat::U10)] {
         let mut out = vec![0; 64];
         let mut dst = PlaneMut::new(&mut out, other).unwrap();
-        assert_eq!(Warper::new().warp(&src, &mut dst, Placement::FULL, [0; 4]), Err(WarpError::Mismatch));
+        assert_eq!(Warper::new().warp(&src, &mut dst, Placement::FULL, 0), Err(WarpError::Mismatch));
     }
 }

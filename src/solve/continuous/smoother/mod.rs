@@ -355,20 +355,19 @@ impl Continuous {
         };
         let region_errors: Vec<f64> = expected.squares.iter().map(|square| scale * square.sqrt()).collect();
         let focal_length = self.posterior.focal_length();
+        let motion = FrameMotion::new(readout, path).with_weight(expected.share);
         Some(FrameSolution {
-            motion: FrameMotion::new(readout, path).with_weight(expected.share),
             confidence: expected.share,
             expected_error: root_mean_square(&region_errors),
             region_errors,
-            origin: Origin::Continuous,
             correspondences,
             inliers,
             residual: sigma,
             readout_deviation: self.readout_deviation(),
-            begins_shot: false,
             timing: self.timing.found(),
             focal_length: focal_length.map(|(widths, deviation)| FocalLength { widths, deviation }),
             fitted: self.fitted(window, own),
+            ..FrameSolution::new(motion, Origin::Continuous)
         })
     }
 
