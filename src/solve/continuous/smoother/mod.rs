@@ -161,11 +161,12 @@ impl Continuous {
     /// Judges the timing with the last pair. If the frames were exposed at other times than was assumed, they get
     /// these, and the camera is sought anew.
     fn judge_timing(&mut self) {
-        let axis = self.posterior.leading().setup.scan_axis;
+        let leading = self.posterior.leading();
+        let camera = (leading.setup.scan_axis, leading.gamma());
         let mut latest = self.frames.iter().rev();
         let (Some(last), Some(before)) = (latest.next(), latest.next()) else { return };
         let Some(pair) = &before.to_next else { return self.timing.interrupt() };
-        if !self.timing.push(pair, before.index, last.stated - before.stated, axis) {
+        if !self.timing.push(pair, before.index, last.stated - before.stated, camera) {
             return;
         }
         let Some(mut stamp) = self.frames.front().map(|first| first.stated) else { return };
@@ -281,7 +282,8 @@ impl Continuous {
         let least = self.least_deviation();
         let hypotheses = self.posterior.hypotheses().map(|(probability, hypothesis)| ReadoutHypothesis {
             readout: self.readout(hypothesis),
-            deviation: hypothesis.setup.camera.gamma_deviation().max(least) * period,
+            deviation: hypothesis.setup.camera.gamma_deviation().hypot(self.excess(hypothesis)).max(least)
+                * period,
             probability,
         });
         let [rows, columns] = [true, false].map(|by_rows| Camera::log_prior(by_rows, width, height).exp());
@@ -441,7 +443,16 @@ impl Continuous {
 
     /// Standard deviation of the readout ratio.
     fn readout_deviation(&self) -> f64 {
-        self.posterior.readout_deviation().max(self.least_deviation())
+        let deviation = self.posterior.readout_deviation();
+        deviation.hypot(self.excess(self.posterior.leading())).max(self.least_deviation())
+    }
+
+    /// By how much a γ that is estimated from the shifts is too long, where the frames may have been moved.
+    fn excess(&self, hypothesis: &Hypothesis) -> f64 {
+        if self.camera.is_known() {
+            return 0.0;
+        }
+        self.timing.excess(hypothesis.gamma(), hypothesis.setup.scan_axis)
     }
 
     /// Least standard deviation of an estimated readout ratio: that of the prior where frames are stabilised or blends, as it

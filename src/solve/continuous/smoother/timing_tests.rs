@@ -118,6 +118,28 @@ fn the_lean_of_stabilised_frames_is_told_from_its_changes() {
 }
 
 #[test]
+fn the_readout_of_a_pan_that_was_evenly_slowed_down_is_uncertain() {
+    let swings = [[(0.9, 0.004), (1.9, 0.001)], [(1.2, 0.12), (2.7, 0.002)], [(0.9, 0.004), (2.3, 0.001)]];
+    let film = Film { swings, ..Film::new(0.7, true) };
+    let [width, height] = film.size();
+    let centre = image_centre(width, height);
+    let late = film.readout().time / 2.0;
+    let run = |share: f64| {
+        let slowed = |t: f64| (centre - film.carry(centre, 0.0, t + late)) * share;
+        solved(&film, &regular(50), &regular(50), slowed)
+    };
+    // What the curvature neglects of wide turns is some hundredths of γ.
+    let [found, deviation] = last_readout(&run(0.0).0);
+    assert!((found - film.gamma).abs() < 0.01 && deviation < 0.06, "{found} ± {deviation}");
+    let (solutions, continuous) = run(0.25);
+    let [found, deviation] = last_readout(&solutions);
+    assert!(found > film.gamma + 0.1 && deviation > 0.5 * (found - film.gamma), "{found} ± {deviation}");
+    let likeliest = continuous.posterior().unwrap().hypotheses[0];
+    assert!(likeliest.deviation > 0.5 * (found - film.gamma) * PERIOD);
+    assert_eq!(continuous.timing().stabilised, None);
+}
+
+#[test]
 fn stabilised_frames_say_nothing_of_the_readout() {
     let (_, solutions, continuous) = stabilised(&Film::new(0.7, true));
     assert!(last_readout(&solutions)[1] >= READOUT_BELIEF.1);

@@ -15,11 +15,13 @@
 //! | `lean` | the change of the lean in a pair, and its variance |
 //! | `velocity` | velocities at the frames from the shifts between them |
 //! | `explained` | the share of the changes that the shifts do not explain |
+//! | `curvature` | the readout ratio from the curvature of frames, however they were placed |
 //! | `smoothed` | the leans of frames from their changes, where they do not follow from shifts |
 //! | `timeline` | when frames were exposed: as stated, evenly, or with one of several missing |
 //! | `blends` | whether frames are blends of two exposures, by their sharpness |
 
 mod blends;
+mod curvature;
 mod explained;
 mod lean;
 mod smoothed;
@@ -29,6 +31,7 @@ mod velocity;
 use crate::solve::continuous::data::{FramePair, ScanAxis};
 use crate::solve::frame_timing::{FrameTiming, Timeline};
 use blends::Blends;
+use curvature::Curvature;
 use explained::{Explained, explained};
 use lean::LeanChange;
 use nalgebra::Vector2;
@@ -60,6 +63,8 @@ pub struct Timing {
     pairs: VecDeque<TimedPair>,
     blends: Blends,
     axis: Option<ScanAxis>,
+    /// What the curvature says of γ along the axis.
+    curvature: Curvature,
     /// Least variance of the position of a match, in squared radii.
     noise: f64,
     found: FrameTiming,
@@ -117,6 +122,7 @@ impl Timing {
             pairs: VecDeque::with_capacity(PAIRS),
             blends: Blends::default(),
             axis: None,
+            curvature: Curvature::default(),
             noise: noise * noise,
             found: FrameTiming::default(),
             is_given: false,
@@ -156,9 +162,16 @@ impl Timing {
         Some(Lean { axis, across, along, roll })
     }
 
+    /// By how much γ along an axis, as found from the shifts, is too long by the curvature of the frames: where the frames were
+    /// moved evenly after their readout, only this says so. 0 if they do not say.
+    pub fn excess(&self, gamma: f64, axis: ScanAxis) -> f64 {
+        if self.axis == Some(axis) { self.curvature.excess(gamma) } else { 0.0 }
+    }
+
     /// Forgets the frames before a break, as at a cut.
     pub fn interrupt(&mut self) {
         self.pairs.clear();
+        self.curvature = Curvature::default();
         self.blends.clear();
     }
 
@@ -180,26 +193,36 @@ impl Timing {
     }
 
     /// Adds the pair with this number, its frames by their timestamps `stated` frame periods apart, as seen along
-    /// the likeliest scan axis. Whether the timeline has changed.
-    pub fn push(&mut self, pair: &FramePair, index: usize, stated: f64, axis: ScanAxis) -> bool {
+    /// the likeliest scan axis with its readout ratio. Whether the timeline has changed.
+    pub fn push(
+        &mut self,
+        pair: &FramePair,
+        index: usize,
+        stated: f64,
+        (axis, gamma): (ScanAxis, f64),
+    ) -> bool {
         if self.axis.replace(axis) != Some(axis) {
             self.pairs.clear();
+            self.curvature = Curvature::default();
         }
         if self.pairs.len() == PAIRS {
             self.pairs.pop_front();
         }
         self.pairs.push_back(TimedPair { lean: LeanChange::of(pair, axis, self.noise), index, stated });
         // Correspondences between blends are of no single exposure.
-        self.pairs.len() >= MIN_PAIRS && !self.found.is_blended() && self.judge()
+        self.pairs.len() >= MIN_PAIRS && !self.found.is_blended() && self.judge(gamma)
     }
 
-    fn judge(&mut self) -> bool {
+    fn judge(&mut self, gamma: f64) -> bool {
         let leans: Vec<LeanChange> = self.pairs.iter().map(|pair| pair.lean).collect();
         let Some(now) = self.explained(&leans, self.found.timeline).filter(Explained::is_telling) else {
             return false;
         };
+        let first = self.pairs.front().map_or(0, |pair| pair.index);
+        let stamps = self.stamps(self.found.timeline);
+        self.curvature.add(&leans, first, &stamps);
         if now.unexplained < WELL_EXPLAINED {
-            self.conclude(false);
+            self.conclude_recorded(gamma);
             return false;
         }
         let intervals: Vec<f64> = self.pairs.iter().map(|pair| pair.stated).collect();
@@ -211,30 +234,45 @@ impl Timing {
             && better.log_likelihood_over(&now) > DECISIVE
         {
             self.found.timeline = timeline;
-            self.conclude(false);
+            self.curvature = Curvature::default();
+            self.conclude(Some(false));
             return true;
         }
         if now.unexplained > STABILISED {
-            self.conclude(true);
+            self.conclude(Some(true));
         } else if now.unexplained < AS_RECORDED {
-            self.conclude(false);
+            self.conclude_recorded(gamma);
         }
         false
     }
 
-    fn conclude(&mut self, is_stabilised: bool) {
+    /// Concludes that the frames are as recorded, or that it is undecided where the curvature contradicts γ.
+    fn conclude_recorded(&mut self, gamma: f64) {
+        if self.curvature.contradicts(gamma) {
+            self.conclude(None);
+        } else if self.curvature.excess(gamma) == 0.0 {
+            self.conclude(Some(false));
+        }
+    }
+
+    fn conclude(&mut self, stabilised: Option<bool>) {
         if !self.is_given {
-            self.found.stabilised = Some(is_stabilised);
+            self.found.stabilised = stabilised;
         }
     }
 
     fn explained(&self, leans: &[LeanChange], timeline: Timeline) -> Option<Explained> {
+        explained(leans, &self.stamps(timeline), SLOPE_NOISE * self.noise)
+    }
+
+    /// The stamps of the frames of all pairs.
+    fn stamps(&self, timeline: Timeline) -> Vec<f64> {
         let mut stamps = Vec::with_capacity(self.pairs.len() + 1);
         stamps.push(0.0);
         stamps.extend(self.pairs.iter().scan(0.0, |stamp, pair| {
             *stamp += timeline.interval(pair.index, pair.stated);
             Some(*stamp)
         }));
-        explained(leans, &stamps, SLOPE_NOISE * self.noise)
+        stamps
     }
 }
