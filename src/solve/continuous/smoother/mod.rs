@@ -165,7 +165,9 @@ impl Continuous {
         let camera = (leading.setup.scan_axis, leading.gamma());
         let mut latest = self.frames.iter().rev();
         let (Some(last), Some(before)) = (latest.next(), latest.next()) else { return };
-        let Some(pair) = &before.to_next else { return self.timing.interrupt() };
+        let Some(pair) = &before.to_next else {
+            return if last.is_unmatched { self.timing.cut(last.index) } else { self.timing.interrupt() };
+        };
         if !self.timing.push(pair, before.index, last.stated - before.stated, camera) {
             return;
         }
@@ -279,7 +281,7 @@ impl Continuous {
     pub fn posterior(&self) -> Option<ReadoutPosterior> {
         let period = self.period().filter(|_| !self.camera.is_known())?;
         let [width, height] = self.size;
-        let least = self.least_deviation();
+        let least = self.least_deviation(self.timing.found());
         let hypotheses = self.posterior.hypotheses().map(|(probability, hypothesis)| ReadoutHypothesis {
             readout: self.readout(hypothesis),
             deviation: hypothesis.setup.camera.gamma_deviation().hypot(self.excess(hypothesis)).max(least)
@@ -320,7 +322,9 @@ impl Continuous {
         stamp: f64,
         local: &mut LocalMotions,
     ) -> Option<FrameSolution> {
-        if self.timing.found().is_blended() {
+        let index = self.frames.get(own)?.index;
+        let timing = self.timing.found_of(index);
+        if timing.is_blended() {
             return None;
         }
         let leading = self.posterior.leading();
@@ -334,7 +338,6 @@ impl Continuous {
         let sigmas = window.beside().filter_map(|index| leading.posterior.sigma(index));
         let scale = self.pixel_scale;
         let sigma = sigmas.fold(0.0, f64::max) * scale;
-        let index = self.frames.get(own)?.index;
         let lean = self.timing.lean(index, leading.setup.scan_axis);
         let sampled = |homography: &dyn Fn(f64) -> Matrix3<f64>| {
             // The places that are exposed at even shares of the readout.
@@ -366,9 +369,9 @@ impl Continuous {
             correspondences,
             inliers,
             residual: sigma,
-            readout_deviation: self.readout_deviation(),
+            readout_deviation: self.readout_deviation(timing),
             begins_shot: false,
-            timing: self.timing.found(),
+            timing,
             focal_length: focal_length.map(|(widths, deviation)| FocalLength { widths, deviation }),
             fitted: self.fitted(window, own),
         })
@@ -438,13 +441,13 @@ impl Continuous {
 
     /// The likeliest shutter, and the standard deviation of its readout ratio.
     pub fn belief(&self) -> (Readout, f64) {
-        (self.readout(self.posterior.leading()), self.readout_deviation())
+        (self.readout(self.posterior.leading()), self.readout_deviation(self.timing.found()))
     }
 
-    /// Standard deviation of the readout ratio.
-    fn readout_deviation(&self) -> f64 {
+    /// Standard deviation of the readout ratio, as frames of this timing tell it.
+    fn readout_deviation(&self, timing: FrameTiming) -> f64 {
         let deviation = self.posterior.readout_deviation();
-        deviation.hypot(self.excess(self.posterior.leading())).max(self.least_deviation())
+        deviation.hypot(self.excess(self.posterior.leading())).max(self.least_deviation(timing))
     }
 
     /// By how much a γ that is estimated from the shifts is too long, where the frames may have been moved.
@@ -457,8 +460,7 @@ impl Continuous {
 
     /// Least standard deviation of an estimated readout ratio: that of the prior where frames are stabilised or blends, as it
     /// cannot be estimated from them.
-    fn least_deviation(&self) -> f64 {
-        let timing = self.timing.found();
+    fn least_deviation(&self, timing: FrameTiming) -> f64 {
         let is_unseen = timing.is_stabilised() || timing.is_blended();
         if is_unseen && !self.camera.is_known() { READOUT_BELIEF.1 } else { 0.0 }
     }

@@ -67,7 +67,13 @@ pub struct Timing {
     curvature: Curvature,
     /// Least variance of the position of a match, in squared radii.
     noise: f64,
+    /// Of the frames of this shot; until these say it themselves, as of the shot before.
     found: FrameTiming,
+    /// Pairs of this shot so far while that is so.
+    carried: Option<usize>,
+    /// Number of the first frame of this shot, and what was found of the frames before.
+    first: usize,
+    before: FrameTiming,
     /// Whether it is given that frames are stabilised, or are not.
     is_given: bool,
 }
@@ -125,6 +131,9 @@ impl Timing {
             curvature: Curvature::default(),
             noise: noise * noise,
             found: FrameTiming::default(),
+            carried: None,
+            first: 0,
+            before: FrameTiming::default(),
             is_given: false,
         }
     }
@@ -134,14 +143,19 @@ impl Timing {
         Self { found: FrameTiming { stabilised, ..self.found }, is_given: stabilised.is_some(), ..self }
     }
 
-    /// What the frames so far say.
+    /// What the frames so far say of the last one.
     pub fn found(&self) -> FrameTiming {
         self.found
     }
 
+    /// What they say of the frame with this number.
+    pub fn found_of(&self, frame: usize) -> FrameTiming {
+        if frame < self.first { self.before } else { self.found }
+    }
+
     /// The lean, along this axis, of a frame that was moved after its readout; `None` for other frames.
     pub fn lean(&self, frame: usize, axis: ScanAxis) -> Option<Lean> {
-        if !self.found.is_stabilised() {
+        if !self.found_of(frame).is_stabilised() {
             return None;
         }
         let first = self.pairs.front().map_or(0, |pair| pair.index);
@@ -168,7 +182,16 @@ impl Timing {
         if self.axis == Some(axis) { self.curvature.excess(gamma) } else { 0.0 }
     }
 
-    /// Forgets the frames before a break, as at a cut.
+    /// Begins another shot with the frame of this number. It is likelier of the same camera and conversion than not, so that
+    /// what was found is kept for the pairs that it takes to find out.
+    pub fn cut(&mut self, first: usize) {
+        self.interrupt();
+        self.before = self.found;
+        self.first = first;
+        self.carried = Some(0);
+    }
+
+    /// Forgets the frames before a break.
     pub fn interrupt(&mut self) {
         self.pairs.clear();
         self.curvature = Curvature::default();
@@ -180,12 +203,13 @@ impl Timing {
         self.blends.push(sharpness);
         if let Some(timeline) = self.blends.found() {
             self.found.timeline = timeline;
+            self.carried = None;
         }
     }
 
-    /// Begins another stretch of frames, numbered from 0, of the same camera and the same conversion.
+    /// Begins another stretch of frames, numbered from 0, as after a cut.
     pub fn restart(&mut self) {
-        self.interrupt();
+        self.cut(0);
         // Which of the frames is missing is another one.
         if matches!(self.found.timeline, Timeline::Missing { .. }) {
             self.found.timeline = Timeline::Stated;
@@ -193,7 +217,7 @@ impl Timing {
     }
 
     /// Adds the pair with this number, its frames by their timestamps `stated` frame periods apart, as seen along
-    /// the likeliest scan axis with its readout ratio. Whether the timeline has changed.
+    /// the likeliest scan axis with its readout ratio. Whether the camera is to be sought anew, as what was assumed of its frames has changed.
     pub fn push(
         &mut self,
         pair: &FramePair,
@@ -209,8 +233,24 @@ impl Timing {
             self.pairs.pop_front();
         }
         self.pairs.push_back(TimedPair { lean: LeanChange::of(pair, axis, self.noise), index, stated });
+        let was_carried = self.carried.is_some_and(|_| self.found.is_stabilised());
         // Correspondences between blends are of no single exposure.
-        self.pairs.len() >= MIN_PAIRS && !self.found.is_blended() && self.judge(gamma)
+        let is_retimed = self.pairs.len() >= MIN_PAIRS && !self.found.is_blended() && self.judge(gamma);
+        self.lapse();
+        is_retimed || was_carried && !self.found.is_stabilised()
+    }
+
+    /// Drops what was found of the shot before, if this one has not said so itself in the pairs that are judged together. Its timeline stays:
+    /// it is compared with all others as soon as frames move.
+    fn lapse(&mut self) {
+        self.carried = self.carried.map(|pairs| pairs + 1);
+        if self.carried != Some(PAIRS) {
+            return;
+        }
+        self.conclude(None);
+        if self.found.is_blended() {
+            self.found.timeline = Timeline::Stated;
+        }
     }
 
     fn judge(&mut self, gamma: f64) -> bool {
@@ -256,6 +296,7 @@ impl Timing {
     }
 
     fn conclude(&mut self, stabilised: Option<bool>) {
+        self.carried = None;
         if !self.is_given {
             self.found.stabilised = stabilised;
         }
