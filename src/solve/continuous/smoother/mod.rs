@@ -161,11 +161,14 @@ impl Continuous {
     /// Judges the timing with the last pair. If the frames were exposed at other times than was assumed, they get
     /// these, and the camera is sought anew.
     fn judge_timing(&mut self) {
-        let axis = self.posterior.leading().setup.scan_axis;
+        let leading = self.posterior.leading();
+        let camera = (leading.setup.scan_axis, leading.gamma());
         let mut latest = self.frames.iter().rev();
         let (Some(last), Some(before)) = (latest.next(), latest.next()) else { return };
-        let Some(pair) = &before.to_next else { return self.timing.interrupt() };
-        if !self.timing.push(pair, before.index, last.stated - before.stated, axis) {
+        let Some(pair) = &before.to_next else {
+            return if last.is_unmatched { self.timing.cut(last.index) } else { self.timing.interrupt() };
+        };
+        if !self.timing.push(pair, before.index, last.stated - before.stated, camera) {
             return;
         }
         let Some(mut stamp) = self.frames.front().map(|first| first.stated) else { return };
@@ -278,10 +281,11 @@ impl Continuous {
     pub fn posterior(&self) -> Option<ReadoutPosterior> {
         let period = self.period().filter(|_| !self.camera.is_known())?;
         let [width, height] = self.size;
-        let least = self.least_deviation();
+        let least = self.least_deviation(self.timing.found());
         let hypotheses = self.posterior.hypotheses().map(|(probability, hypothesis)| ReadoutHypothesis {
             readout: self.readout(hypothesis),
-            deviation: hypothesis.setup.camera.gamma_deviation().max(least) * period,
+            deviation: hypothesis.setup.camera.gamma_deviation().hypot(self.excess(hypothesis)).max(least)
+                * period,
             probability,
         });
         let [rows, columns] = [true, false].map(|by_rows| Camera::log_prior(by_rows, width, height).exp());
@@ -318,7 +322,9 @@ impl Continuous {
         stamp: f64,
         local: &mut LocalMotions,
     ) -> Option<FrameSolution> {
-        if self.timing.found().is_blended() {
+        let index = self.frames.get(own)?.index;
+        let timing = self.timing.found_of(index);
+        if timing.is_blended() {
             return None;
         }
         let leading = self.posterior.leading();
@@ -332,7 +338,6 @@ impl Continuous {
         let sigmas = window.beside().filter_map(|index| leading.posterior.sigma(index));
         let scale = self.pixel_scale;
         let sigma = sigmas.fold(0.0, f64::max) * scale;
-        let index = self.frames.get(own)?.index;
         let lean = self.timing.lean(index, leading.setup.scan_axis);
         let sampled = |homography: &dyn Fn(f64) -> Matrix3<f64>| {
             // The places that are exposed at even shares of the readout.
@@ -363,8 +368,8 @@ impl Continuous {
             correspondences,
             inliers,
             residual: sigma,
-            readout_deviation: self.readout_deviation(),
-            timing: self.timing.found(),
+            readout_deviation: self.readout_deviation(timing),
+            timing,
             focal_length: focal_length.map(|(widths, deviation)| FocalLength { widths, deviation }),
             fitted: self.fitted(window, own),
             ..FrameSolution::new(motion, Origin::Continuous)
@@ -435,18 +440,26 @@ impl Continuous {
 
     /// The likeliest shutter, and the standard deviation of its readout ratio.
     pub fn belief(&self) -> (Readout, f64) {
-        (self.readout(self.posterior.leading()), self.readout_deviation())
+        (self.readout(self.posterior.leading()), self.readout_deviation(self.timing.found()))
     }
 
-    /// Standard deviation of the readout ratio.
-    fn readout_deviation(&self) -> f64 {
-        self.posterior.readout_deviation().max(self.least_deviation())
+    /// Standard deviation of the readout ratio, as frames of this timing tell it.
+    fn readout_deviation(&self, timing: FrameTiming) -> f64 {
+        let deviation = self.posterior.readout_deviation();
+        deviation.hypot(self.excess(self.posterior.leading())).max(self.least_deviation(timing))
+    }
+
+    /// By how much a γ that is estimated from the shifts is too long, where the frames may have been moved.
+    fn excess(&self, hypothesis: &Hypothesis) -> f64 {
+        if self.camera.is_known() {
+            return 0.0;
+        }
+        self.timing.excess(hypothesis.gamma(), hypothesis.setup.scan_axis)
     }
 
     /// Least standard deviation of an estimated readout ratio: that of the prior where frames are stabilised or blends, as it
     /// cannot be estimated from them.
-    fn least_deviation(&self) -> f64 {
-        let timing = self.timing.found();
+    fn least_deviation(&self, timing: FrameTiming) -> f64 {
         let is_unseen = timing.is_stabilised() || timing.is_blended();
         if is_unseen && !self.camera.is_known() { READOUT_BELIEF.1 } else { 0.0 }
     }

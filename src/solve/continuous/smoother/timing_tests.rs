@@ -118,6 +118,28 @@ fn the_lean_of_stabilised_frames_is_told_from_its_changes() {
 }
 
 #[test]
+fn the_readout_of_a_pan_that_was_evenly_slowed_down_is_uncertain() {
+    let swings = [[(0.9, 0.004), (1.9, 0.001)], [(1.2, 0.12), (2.7, 0.002)], [(0.9, 0.004), (2.3, 0.001)]];
+    let film = Film { swings, ..Film::new(0.7, true) };
+    let [width, height] = film.size();
+    let centre = image_centre(width, height);
+    let late = film.readout().time / 2.0;
+    let run = |share: f64| {
+        let slowed = |t: f64| (centre - film.carry(centre, 0.0, t + late)) * share;
+        solved(&film, &regular(50), &regular(50), slowed)
+    };
+    // What the curvature neglects of wide turns is some hundredths of γ.
+    let [found, deviation] = last_readout(&run(0.0).0);
+    assert!((found - film.gamma).abs() < 0.01 && deviation < 0.06, "{found} ± {deviation}");
+    let (solutions, continuous) = run(0.25);
+    let [found, deviation] = last_readout(&solutions);
+    assert!(found > film.gamma + 0.1 && deviation > 0.5 * (found - film.gamma), "{found} ± {deviation}");
+    let likeliest = continuous.posterior().unwrap().hypotheses[0];
+    assert!(likeliest.deviation > 0.5 * (found - film.gamma) * PERIOD);
+    assert_eq!(continuous.timing().stabilised, None);
+}
+
+#[test]
 fn stabilised_frames_say_nothing_of_the_readout() {
     let (_, solutions, continuous) = stabilised(&Film::new(0.7, true));
     assert!(last_readout(&solutions)[1] >= READOUT_BELIEF.1);
@@ -140,6 +162,84 @@ fn frames_that_are_said_to_be_stabilised_are_left_until_their_lean_is_known() {
         assert_eq!((solution.confidence, solution.motion.weight()), (0.0, 0.0));
         assert_eq!(solution.timing.stabilised, Some(true));
     }
+}
+
+/// Frames of each of two shots.
+const SHOT: usize = 50;
+
+/// The solutions of two shots, each stabilised or as recorded.
+fn two_shots(films: [&Film; 2], are_stabilised: [bool; 2]) -> (Vec<Option<FrameSolution>>, Continuous) {
+    let [width, height] = films[0].size();
+    let mut continuous = Continuous::new(UNKNOWN, width, height, 1.0);
+    let (mut random, mut solutions) = (Random(31), Vec::new());
+    let stamps = regular(2 * SHOT);
+    for (k, stamp) in stamps.iter().enumerate() {
+        let film = films[k / SHOT];
+        let centre = image_centre(width, height);
+        let late = film.readout().time / 2.0;
+        let steady = |t: f64| {
+            (centre - film.carry(centre, 0.0, t + late)) * f64::from(u8::from(are_stabilised[k / SHOT]))
+        };
+        let found = k.checked_sub(1).map(|before| {
+            if k == SHOT {
+                return Vec::new();
+            }
+            let mut found = film.pair(stamps[before], *stamp, &mut random);
+            for one in &mut found {
+                one.from += steady(stamps[before]);
+                one.to += steady(*stamp);
+            }
+            found
+        });
+        push(&mut continuous, found.as_deref(), *stamp);
+        if k >= LOOKAHEAD {
+            solutions.push(settle(&mut continuous));
+        }
+    }
+    (solutions, continuous)
+}
+
+#[test]
+fn each_shot_of_a_film_has_a_verdict_of_its_own() {
+    let film = Film::new(0.7, true);
+    for are_stabilised in [[true, false], [false, true]] {
+        let (solutions, continuous) = two_shots([&film, &film], are_stabilised);
+        let verdict = |frame: usize| solutions[frame].as_ref().map(|one| one.timing.stabilised);
+        // The last frame of the first shot is settled when the second one has begun.
+        assert_eq!(verdict(SHOT - 1), Some(Some(are_stabilised[0])));
+        assert_eq!(continuous.timing().stabilised, Some(are_stabilised[1]));
+        if !are_stabilised[1] {
+            check_readout(&film, &solutions);
+        }
+    }
+}
+
+#[test]
+fn a_verdict_lapses_in_a_shot_that_does_not_confirm_it() {
+    let film = Film::new(0.7, true);
+    let still = Film { swings: [[(1.0, 0.0); 2]; 3], ..Film::new(0.7, true) };
+    let (solutions, continuous) = two_shots([&film, &still], [true, false]);
+    let verdicts: Vec<_> = solutions.iter().flatten().map(|one| one.timing.stabilised).collect();
+    assert!(verdicts.iter().filter(|verdict| **verdict == Some(true)).count() > SHOT / 2);
+    assert_eq!(continuous.timing().stabilised, None);
+}
+
+#[test]
+fn blends_of_the_shot_before_do_not_leave_the_next_one_as_it_is() {
+    let film = Film::new(0.7, true);
+    let [width, height] = film.size();
+    let (mut continuous, mut random) = (Continuous::new(UNKNOWN, width, height, 1.0), Random(31));
+    let mut solutions = Vec::new();
+    for (k, stamp) in regular(2 * SHOT).into_iter().enumerate() {
+        let found = (k > 0)
+            .then(|| if k == SHOT { Vec::new() } else { film.pair(stamp - PERIOD, stamp, &mut random) });
+        let share = if k < SHOT { (k % 6) as f64 / 6.0 } else { 0.0 };
+        continuous.push(found.as_deref(), stamp, PERIOD, 200.0 * (1.0 - 2.0 * share * (1.0 - share)));
+        solutions.push(settle(&mut continuous));
+    }
+    assert!(solutions[SHOT - 1].is_none());
+    assert_eq!(continuous.timing().timeline, Timeline::Stated);
+    assert!(solutions.last().unwrap().is_some());
 }
 
 #[test]

@@ -7,7 +7,12 @@
 //! The roll during the readout leans the picture by the place times a turn, which is in two of the second degree: with σ = 1 of a
 //! scan along rows, −1 along columns, −σ·∂²dₓ/2∂y² and σ·(∂²d_y/∂x∂y − ∂²dₓ/2∂x²), times s; the mean of both is taken.
 //!
-//! Its variance is what strips of the picture, side by side along the lines, do not share: misfit and parallax are
+//! The curvature, the second derivative of a displacement by the place, is in three of the second degree each, of which one
+//! combination is left by all else: across the axis ∂²dₓ/∂y² − ∂²dₓ/∂x² + 2·∂²d_y/∂x∂y, in units of ½, along it
+//! ∂²d_y/∂y² − 2·∂²dₓ/∂x∂y − ∂²d_y/∂x². Neither perspective, nor the first term of a radial distortion of the lens, nor changes of
+//! roll and zoom during the readout leave a trace in it.
+//!
+//! The variance of the lean is what strips of the picture, side by side along the lines, do not share: misfit and parallax are
 //! correlated between neighbours, which the residuals do not say.
 
 use crate::robust::loss::GemanMcClure;
@@ -37,9 +42,8 @@ pub struct LeanChange {
     pub stretch: f64,
     /// Change of the roll during the readout, in radians.
     pub roll: f64,
-    /// Change of the curvature within the frame: second derivative, by the place along the axis, of the displacement
-    /// across it.
-    pub bend: f64,
+    /// Change of the curvature within the frame: second derivative of the displacement by the place along the axis.
+    pub bend: Vector2<f64>,
 }
 
 impl LeanChange {
@@ -55,13 +59,17 @@ impl LeanChange {
         let [along_twice, across_twice] = if axis.by_rows { [5, 3] } else { [3, 5] };
         let sign = if axis.by_rows { 1.0 } else { -1.0 };
         let turns = [-a(across, along_twice), a(along, 4) - a(across, across_twice)];
+        let bends = Vector2::new(
+            a(across, along_twice) - a(across, across_twice) + a(along, 4),
+            a(along, along_twice) - a(across, 4) - a(along, across_twice),
+        );
         Self {
             change: Vector2::new(shear, a(along, 1 + along) - stretch) * axis.length,
             variance: Vector2::new(variance[across], variance[along]),
             shift: Vector2::new(a(across, 0), a(along, 0)),
             stretch,
             roll: 0.5 * sign * turns.iter().sum::<f64>() * axis.length,
-            bend: 2.0 * a(across, along_twice) * axis.length * axis.length,
+            bend: bends * (2.0 * axis.length * axis.length),
         }
     }
 }

@@ -15,11 +15,13 @@
 //! | `lean` | the change of the lean in a pair, and its variance |
 //! | `velocity` | velocities at the frames from the shifts between them |
 //! | `explained` | the share of the changes that the shifts do not explain |
+//! | `curvature` | the readout ratio from the curvature of frames, however they were placed |
 //! | `smoothed` | the leans of frames from their changes, where they do not follow from shifts |
 //! | `timeline` | when frames were exposed: as stated, evenly, or with one of several missing |
 //! | `blends` | whether frames are blends of two exposures, by their sharpness |
 
 mod blends;
+mod curvature;
 mod explained;
 mod lean;
 mod smoothed;
@@ -29,6 +31,7 @@ mod velocity;
 use crate::solve::continuous::data::{FramePair, ScanAxis};
 use crate::solve::frame_timing::{FrameTiming, Timeline};
 use blends::Blends;
+use curvature::Curvature;
 use explained::{Explained, explained};
 use lean::LeanChange;
 use nalgebra::Vector2;
@@ -60,9 +63,17 @@ pub struct Timing {
     pairs: VecDeque<TimedPair>,
     blends: Blends,
     axis: Option<ScanAxis>,
+    /// What the curvature says of γ along the axis.
+    curvature: Curvature,
     /// Least variance of the position of a match, in squared radii.
     noise: f64,
+    /// Of the frames of this shot; until these say it themselves, as of the shot before.
     found: FrameTiming,
+    /// Pairs of this shot so far while that is so.
+    carried: Option<usize>,
+    /// Number of the first frame of this shot, and what was found of the frames before.
+    first: usize,
+    before: FrameTiming,
     /// Whether it is given that frames are stabilised, or are not.
     is_given: bool,
 }
@@ -117,8 +128,12 @@ impl Timing {
             pairs: VecDeque::with_capacity(PAIRS),
             blends: Blends::default(),
             axis: None,
+            curvature: Curvature::default(),
             noise: noise * noise,
             found: FrameTiming::default(),
+            carried: None,
+            first: 0,
+            before: FrameTiming::default(),
             is_given: false,
         }
     }
@@ -128,14 +143,19 @@ impl Timing {
         Self { found: FrameTiming { stabilised, ..self.found }, is_given: stabilised.is_some(), ..self }
     }
 
-    /// What the frames so far say.
+    /// What the frames so far say of the last one.
     pub fn found(&self) -> FrameTiming {
         self.found
     }
 
+    /// What they say of the frame with this number.
+    pub fn found_of(&self, frame: usize) -> FrameTiming {
+        if frame < self.first { self.before } else { self.found }
+    }
+
     /// The lean, along this axis, of a frame that was moved after its readout; `None` for other frames.
     pub fn lean(&self, frame: usize, axis: ScanAxis) -> Option<Lean> {
-        if !self.found.is_stabilised() {
+        if !self.found_of(frame).is_stabilised() {
             return None;
         }
         let first = self.pairs.front().map_or(0, |pair| pair.index);
@@ -156,9 +176,25 @@ impl Timing {
         Some(Lean { axis, across, along, roll })
     }
 
-    /// Forgets the frames before a break, as at a cut.
+    /// By how much γ along an axis, as found from the shifts, is too long by the curvature of the frames: where the frames were
+    /// moved evenly after their readout, only this says so. 0 if they do not say.
+    pub fn excess(&self, gamma: f64, axis: ScanAxis) -> f64 {
+        if self.axis == Some(axis) { self.curvature.excess(gamma) } else { 0.0 }
+    }
+
+    /// Begins another shot with the frame of this number. It is likelier of the same camera and conversion than not, so that
+    /// what was found is kept for the pairs that it takes to find out.
+    pub fn cut(&mut self, first: usize) {
+        self.interrupt();
+        self.before = self.found;
+        self.first = first;
+        self.carried = Some(0);
+    }
+
+    /// Forgets the frames before a break.
     pub fn interrupt(&mut self) {
         self.pairs.clear();
+        self.curvature = Curvature::default();
         self.blends.clear();
     }
 
@@ -167,12 +203,13 @@ impl Timing {
         self.blends.push(sharpness);
         if let Some(timeline) = self.blends.found() {
             self.found.timeline = timeline;
+            self.carried = None;
         }
     }
 
-    /// Begins another stretch of frames, numbered from 0, of the same camera and the same conversion.
+    /// Begins another stretch of frames, numbered from 0, as after a cut.
     pub fn restart(&mut self) {
-        self.interrupt();
+        self.cut(0);
         // Which of the frames is missing is another one.
         if matches!(self.found.timeline, Timeline::Missing { .. }) {
             self.found.timeline = Timeline::Stated;
@@ -180,26 +217,52 @@ impl Timing {
     }
 
     /// Adds the pair with this number, its frames by their timestamps `stated` frame periods apart, as seen along
-    /// the likeliest scan axis. Whether the timeline has changed.
-    pub fn push(&mut self, pair: &FramePair, index: usize, stated: f64, axis: ScanAxis) -> bool {
+    /// the likeliest scan axis with its readout ratio. Whether the camera is to be sought anew, as what was assumed of its frames has changed.
+    pub fn push(
+        &mut self,
+        pair: &FramePair,
+        index: usize,
+        stated: f64,
+        (axis, gamma): (ScanAxis, f64),
+    ) -> bool {
         if self.axis.replace(axis) != Some(axis) {
             self.pairs.clear();
+            self.curvature = Curvature::default();
         }
         if self.pairs.len() == PAIRS {
             self.pairs.pop_front();
         }
         self.pairs.push_back(TimedPair { lean: LeanChange::of(pair, axis, self.noise), index, stated });
+        let was_carried = self.carried.is_some_and(|_| self.found.is_stabilised());
         // Correspondences between blends are of no single exposure.
-        self.pairs.len() >= MIN_PAIRS && !self.found.is_blended() && self.judge()
+        let is_retimed = self.pairs.len() >= MIN_PAIRS && !self.found.is_blended() && self.judge(gamma);
+        self.lapse();
+        is_retimed || was_carried && !self.found.is_stabilised()
     }
 
-    fn judge(&mut self) -> bool {
+    /// Drops what was found of the shot before, if this one has not said so itself in the pairs that are judged together. Its timeline stays:
+    /// it is compared with all others as soon as frames move.
+    fn lapse(&mut self) {
+        self.carried = self.carried.map(|pairs| pairs + 1);
+        if self.carried != Some(PAIRS) {
+            return;
+        }
+        self.conclude(None);
+        if self.found.is_blended() {
+            self.found.timeline = Timeline::Stated;
+        }
+    }
+
+    fn judge(&mut self, gamma: f64) -> bool {
         let leans: Vec<LeanChange> = self.pairs.iter().map(|pair| pair.lean).collect();
         let Some(now) = self.explained(&leans, self.found.timeline).filter(Explained::is_telling) else {
             return false;
         };
+        let first = self.pairs.front().map_or(0, |pair| pair.index);
+        let stamps = self.stamps(self.found.timeline);
+        self.curvature.add(&leans, first, &stamps);
         if now.unexplained < WELL_EXPLAINED {
-            self.conclude(false);
+            self.conclude_recorded(gamma);
             return false;
         }
         let intervals: Vec<f64> = self.pairs.iter().map(|pair| pair.stated).collect();
@@ -211,30 +274,46 @@ impl Timing {
             && better.log_likelihood_over(&now) > DECISIVE
         {
             self.found.timeline = timeline;
-            self.conclude(false);
+            self.curvature = Curvature::default();
+            self.conclude(Some(false));
             return true;
         }
         if now.unexplained > STABILISED {
-            self.conclude(true);
+            self.conclude(Some(true));
         } else if now.unexplained < AS_RECORDED {
-            self.conclude(false);
+            self.conclude_recorded(gamma);
         }
         false
     }
 
-    fn conclude(&mut self, is_stabilised: bool) {
+    /// Concludes that the frames are as recorded, or that it is undecided where the curvature contradicts γ.
+    fn conclude_recorded(&mut self, gamma: f64) {
+        if self.curvature.contradicts(gamma) {
+            self.conclude(None);
+        } else if self.curvature.excess(gamma) == 0.0 {
+            self.conclude(Some(false));
+        }
+    }
+
+    fn conclude(&mut self, stabilised: Option<bool>) {
+        self.carried = None;
         if !self.is_given {
-            self.found.stabilised = Some(is_stabilised);
+            self.found.stabilised = stabilised;
         }
     }
 
     fn explained(&self, leans: &[LeanChange], timeline: Timeline) -> Option<Explained> {
+        explained(leans, &self.stamps(timeline), SLOPE_NOISE * self.noise)
+    }
+
+    /// The stamps of the frames of all pairs.
+    fn stamps(&self, timeline: Timeline) -> Vec<f64> {
         let mut stamps = Vec::with_capacity(self.pairs.len() + 1);
         stamps.push(0.0);
         stamps.extend(self.pairs.iter().scan(0.0, |stamp, pair| {
             *stamp += timeline.interval(pair.index, pair.stated);
             Some(*stamp)
         }));
-        explained(leans, &stamps, SLOPE_NOISE * self.noise)
+        stamps
     }
 }
