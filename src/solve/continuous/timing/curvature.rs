@@ -72,7 +72,7 @@ impl Curvature {
         for index in ENDS.max(self.next.saturating_sub(first))..last {
             for (coordinate, sums) in self.coordinates.iter_mut().enumerate() {
                 let of = |changes: &[Vector2<f64>]| changes[index][coordinate];
-                sums.add(pairs[index].bend[coordinate], of(&leans), of(&accelerations));
+                sums.add(pairs[index].curvature[coordinate], of(&leans), of(&accelerations));
             }
             self.next = first + index + 1;
         }
@@ -133,7 +133,8 @@ mod tests {
                 shift: (velocity(from) + velocity(k as f64 + 0.5) * 4.0 + velocity(to)) * (left / 6.0),
                 stretch: 0.0,
                 roll: 0.0,
-                bend: noisy((acceleration(to) - acceleration(from)) * (GAMMA * GAMMA)),
+                bend: 0.0,
+                curvature: noisy((acceleration(to) - acceleration(from)) * (GAMMA * GAMMA)),
             }
         };
         ((0..30).map(pair).collect(), (0..=30).map(f64::from).collect())

@@ -73,7 +73,7 @@ pub fn explained(pairs: &[LeanChange], stamps: &[f64], noise: f64) -> Option<Exp
         unexplained: rest / all.change,
         signal: all.change / variances.len() as f64,
         unshared: all.change / all.whole,
-        bend: (squares(|pair| pair.bend.x) / squares(|pair| pair.change.x)).sqrt(),
+        bend: (squares(|pair| pair.bend) / squares(|pair| pair.change.x)).sqrt(),
         count: pairs.len(),
     };
     (found.unexplained.is_finite() && found.bend.is_finite()).then_some(found)
@@ -163,7 +163,8 @@ mod tests {
                 shift: mean * (to - from),
                 stretch: 0.0,
                 roll: 0.0,
-                bend: Vector2::zeros(),
+                bend: 0.0,
+                curvature: Vector2::zeros(),
             }
         };
         stamps.windows(2).map(pair).collect()
@@ -212,7 +213,7 @@ mod tests {
         let slight = explained(&pairs(swing, |t| swing(t) * 0.02), &stamps(), NOISE).unwrap();
         assert!(!slight.is_telling() && slight.signal < 30.0, "{slight:?}");
         let mut fast = pairs(swing, |t| swing(t) * 0.7);
-        fast.iter_mut().for_each(|pair| pair.bend = Vector2::repeat(0.1));
+        fast.iter_mut().for_each(|pair| pair.bend = 0.1);
         assert!(!explained(&fast, &stamps(), NOISE).unwrap().is_telling());
     }
 

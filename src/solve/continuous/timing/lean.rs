@@ -42,8 +42,11 @@ pub struct LeanChange {
     pub stretch: f64,
     /// Change of the roll during the readout, in radians.
     pub roll: f64,
-    /// Change of the curvature within the frame: second derivative of the displacement by the place along the axis.
-    pub bend: Vector2<f64>,
+    /// Second derivative, by the place along the axis, of the displacement across it: change of the bend within the frame, with
+    /// whatever else bends it, such as perspective.
+    pub bend: f64,
+    /// What is left of the second derivative of the displacement by the place without all else that bends a frame.
+    pub curvature: Vector2<f64>,
 }
 
 impl LeanChange {
@@ -59,7 +62,7 @@ impl LeanChange {
         let [along_twice, across_twice] = if axis.by_rows { [5, 3] } else { [3, 5] };
         let sign = if axis.by_rows { 1.0 } else { -1.0 };
         let turns = [-a(across, along_twice), a(along, 4) - a(across, across_twice)];
-        let bends = Vector2::new(
+        let curvature = Vector2::new(
             a(across, along_twice) - a(across, across_twice) + a(along, 4),
             a(along, along_twice) - a(across, 4) - a(along, across_twice),
         );
@@ -69,7 +72,8 @@ impl LeanChange {
             shift: Vector2::new(a(across, 0), a(along, 0)),
             stretch,
             roll: 0.5 * sign * turns.iter().sum::<f64>() * axis.length,
-            bend: bends * (2.0 * axis.length * axis.length),
+            bend: 2.0 * a(across, along_twice) * axis.length * axis.length,
+            curvature: curvature * (2.0 * axis.length * axis.length),
         }
     }
 }
