@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! Time of the continuous estimator for a settled frame of 1920×1080, and of the residual field, on one
 //! core and on two.
 

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! Building a pyramid and measuring the correspondences of a pair of 1920×1080 frames, on all cores
 //! and on one.
 

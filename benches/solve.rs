@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! Time of the solver: one uniform rotation, one step, and all that a frame costs.
 
 #![allow(missing_docs)]

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! Rectifying one 1080p frame: the inverse map alone, by kind of path; a luma plane, all planes of I420.
 //!
 //! `RAYON_NUM_THREADS` sets the threads.

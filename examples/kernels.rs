@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! The kernels alone, 640 × 480, for counting their instructions: `scripts/count-kernels`.
 //!
 //! ```text

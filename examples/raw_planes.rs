@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! The library alone, on planes in memory: luma in, motions out, planes rectified.
 //!
 //! ```text

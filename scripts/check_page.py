@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: MIT OR Apache-2.0
+
 """Checks a page of `rsrectify show --html` in Chromium: see scripts/check-page."""
 
 import argparse

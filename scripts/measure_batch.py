@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: MIT OR Apache-2.0
+
 """Called by scripts/measure-batch: films in parts against one run, and the time of workers.
 
     measure_batch.py FOLDER-WITH-FILMS DOCUMENT

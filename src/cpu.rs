@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! The instruction sets that the kernels of all modules can use.
 
 use std::fmt;

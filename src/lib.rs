@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! Takes rolling-shutter distortion (lean, jello, wobble, stretch) out of video from **unknown**
 //! cameras: no gyroscope, no calibration, no metadata.
 //!

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! Parallel iteration: on rayon's threads with the feature `rayon`, sequential without it.
 //!
 //! Without the feature, this module provides the used names of rayon for the iterators of the standard

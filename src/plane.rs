@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! Borrowed views of image planes: size, stride, samples of 8 to 16 bits.
 //!
 //! A [`Plane`] is bytes plus a [`PlaneLayout`]. One layout serves planar, semi-planar and packed

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! The shutter: when each point of a frame was exposed. No other module computes exposure times.
 //!
 //! A point is exposed at t = t_k + T·s, with t_k the frame's timestamp, T the readout time and

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! What the library leaves of the displacement on rendered sequences, true delay and long lookahead.
 
 use eval::methods::product::{self, Delay};

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! Memory that a stream takes from the heap once it runs: the buffers of pictures are kept from frame to frame.
 
 use rayon::ThreadPoolBuilder;

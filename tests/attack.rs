@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! The attacks of `reliability` in their short forms: frames are counted, time is not measured.
 
 use std::process::Command;

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! Buffers: allocation, metas, formats, strides, and those that are not what they claim.
 
 mod common;

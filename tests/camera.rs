@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! What the element learns of a camera from the picture, and how long it remembers it.
 
 mod common;

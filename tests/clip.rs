@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! A numbered clip in whole pipelines: every frame by its picture, not only by its timestamp.
 
 mod common;

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! Editors: the element as an effect in a project of GStreamer Editing Services, rendered by
 //! `ges-launch-1.0` with the plugin as it is built.
 

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! The examples in C and Python: compiled, run on a shaken film whose readout is known, and what they print and write.
 
 mod common;

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! Formats: each is rectified as its conversion is, none is converted to less than it holds, and what is
 //! not a plain frame in system memory is passed on or refused.
 

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! The checks of `fuzz` without an engine: over the corpus, over changed entries of it and over random bytes.
 //!
 //! `scripts/fuzz` runs the same checks for as long as one likes, guided by coverage and under AddressSanitizer.

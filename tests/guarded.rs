@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! Planes, and buffers of the library, that begin and end at pages that nobody may read or write: a kernel that reaches
 //! past them, by raw pointer too, ends the process with a segmentation fault.
 #![cfg(unix)]

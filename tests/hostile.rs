@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! Streams and settings that nobody should make, and somebody will.
 
 mod common;

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! The element put into a pipeline that plays, and taken out again.
 //!
 //! `insert` and `remove` are shown in docs/gstreamer.md: change both.

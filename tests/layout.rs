@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! How frames lie in memory: what is between the rows, and rows that lie upside down.
 
 mod common;

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! Live pipelines: a frame goes out in time, with whatever frame rate the caps claim.
 
 mod common;

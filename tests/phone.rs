@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! A real phone clip against its gyroscope, which the rectifier never sees.
 //!
 //! Needs the folder that the environment variable `RSRECTIFY_DATA` names; skipped, and said so,

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! What comes out of the element is what a global shutter would have seen: rendered frames against
 //! the truth, in every format and readout direction.
 

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! Presets: settings saved under a name and taken over again.
 
 mod common;

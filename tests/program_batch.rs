@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! `rsrectify fix`: several clips, and how it ends.
 
 #[path = "common/program.rs"]

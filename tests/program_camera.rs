@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! Cameras that `rsrectify` knows, and clips that name theirs.
 
 mod common;

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! `rsrectify fix`: which encoder a clip gets, as ffprobe finds it in the file.
 
 #[path = "common/kept.rs"]

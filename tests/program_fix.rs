@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! `rsrectify fix`, run as a user runs it, on clips made here.
 
 mod common;

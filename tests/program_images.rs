@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! Numbered images as clips, and as what is written.
 
 #[path = "common/program.rs"]

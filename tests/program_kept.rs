@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! What `rsrectify fix` keeps in which container: the table of `docs/program.md` is what is seen here.
 //!
 //! With `RSRECTIFY_RECORD=1` the table is written there.

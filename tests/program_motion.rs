@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! `rsrectify track --motion` and `rsrectify fix --motion`, run as a user runs them.
 
 mod common;

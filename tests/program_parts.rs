@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! Parts of a clip: `index`, `fix --frames`, `join`, and `measure --frames`.
 
 mod common;

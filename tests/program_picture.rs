@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! `rsrectify fix`: what the pictures of a clip stand for, how they are stored and scanned, stays what it was.
 
 mod common;

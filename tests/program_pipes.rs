@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! Clips on the standard input, and video on the standard output.
 
 mod common;

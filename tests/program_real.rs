@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! `rsrectify measure` and `fix` on files that cameras and other programs write, unlike those of the program's own tests.
 
 mod common;

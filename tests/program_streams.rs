@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! `rsrectify fix`: what is encoded, and what is kept beside the video.
 
 mod common;

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! `rsrectify fix` and `measure` on files that many cameras and programs wrote, which are not part of the repository.
 //!
 //! Needs `$RSRECTIFY_DATA/zoo`; skipped, and said so, where the variable is unset. `RSRECTIFY_ALL=1` runs the slow files, too,

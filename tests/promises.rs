@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! Promises of a well-behaved filter that no other test shows.
 
 mod common;

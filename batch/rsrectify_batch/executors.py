@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: MIT OR Apache-2.0
+
 """Where steps are carried out: by processes of this machine, or by those of a Ray cluster."""
 
 import asyncio

@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: MIT OR Apache-2.0
+
 """The state of a run, in a JSON file from which it goes on after a break."""
 
 import fcntl

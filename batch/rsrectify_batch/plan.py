@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: MIT OR Apache-2.0
+
 """A film → the parts that are measured or rectified each by itself."""
 
 from bisect import bisect_left, bisect_right

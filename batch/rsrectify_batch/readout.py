@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: MIT OR Apache-2.0
+
 """What several parts of a clip, or several clips of one camera, say of its readout together.
 
 Each part states its posterior of the signed readout time: a mixture of normal densities, along the rows or the columns,

@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: MIT OR Apache-2.0
+
 """A page over all clips of a run: what was done with each, in numbers."""
 
 import os

@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: MIT OR Apache-2.0
+
 """A run: all clips, each from its index to the checked file.
 
     index → measure parts → combine → (motion file →) rectify parts → join

@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: MIT OR Apache-2.0
+
 """What workers do: each step is a call of the program that writes at most one file, and checks it.
 
 A step writes under a name of its own and renames the file when it is whole, so that a step that was lost with its

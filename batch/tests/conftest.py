@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: MIT OR Apache-2.0
+
 """What the tests share: the program, a film, and runs of the package as its user starts them."""
 
 import json

@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: MIT OR Apache-2.0
+
 """Runs of the whole package with the program on this machine."""
 
 import json

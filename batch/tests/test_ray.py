@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: MIT OR Apache-2.0
+
 """A Ray cluster of several nodes on this machine, one of which is killed."""
 
 import time

@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: MIT OR Apache-2.0
+
 """What a run does with what its steps report, without the program."""
 
 import asyncio

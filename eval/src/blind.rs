@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! Runs that are told nothing of the camera, from several frames of a sequence on and with several lookaheads: how often
 //! the readout that they end with is wrong, whether they say so, and what they do to a picture.
 

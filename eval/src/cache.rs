@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! Footage kept on disk, so that a sequence is rendered once.
 //!
 //! Each footage is a folder named by a hash of all that determines it:

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! A real clip without truth: what can be said of the library on it all the same.
 
 use crate::correspondences::Follower;

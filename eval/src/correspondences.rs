@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! Where the correspondences come from that every method is given.
 
 use crate::flow::image::Image;

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! How far the library's dense flow is from the exact one, and how long it takes.
 
 use crate::correspondences::GRID;

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! What each effort leaves of the distortion, and what its analysis takes.
 
 use crate::footage::Footage;

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! A sequence in memory: its frames as they arrive, and what is known of each.
 
 use crate::metrics::stats::{self, Stats};

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! Renders rolling-shutter sequences with exact truth and judges the rectifier on them.
 //!
 //! | module | what it holds |

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! Coded video, by way of GStreamer's command line: any clip to frames, and frames through H.264.
 //!
 //! Frames go in and out as raw RGBA, the one layout whose rows GStreamer never pads.

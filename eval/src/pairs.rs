@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! Two-frame clips with a global-shutter truth, as public data sets have them.
 //!
 //! | data set | rolling frames | global frame at the middle row |

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! How well the library finds the readout from the picture alone.
 
 use crate::footage::Footage;

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! Measurements of a sequence, recorded once, from which estimators are run: all see the same correspondences and flow.
 
 use crate::footage::Footage;

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! What a user says of a camera's shutter, on the command line.
 
 use anyhow::{Result, ensure};

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! How long the library takes for a frame, from luma to the three rectified planes.
 
 use anyhow::{Context, Result, bail};

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! How steady the library makes a picture, beside vid.stab in two passes at its defaults.
 //!
 //! Both outputs are judged alike, from their pictures: successive frames are followed and the motion between them fitted, so that

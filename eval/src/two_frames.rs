@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! The second of two frames, rectified by these alone with the readout given: what a data set of pairs asks for.
 //!
 //! Two frames tell no acceleration, so that flow × time is a fair rival: each pixel moved by its flow to the first frame,

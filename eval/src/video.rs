@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! Frames to uncompressed video files.
 
 use crate::scene::Frame;

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 /* Rectifies raw frames of an application by GStreamer: appsrc → rsrectify → appsink.
  *
  *   cc -o rectify_frames rectify_frames.c $(pkg-config --cflags --libs gstreamer-app-1.0 gstreamer-video-1.0)

@@ -1,4 +1,5 @@
 #!/usr/bin/python3
+# SPDX-License-Identifier: MIT OR Apache-2.0
 """Puts clips one after the other on a timeline of GStreamer Editing Services, each with the effect
 rsrectify, and renders them to a file; the project can be saved for an editor.
 

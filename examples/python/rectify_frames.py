@@ -1,4 +1,5 @@
 #!/usr/bin/python3
+# SPDX-License-Identifier: MIT OR Apache-2.0
 """Rectifies raw frames of an application by GStreamer: appsrc → rsrectify → appsink.
 
   rectify_frames.py IN.raw OUT.raw FORMAT WIDTH HEIGHT FRAMES_PER_SECOND

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! Processor time that the filter takes for a frame.
 //!
 //! ```text

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! The C interface of frei0r 1.2, as far as filters have it.
 //!
 //! No panic crosses it: one is reported on the error output by Rust itself, and the call does nothing more.

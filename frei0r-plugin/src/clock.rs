@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! The host's time → the clip's.
 //!
 //! By the interface hosts give seconds, and MLT and GStreamer do. ffmpeg gives milliseconds; and where its frames have padded rows, as

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! One filter in a host.
 
 use crate::clock::{Clock, Position};

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! The frei0r filter "Rolling shutter rectifier", for editors and ffmpeg.
 //!
 //! A frei0r filter is given one frame and must return one: it cannot look ahead. So it applies the motion that `rsrectify track

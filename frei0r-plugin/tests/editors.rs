@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! What Kdenlive and Shotcut show of the filter names its parameters and their values.
 
 use frei0r_rsrectify::{Filter, Kind, PARAMETERS};

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! The solvers on correspondences that no sampler would measure.
 
 use super::input::{DIRECTIONS, readout, real, settings, small};

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! Values read from arbitrary bytes; where these end, the first of each choice.
 
 use arbitrary::{Result, Unstructured};

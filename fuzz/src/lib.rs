@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! What the library promises whatever it is given, as functions of arbitrary bytes.
 //!
 //! Each module has a `check` that reads a case from the bytes and panics where a promise is broken. `fuzz_targets`

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! Motion files: any bytes, and any motion written and read.
 
 use super::input::{DIRECTIONS, readout, readout_time, real, small};

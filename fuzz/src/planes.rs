@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! Planes of any layout, and their rectification by any motion at every CPU level.
 
 use super::input::{DIRECTIONS, FORMATS, Random, readout, readout_time, real, size, small};

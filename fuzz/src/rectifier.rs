@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! Streams of small frames: any settings, times, pictures, orders of calls.
 
 use super::input::{FORMATS, Random, real, settings, small};

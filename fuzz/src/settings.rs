@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! Settings and sizes, possible and impossible.
 
 use super::input::{real, settings, size};

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! GStreamer plugin with the element `rsrectify`, which takes rolling-shutter distortion out of
 //! video from unknown cameras.
 //!

@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: MIT OR Apache-2.0
+
 """A wheel for one kind of machine and any Python."""
 
 from setuptools import setup

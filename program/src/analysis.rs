@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! A clip's frames → the motion of each, without rectifying any.
 
 use crate::elements::{launch, named, pad};

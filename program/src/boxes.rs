@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! The boxes of which QuickTime and MP4 files are made (ISO/IEC 14496-12): a length, a name of four bytes, content.
 
 use std::fs::File;

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! Arguments → the clips that they name.
 
 use crate::input::{Clip, InputOptions, Numbered};

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! What the numbers of a picture stand for, in the code points of ITU-T H.273.
 //!
 //! GStreamer's `colorimetry` cannot name all of them: xvYCC, SMPTE 428 or constant luminance among others come out as unknown. They

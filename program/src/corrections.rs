@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! What is corrected in the index of MP4 and MOV files as it is read, so that GStreamer's demuxer finds their video.
 //!
 //! It passes over a track that is shorter than a fifth of the film, as a preview picture would be. Where all video would be lost so, it

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! Damage of a clip: whether its file ends too early, and what its decoder complains of.
 
 use crate::boxes::{long_number, number};

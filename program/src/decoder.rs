@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! The decoder of the program's pipelines: GStreamer's decodebin, which chooses demuxers, parsers and decoders, and the choices
 //! of it that are corrected.
 

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! By how many pixels rectifying a frame moves what it shows, without what steadying and cropping do besides.
 
 use rsrectify::motion::{FrameMotion, image_centre};

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! SVG → pixels, the same on every machine: the font is in the program.
 
 use anyhow::{Context, Result, anyhow};

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! GStreamer elements by name, and what to do where one is missing.
 
 use anyhow::{Context, Result, anyhow};

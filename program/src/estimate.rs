@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! Numbers with a standard deviation, and what several of one number say together.
 
 use rsrectify::readout::Readout;

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! Times of frames → the time from one frame to the next, which a file need not state truly.
 
 /// Intervals count that differ from the median by no more than this share of it, which is jitter of timestamps, or by the

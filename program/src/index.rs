@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! `rsrectify index`: when the frames of a clip are shown, without decoding it.
 //!
 //! The frames of a part of the clip are then found by their times. A clip of hours is read once, not by each of the

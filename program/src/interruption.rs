@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! Ctrl-C, and what else asks the program to end.
 
 use anyhow::{Result, anyhow};

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! `rsrectify`: takes rolling-shutter distortion out of video files, and measures it.
 //!
 //! The GStreamer element is part of the program; nothing else has to be installed for it to be found.

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! What Matroska files state (RFC 9559) and GStreamer's demuxer does otherwise.
 
 use gst::prelude::*;

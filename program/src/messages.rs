@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! The program's messages: results on the standard output, everything else on the standard error, and all of them in a
 //! file, too, where that is asked for.
 

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! The motion of a clip from a file, applied instead of being looked for.
 
 use crate::rectifier_options::{Crop, RectifierOptions};

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! The encoded video of a file, packet by packet, in the file's order.
 
 use crate::decoder;

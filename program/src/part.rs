@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! A part of a clip: the frames that are asked for, and those around them that tell how the camera moves.
 
 use crate::index::FrameIndex;

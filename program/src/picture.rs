@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! What the pictures of a clip are: format, size, scanning, colours and light.
 //!
 //! The stream itself states it better than the file around it: files call full range limited, and HDR standard. But demuxers' caps go

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! Plays a pipeline to its end.
 
 use crate::decoder;

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! What the user sees while a clip is worked on.
 
 use anyhow::Result;

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! Values of the element's properties, as the command line has them.
 
 use clap::ValueEnum;

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! What a clip says of its camera: readout time and direction, focal length.
 //!
 //! The rectifier finds them while frames come, but a file is there as a whole: before it is rectified some stretches

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! What the user may tell the rectifier.
 
 use crate::camera::CameraChoice;

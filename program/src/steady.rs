@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! What stabilisation and a crop take beforehand: the frames to look ahead, and how much is to be cut away.
 
 use crate::analysis::Analysis;

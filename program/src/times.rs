@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! Times of frames in files that state only when packets are decoded, such as AVI.
 //!
 //! GStreamer gives frames the times of packets in rising order. Where frames are reordered, the first packets come as much earlier as

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! Attacks run in processes of their own, so that one that dies or hangs is counted like any other.
 
 use crate::fuzz::{HUNG, Verdict};

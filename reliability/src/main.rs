@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! The attacks, from the command line.
 
 use clap::{Args, Parser, Subcommand};

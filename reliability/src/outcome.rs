@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! What became of the frames of an attack.
 
 use serde::{Deserialize, Serialize};

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! The report for readers.
 
 use crate::outcome::Outcome;

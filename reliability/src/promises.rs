@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! What the element promises to a pipeline, and the tests that show it.
 
 /// A promise and where it is shown: `file::test`, or `attack name`; nothing where it is not.

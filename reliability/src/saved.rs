@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! Outcomes kept beside the program, so that one attack can be tried again without the others.
 
 use crate::outcome::Outcome;

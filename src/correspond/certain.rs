@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! Selects correspondences of small variance, for solvers that assume the same noise for all.
 
 use super::correspondence::Correspondence;

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! A point correspondence, in full-frame pixels.
 
 use nalgebra::{Matrix2, Vector2};

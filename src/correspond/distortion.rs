@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! Local distortion at a point, from the displacements of its neighbours.
 
 use crate::cpu::{CpuLevel, for_each_cpu};

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! The measured points: a uniform grid over the whole frame.
 
 use super::patch::PATCH_SIDE;

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! Two luma planes → point correspondences.
 //!
 //! | step | file | what it does |

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! Square patches of grey: sampling at sub-pixel positions, and sums.
 //!
 //! All functions are inlined into their callers, which are compiled once for each CPU level. No sum

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! One point of the flow → a correspondence to sub-pixel accuracy, with its covariance.
 //!
 //! A patch of 16 × 16 analysed pixels is registered again on the finest level, starting from the flow, by the

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! Correspondences sample_flow from dense flow at the grid.
 
 use super::correspondence::{Correspondence, to_full};

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! Sub-pixel registration of one patch: inverse-compositional Lucas–Kanade.
 //!
 //! S. Baker, I. Matthews, *Lucas–Kanade 20 Years On: A Unifying Framework*, IJCV 56(3), 2004. The

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! Motions known exactly: both frames are samples of one analytic texture.
 
 use super::{Correspondence, Pyramid, Sampler};

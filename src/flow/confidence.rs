@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! Confidence and information of each cell.
 //!
 //! > c = E/(E + ρ) · λ₁/(λ₁ + n/2) · 1/(1 + (b/(½ + 0.02·|u|))⁴)

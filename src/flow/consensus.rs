@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! The motion that most of a picture shares: an affine map, fitted robustly.
 
 use super::level::{CELL, PatchFlow};

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! The flow in one direction, from the coarsest level to the finest.
 
 use super::consensus::Consensus;

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! The flow field: a grid of cells with a displacement each.
 
 /// Displacement of one cell with its confidence and information.

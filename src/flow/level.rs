@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! One level: candidates for each patch, Gauss–Newton steps from the best one, and the mean of overlapping
 //! patches.
 //!

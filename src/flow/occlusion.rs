@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! Occluded cells take the background's motion.
 //!
 //! A cell that is occluded in the other frame has no displacement to measure. It lies at a depth edge,

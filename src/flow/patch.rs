@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! One patch of 8 × 8 pixels and its comparison with another frame at sub-pixel positions.
 //!
 //! Inverse compositional (S. Baker, I. Matthews, *Lucas–Kanade 20 Years On*, IJCV 56(3), 2004): the gradients

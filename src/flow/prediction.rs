@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! A predicted motion sampled at a few nodes, so that its cost does not depend on the predictor.
 
 use super::patch::SIDE;

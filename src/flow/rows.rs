@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! Runs row kernels on all cores, with the instructions that the machine has.
 
 use crate::cpu::CpuLevel;

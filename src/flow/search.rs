@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! The coarsest level: exhaustive search of every patch.
 //!
 //! It makes the flow independent of any prediction. The level is at most 48 pixels long, so that a quarter of

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! Vectors with AVX2 and FMA: one register each. A value of [`Avx2`] proves that the CPU has them, and so does a
 //! register, for it is created only through such a value: the reason of every `unsafe` here that names none.
 

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! From the level of a CPU to the vectors that it has.
 
 /// `$vectors` with `$cpu` bound to the [`WordCpu`](crate::lanes::WordCpu) of a [`CpuLevel`](crate::cpu::CpuLevel). At the level `Scalar` that is

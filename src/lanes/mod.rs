@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! Vectors of eight floats and of sixteen 16-bit integers: one source of a kernel for all instruction sets.
 //!
 //! | file | instructions | floats | integers |

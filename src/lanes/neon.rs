@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! Vectors with NEON: two registers each, the first lanes in the first. A value of [`Neon`] proves that the CPU
 //! has it, and so does a register, for it is created only through such a value: the reason of every `unsafe` here
 //! that names none.

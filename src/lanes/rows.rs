@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! Rows of samples that are checked once.
 
 use super::FLOATS;

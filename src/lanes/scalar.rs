@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! Vectors in plain Rust: the reference for floats; for integers what compilers make of them for a machine of which
 //! nothing is known, several times as fast as one number after the other.
 

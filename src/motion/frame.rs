@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! The motion of one frame, the shutter it was solved for, and the share of the correction applied.
 
 use super::MotionPath;

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! The generators of image motions: velocity fields that together span the homographies.
 //!
 //! Points are in units of the radius R, half the frame's width, from the image centre, (u, v); a generator's rate is in

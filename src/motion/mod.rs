@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! Representations of image motion: the twist, the path over a readout, the residual field.
 //!
 //! Points are *centred*: pixels from the image centre ((W − 1)/2, (H − 1)/2), y down.

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! The motion path of one frame through its readout.
 
 use super::{ResidualField, SampledPath, Twist};

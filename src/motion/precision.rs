@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! The precision of the motions that the rectifier returns.
 //!
 //! They are rounded once, when they are estimated: to less than the warp resolves, and to less than the noise of

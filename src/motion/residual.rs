@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! The residual field: local motion beside the global one, from parallax and moving objects.
 
 use nalgebra::Vector2;

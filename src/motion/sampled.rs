@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! A global motion path given by sampled homographies.
 
 use super::Twist;

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! The twist: the 2D rotation of 25.2 in a parametrisation without singularities.
 
 use nalgebra::{Matrix2, Matrix2x3, Matrix3, Vector2, Vector3};

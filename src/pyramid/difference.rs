@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! The difference of two frames, to detect duplicates.
 
 use super::level::Level;

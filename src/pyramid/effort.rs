@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! How finely frames are analysed.
 
 /// Longer side of the analysed luma, at most, in pixels.

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! One level of a pyramid: grey values with a border, so that a patch may extend beyond the picture.
 
 use crate::cpu::{CpuLevel, for_each_cpu};

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! Any luma view → reduced grey in 0 to 255, by area average.
 //!
 //! One pass over the source: the rows under an output row are weighted and summed (vectorised, the

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! The image pyramid of the luma, built once per frame and shared by all comparisons.
 //!
 //! | step | file | what it does |

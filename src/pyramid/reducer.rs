@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! The pyramid of one frame, and how it is made.
 
 use super::effort::Effort;

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! Times of the frames: fills in missing ones, detects gaps, estimates period and spacing.
 //!
 //! The *period* is the nominal interval between frames, if stated. The *spacing* is the actual interval, by

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! Detection of unmarked duplicates: frames repeated by a frame-rate conversion.
 
 /// Frames whose difference is at most this, in grey levels, are exact duplicates.

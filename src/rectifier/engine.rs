@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! A common interface to the two estimators.
 
 use super::settings::Settings;

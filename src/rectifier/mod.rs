@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! The rectifier, a lookahead queue over all modules: push luma, pop motions in order, drain, reset.
 
 mod clock;

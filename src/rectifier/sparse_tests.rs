@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! Streams with fewer frames than the nominal rate, or uneven ones: the number of unknowns follows the number
 //! of frames.
 

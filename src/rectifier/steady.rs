@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! What the rectifier has to do with stabilisation: solutions go through the stabiliser, which gives each a placement.
 
 use super::{MOTION_LOOKAHEAD, Rectifier, Settings, Waiting};

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! Stabilisation of pictures whose motion is known in closed form.
 
 use super::tests::{HEIGHT, PERIOD, WIDTH, pops, push, texture};

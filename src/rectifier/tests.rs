@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! The rectifier on pictures whose motion is known in closed form.
 
 use super::*;

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! Robust losses, with one convention.
 //!
 //! s = |r|²/σ² is the squared, whitened residual of a measurement of d coordinates: each of them has variance

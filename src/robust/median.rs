@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! The median, and the variance of two-dimensional errors estimated by it.
 
 /// Variance σ² of a coordinate over the median of |r|² of two normal coordinates: |r|²/σ² is χ² distributed

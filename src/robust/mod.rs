@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! Robust statistics, for `flow` and `solve` alike.
 //!
 //! | file | content |

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! The motion that most displacements share, by iteratively re-weighted least squares.
 //!
 //! Displacement = A·φ(p), where φ(p) are the N terms of a basis at the point p and A is 2 × N. Both

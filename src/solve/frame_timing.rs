@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! Whether frames were exposed when their timestamps say so, and stand where the camera saw them.
 
 use std::fmt;

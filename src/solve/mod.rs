@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! Correspondences of a window → a motion path for each frame.
 //!
 //! | module | |

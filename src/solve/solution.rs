@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! The result for a frame, from either estimator.
 
 use super::frame_timing::FrameTiming;

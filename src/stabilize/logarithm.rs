@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! Homographies as exponentials of velocity fields.
 //!
 //! The homographies near the identity are exp(A), A = Σⱼ aⱼ·Gⱼ over eight generators: shift (2), roll, zoom, two shears and two

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! Stabilisation: the motion of the scene from frame to frame → where each frame is placed in the output, so that the picture
 //! moves as a smooth path does.
 //!

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! The path of the virtual camera: the one of least acceleration near the path of the scene.
 //!
 //! Over the frames that are known, with the scene's path p and the planned one V,

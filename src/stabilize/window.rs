@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! How far the shown window may move before it leaves the picture.
 
 use super::logarithm::{Coordinates, exponential};

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! Nodes along an axis of the frame.
 
 /// Equidistant nodes along one axis of the frame.

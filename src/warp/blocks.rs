@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! The inverse map in the format of the kernels: blocks of 16 pixels of one row.
 //!
 //! Displacements are linear between *knots* 8 plane pixels apart. The error is 8²/8 · f″ = 3e-3 px for

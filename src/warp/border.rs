@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! Samples outside the picture.
 
 use super::settings::{BorderMode, Fill};

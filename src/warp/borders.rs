@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! How much a frame must be enlarged so that its borders stay out of sight.
 
 use super::correction::Correction;

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! The correction of one frame: displacements from the frame to the rectified frame.
 
 use super::axis::Axis;

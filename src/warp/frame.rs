@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! The layout of all planes of a frame.
 
 use super::placement::Placement;

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! The inverse map: the position in the frame for each output pixel.
 //!
 //! A point x of the frame (centred pixels), exposed at share s(x), is moved to

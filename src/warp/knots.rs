@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! The displacements of a plane at knots, and the blocks between them.
 
 use super::blocks::{BLOCK, Block, KNOT};

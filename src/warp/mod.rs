@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! A frame's motion path and a plane → the rectified plane.
 //!
 //! A point at x in the frame (centred pixels, exposed at share s) is moved to

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! Monotone projection and inversion.
 //!
 //! The forward map along a line folds at occlusions and has gaps at disocclusions. To have an inverse, it

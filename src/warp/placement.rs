@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! The position of a plane's pixels in the frame.
 
 /// The position of a plane's pixels in the frame: frame pixel = scale · plane pixel + offset, per axis,

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! Processes the rows of a plane in bands, one band per task of the thread pool.
 
 use super::blocks::{BLOCK, Block};

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! How a frame is rectified.
 
 /// The interpolation kernel.

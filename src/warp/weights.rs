@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! Interpolation kernels: the weights of the samples around a position.
 //!
 //! A position is an integer sample and a fraction t of [`FRACTION_BITS`] bits: the quantisation error is

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! What ffprobe finds in a file, to compare a clip with its rectified twin: GStreamer, which wrote the twin, has no say in it.
 
 // Each test file uses its own part of this.

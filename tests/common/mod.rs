@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! What the pipeline tests share: set-up, numbered frames, a log of what leaves a pad.
 
 // Each test file uses its own part of this.

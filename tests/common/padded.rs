@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! Frames whose rows are longer than they need be, of any format.
 
 use crate::common::laid_out;

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! The plugin as it is built, for other programs.
 
 use std::path::PathBuf;

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! What the program's tests share: a folder of clips, and the program.
 
 // Each test file uses its own part of this.

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! A film by a shaken camera whose readout is known.
 //!
 //! It shows a texture, known at every point, while the rows are read from the bottom up in 0.6 of the frame

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! One frame: which motion it has, its planes rectified.
 
 use rsrectify::Warper;

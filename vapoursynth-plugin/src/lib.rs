@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! The VapourSynth filter `rsrectify.Apply`: a clip and its motion file → the rectified clip.
 //!
 //! | module | |

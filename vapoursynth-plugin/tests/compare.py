@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: MIT OR Apache-2.0
+
 """Compares what the filter makes of raw frames with what `rsrectify fix` has made of them; run by scripts/check-vapoursynth.
 
     compare.py PLUGIN MOTION CLIP FIXED WIDTH HEIGHT    CLIP and FIXED: frames of 8-bit 4:2:0, one after another

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! The pixels of a picture as the black and the white squares of a chessboard.
 //!
 //! The four neighbours of a square have the other colour. So the squares of one colour can be changed

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! From two pyramids to a flow: coarse to fine, several warps a level.
 
 use super::board::{Board, Layout};

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! The displacement of each pixel.
 
 use super::image::Image;

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! Pictures of one channel: smoothing, halving, sampling between pixels.
 
 use rayon::prelude::*;

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! The median of 5 × 5 pixels.
 
 use super::image::Image;

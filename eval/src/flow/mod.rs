@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! Dense optical flow: the motion of every pixel from one frame to another.
 //!
 //! After D. Sun, S. Roth, M. J. Black, *Secrets of Optical Flow Estimation and Their Principles*, CVPR

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! Correspondences out of the flow.
 
 use super::image::Image;

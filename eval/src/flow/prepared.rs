@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! A frame and the pyramid of its texture.
 
 use super::image::Image;

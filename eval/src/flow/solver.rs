@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! The flow that minimises the robust energy around one warp.
 //!
 //! ∑ over pixels of ψ(r; ε_D) + λ ∑ over pairs of neighbours of ψ(|w_p − w_q|; ε_S), with

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! A picture less most of its large structure, which a change of light changes most.
 //!
 //! A. Wedel, T. Pock, C. Zach, H. Bischof, D. Cremers, *An Improved Algorithm for TV-L1 Optical Flow*,

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! An affine map between successive frames.
 //!
 //! Source: W.-H. Cho and K.-S. Hong, *Affine motion based CMOS distortion analysis and CMOS digital

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! A smooth curve of translation through the global motions.
 //!
 //! Source: C.-K. Liang, L.-W. Chang and H. H. Chen, *Analysis and compensation of rolling shutter

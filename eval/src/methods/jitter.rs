@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! High-frequency jitter, by a translational and by an affine model.
 //!
 //! Source: S. Baker, E. Bennett, S. B. Kang and R. Szeliski, *Removing rolling shutter wobble*, CVPR

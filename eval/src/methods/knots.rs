@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! Calibrated camera motion over a short window of frames, as knots that are interpolated by time.
 //!
 //! P.-E. Forssén and E. Ringaby, *Rectifying rolling shutter video from hand-held devices*, CVPR 2010;

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! Homography mixture: no calibration.
 //!
 //! M. Grundmann, V. Kwatra, D. Castro and I. Essa, *Calibration-free rolling shutter removal*, ICCP

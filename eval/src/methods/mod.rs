@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! Every system that the method is compared with, behind one trait, and the product itself.
 
 pub mod affine;

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! The paper's own method, on the library's solvers and over a whole run.
 //!
 //! Source: the paper, Sect. 25.4: initialisation by uniform rotation (25.6), sequential computation

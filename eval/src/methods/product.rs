@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! The library under test, called as any program would call it.
 
 use super::{Correction, Corrections};

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! All systems that the report compares, with what each is told.
 
 use super::affine::Affine;

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! Robust linear fits: iteratively reweighted least squares over banded normal equations.
 //!
 //! All image-plane baselines are linear in what they look for, with the same coefficients for x and y.

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! Calibrated 3D rotation: a camera that turns about its centre.
 //!
 //! P.-E. Forssén and E. Ringaby, *Rectifying rolling shutter video from hand-held devices*, CVPR 2010,

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! Correspondences with the time of both ends: what the image-plane baselines fit.
 
 use super::{Correction, Corrections, Input};

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! One translation a frame: the global motion between successive frames as a constant velocity.
 //!
 //! Sources: S. P. Nicklin, R. D. Fisher and R. H. Middleton, *Rolling shutter image compensation*,

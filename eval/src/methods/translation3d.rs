@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! Calibrated 3D translation in front of a wall.
 //!
 //! The translational model of P.-E. Forssén and E. Ringaby, *Rectifying rolling shutter video from

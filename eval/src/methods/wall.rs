@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! A wall filmed by a camera whose motion is known in closed form: what the methods are tested on.
 
 use super::{Input, Method};

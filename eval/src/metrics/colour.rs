@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! How much a picture looks like the true one: colour distance, PSNR and SSIM inside a mask.
 //!
 //! Both pictures are of one size, and the mask has one entry a pixel, row by row: whether the pixel

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! The least that a motion model can leave: what of the displacement is the model's, whoever solves it.
 
 use super::Stats;

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! What a method does to footage that nothing is wrong with.
 
 use super::{Stats, distances};

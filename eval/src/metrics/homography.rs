@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! The homography that most correspondences follow: the motion of a camera that turns, or sees a
 //! plane, with a global shutter.
 

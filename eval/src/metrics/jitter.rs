@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! Jitter: how unsteady a correction is from frame to frame, and the content that it corrects.
 //!
 //! A viewer takes a displacement that stays, or grows steadily, as part of the picture; what shakes

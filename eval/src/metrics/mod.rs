@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! How far a rectified frame is from the truth, and how a clip without truth fares.
 //!
 //! | needs | module | what it measures |

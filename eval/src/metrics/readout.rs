@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! How far an estimate of the readout is from the truth.
 
 use nalgebra::Vector2;

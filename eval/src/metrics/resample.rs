@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! The picture that a correction makes of a frame.
 
 use crate::methods::Correction;

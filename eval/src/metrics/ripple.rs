@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! What a correction does to a picture beside a smooth change from line to line.
 //!
 //! Of the displacement that is applied to the textured samples of a frame, d(x), the best

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! Displacement over a set of samples.
 
 use crate::truth::Sample;

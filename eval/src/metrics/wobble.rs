@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! Row-wise wobble: what a rolling shutter leaves between successive frames, measured without truth.
 //!
 //! Two frames of a global shutter are related by a homography where the camera turns or sees a

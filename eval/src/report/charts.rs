@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! Charts as SVG: a figure of each frame along a sequence, a curve a system.
 
 use anyhow::{Result, anyhow};

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! Fills the template of the document: prose by hand, figures by the run.
 
 use anyhow::{Result, bail};

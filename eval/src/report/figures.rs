@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! The paper's figures drawn from a run, and the displacement left beside them.
 
 use super::charts::{Curve, Panel, Scale, draw};

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! The report: systems run on sequences, and what people read of it.
 //!
 //! A run is kept as JSON, so that the document can be written anew, its prose changed, without

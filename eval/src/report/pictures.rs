@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! How much the rectified pictures of a frame look like the true one.
 
 use crate::footage::Footage;

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! How far a run is, and where its time went.
 
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};

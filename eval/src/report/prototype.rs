@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! The figures of an earlier prototype, measured with another renderer on sequences of the same
 //! kinds, beside those of the run.
 

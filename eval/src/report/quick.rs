@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! A few minutes' check that nothing has become worse, in every kind of scene, against recorded figures.
 //!
 //! A figure is the displacement left in pixels (RMS) in one scene: rendering takes two thirds of the time. Its noise is what

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! What a run of the evaluation found.
 
 use super::pictures::Likeness;

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! Runs systems on sequences, one footage in memory at a time.
 
 use super::pictures::likeness;

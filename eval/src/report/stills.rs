@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! Pictures a person looks at: a frame as it arrived, rectified and true, and where they differ.
 
 use super::runner::Task;

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! Tables in Markdown.
 
 use super::results::{Results, Spread, Trial};

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! What photographs as textures change, against procedural ones.
 
 use super::results::{Results, Spread, Trial};

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! A camera on a path: its lens and its shutter.
 
 use nalgebra::{Matrix2, Matrix3, Rotation3, Vector2, Vector3};

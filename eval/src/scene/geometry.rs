@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! Textured rectangles in space. World axes: x right, y down, z ahead; metres.
 
 use super::camera::Pose;

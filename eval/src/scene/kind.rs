@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! The scenes that sequences are filmed in.
 
 use super::geometry::Scene;

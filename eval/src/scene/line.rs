@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! One line of a picture: what it sees of the scene, and the light that it collects.
 //!
 //! Along a line of pixels the plane of a surface is a quotient of linear functions (the homography

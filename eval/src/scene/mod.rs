@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! What a camera sees: textured geometry, a camera on its path, and the frames it takes.
 //!
 //! This part knows nothing of the library under test, so that its truth is independent.

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! Rigid objects that move on their own.
 
 use super::camera::{CameraPath, Pose};

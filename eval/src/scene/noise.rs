@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! Periodic gradient noise: the raw material of the procedural textures.
 
 use std::ops::Range;

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! Smooth camera paths: each of the six degrees of freedom, and the zoom, is a sum of oscillations.
 //!
 //! Frequencies are in cycles a frame, because what a method can follow depends on how much of an

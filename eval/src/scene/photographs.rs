@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! Textures made from a folder of photographs.
 
 use super::texture::Texture;

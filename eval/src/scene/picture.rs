@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! Rendered pictures, the sensor that turns them into bytes, and the colour spaces of video.
 
 use super::texture::Colour;

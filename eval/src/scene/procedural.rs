@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! Procedural textures of a room, with detail at every scale down to the texel.
 
 use super::noise::{Noise, mix};

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! Line-by-line ray casting: each row, or column, is seen from the pose at its own instant, or from
 //! several while it is exposed. A lens that distorts is followed in short straight stretches.
 

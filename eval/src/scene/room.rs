@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! A room with clutter at depths from 1.2 m to 6 m; the camera stands near the origin and looks
 //! along +z.
 

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! Scenes of the kind in which motion is hard to measure.
 
 use super::geometry::Surface;

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! Band-limited textures: a square picture and its halved copies (a mip pyramid).
 //!
 //! L. Williams, *Pyramidal parametrics*, SIGGRAPH 1983.

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! How far a camera moves along its path.
 
 use super::settings::{Settings, Strength};

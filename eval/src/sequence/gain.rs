@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! How the brightness of the captures changes.
 
 use crate::scene::Picture;

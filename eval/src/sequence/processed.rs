@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! Sequences that were stabilised or re-timed after their readout, as phones and editors do it.
 
 use super::settings::{Settings, Strength};

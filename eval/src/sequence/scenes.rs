@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! Scenes that several sequences share: to build one takes seconds.
 
 use crate::scene::{Scene, SceneKind};

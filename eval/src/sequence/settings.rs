@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! What determines a sequence.
 
 use super::{Gain, Move, Stabilisation, Timeline};

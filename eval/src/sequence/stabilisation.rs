@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! Footage that was stabilised in the camera, by one homography a frame or by a turn of each row.
 
 use crate::scene::{Picture, Pose, RollingCamera, Scene};

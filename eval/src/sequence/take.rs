@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! A scene and the camera that films it without interruption.
 
 use super::settings::Settings;

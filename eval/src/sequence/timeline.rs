@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! Which capture each delivered frame shows, and when it claims to have been taken.
 
 use serde::Serialize;

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! The exact truth of a frame: where each pixel belongs, and where it is seen next.
 
 use crate::scene::Hit;

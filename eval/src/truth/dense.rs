@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! The truth of whole frames: maps of displacements and the mask of visible pixels.
 
 use super::capture::Capture;

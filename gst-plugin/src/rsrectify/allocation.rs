@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! What is asked of the pools of buffers.
 
 /// Asks the pools in an allocation query for at least `more` buffers than before.

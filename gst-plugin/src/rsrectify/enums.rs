@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! Enum properties. Names and numbers are stored in project files and presets: never change one.
 
 use gst::glib;

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! What GStreamer offers and its Rust bindings do not.
 
 use gst::ffi;

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! The flow of frames: taken in, analysed, held, rectified, given out.
 //!
 //! Only the thread that holds the sink pad's stream lock does this: the streaming thread, or the timer that

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! What the pads take, and video formats → views of image planes.
 //!
 //! Views are not written down format by format: GStreamer describes each format by its components,

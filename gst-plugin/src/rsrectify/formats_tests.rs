@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! Views against what the format definitions say, written down by hand.
 
 use super::*;

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! The element proper: what GStreamer asks of it.
 //!
 //! GStreamer's base class negotiates; the flow of frames is the element's own, see `flow`. Events that travel

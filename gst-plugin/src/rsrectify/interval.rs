@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! The time from frame to frame, which the caps need not tell truly.
 
 /// Assumed where neither caps nor timestamps tell, in nanoseconds: 30 frames a second.

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! The latency that the element reports, and how long it may hold a frame.
 //!
 //! All times are in nanoseconds; nothing here depends on GStreamer.

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! Whether the pipeline keeps up with the work, judged by how late the sink says that frames are.
 //!
 //! A sink reports the lateness of each frame (QoS events). What it tolerates is not known, but lateness

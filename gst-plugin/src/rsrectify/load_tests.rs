@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! The controller in pipelines whose times are simulated.
 
 use super::*;

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! The bytes of a frame that are no picture: ends of rows, gaps between planes and behind them.
 //!
 //! They are cleared in every frame that is made here: what was in that memory before would go into files that hold frames as

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! The pictures in buffers: mapped and copied, whatever their metas claim.
 
 use super::formats::FrameLayout;

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! The element's settings, and what they mean to the library. Names, types and ranges of their properties are in `imp`.
 //!
 //! Defaults are stored in project files and presets: never change one.

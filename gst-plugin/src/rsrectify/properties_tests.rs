@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! The settings, and the properties of the element that change them.
 
 use super::super::RsRectify;

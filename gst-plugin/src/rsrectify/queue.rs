@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! Frames that wait for their motion, and the events that travel between them.
 
 use std::collections::VecDeque;

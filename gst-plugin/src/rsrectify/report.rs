@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! What the element tells others: latency, position, quality of service, statistics, messages.
 
 use super::enums::ReadoutDirection;

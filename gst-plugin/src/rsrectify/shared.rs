@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! What any thread may read and set.
 
 use super::properties::Settings;

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! What lives as long as one set of caps: the queue, the rectifier, the warper.
 
 use super::ffi;

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! Calls a function at a time of the pipeline's clock.
 
 use gst::prelude::*;

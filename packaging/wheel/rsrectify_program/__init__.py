@@ -1,3 +1,5 @@
+# SPDX-License-Identifier: MIT OR Apache-2.0
+
 """The program `rsrectify`, which needs the system's GStreamer."""
 
 import ctypes

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! Cameras whose readout is known: `cameras/readouts.csv` and `cameras/measured.csv`, see `cameras/README.md`.
 
 use anyhow::{Context, Result};

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! What is known of the camera that made a clip before any frame is looked at: what it states, and what the catalogue has.
 
 use super::catalogue::{Camera, Mode};

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! Cameras whose readout is known, which of them made a clip, and what it states itself.
 
 mod catalogue;

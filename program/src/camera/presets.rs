@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! Presets of the element: what is expected of known cameras, as GStreamer reads it.
 
 use super::catalogue::Camera;

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! Before and after in one picture: where the pictures stand, and which is which.
 
 use crate::drawing::Renderer;

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! `rsrectify fix`: clips → rectified clips.
 
 mod comparison;

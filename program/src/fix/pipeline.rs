@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! A clip → the rectified clip, as a GStreamer pipeline.
 //!
 //! Frames are rectified as the sensor delivered them and turned upright only afterwards: the rows of

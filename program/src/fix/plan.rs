@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! Arguments → jobs: which clip becomes which file.
 
 use super::options::FixOptions;

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! When frames of a steady rate are shown.
 
 /// Has the frame with a number, counted from 0, state when it is shown and for how long.

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! PNG images of 16 bits → frames: GStreamer 1.22 decodes those without transparency wrongly, one sample off.
 
 use super::clock;

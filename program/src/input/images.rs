@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! Numbered images as a clip.
 
 use super::numbered::Numbered;

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! Clips as they are given: files, numbered images, or what comes on the standard input.
 
 mod clock;

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! Numbered images: `frames/%06d.png` names one file for each number.
 
 use anyhow::{Context, Result, bail};

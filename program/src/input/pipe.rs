@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! What comes on the standard input: it is read once, but its beginning can be looked at before.
 
 use crate::interruption::Interruption;

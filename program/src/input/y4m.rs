@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! Y4M streams → raw frames, of up to 12 bits: GStreamer's decoder has 8 only.
 
 use super::clock;

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! Encoded video, and the tracks of other films beside it → a new film.
 //!
 //! The index comes first, so that players can begin before all is there, and chunks lie in the order in which they are played.

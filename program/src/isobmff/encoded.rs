@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! Encoded frames, kept in a file of their own until all that lies beside them is known.
 
 use super::video::Sample;

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! The index of a QuickTime or MP4 file: its tracks, and what is said of the whole.
 
 use super::tables::{self, Chunk};

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! The boxes around the sample tables: of the film, and of its tracks.
 
 use super::film::{EPOCH, Film, Track};

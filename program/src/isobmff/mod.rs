@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! QuickTime and MP4 files (ISO/IEC 14496-12) as they are written: the video is new, everything else is copied.
 //!
 //! GStreamer's muxers know the streams that they know. What cameras write beside the video (telemetry, timed metadata,

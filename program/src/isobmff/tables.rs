@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! Sample tables: where the samples of a track lie in the file, and when they are decoded and shown
 //! (ISO/IEC 14496-12, 8.6 and 8.7).
 

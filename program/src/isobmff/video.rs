@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! The track of the encoded video: its boxes, from what the encoder states and when each frame is shown.
 
 use super::film::Track;

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! `rsrectify join`: rectified parts of a clip → the whole, without encoding them again.
 
 mod parts;

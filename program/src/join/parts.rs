@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! The encoded frames of several files, one after another, with the times of the clip's frames.
 
 use crate::colour::Colour;

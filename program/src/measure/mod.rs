@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! `rsrectify measure`: what clips say of their cameras.
 
 mod report;

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! What is said of a camera, as text and for JSON.
 
 use crate::camera::{Expectation, Known, Stated};

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! Colours and HDR in AV1 streams (AV1 Bitstream & Decoding Process Specification): the encoder of GStreamer 1.22 leaves them open.
 //!
 //! A stream is a row of units (OBU): a header of one or two bytes, the length of the content, the content. Colours lie in the middle of the

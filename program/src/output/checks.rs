@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! What is looked at before a file is written.
 
 use anyhow::{Context, Result, bail};

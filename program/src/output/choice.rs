@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! Which encoder a clip gets.
 
 use super::codec::Codec;

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! What clips can be encoded to, and which files hold it.
 
 use super::container::Container;

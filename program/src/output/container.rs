@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! The file around the streams.
 
 use crate::input::{Clip, Numbered};

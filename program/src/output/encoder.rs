@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! Frames → the encoded stream: what the encoder is given, and what the stream states of it.
 
 use super::codec::{Codec, Preset, Rate};

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! What the user may ask of the video that is written.
 
 use super::codec::{Codec, Preset, Rate};

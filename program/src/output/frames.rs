@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! Files of frames that are not encoded as a stream: Y4M, and numbered PNG images.
 
 use super::encoder::Encoding;

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! Encoders in hardware, as GStreamer's plugins of VA, V4L2, NVENC and others offer them.
 
 use super::codec::{Codec, Rate};

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! The files that the program writes: their names, how video in them is encoded, and that none is left half.
 
 mod av1;

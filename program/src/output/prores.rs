@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! Colours in the headers of ProRes frames (SMPTE RDD 36): the encoder leaves them open.
 
 use crate::colour::Colour;

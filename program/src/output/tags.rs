@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! Options of x264 and x265 that state colours and HDR in the stream.
 
 use crate::colour::Colour;

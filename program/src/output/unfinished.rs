@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! A file in the making.
 
 use anyhow::{Context, Result};

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! Reads a file again that was written, before it is said to be done.
 
 use crate::interruption::Interruption;

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! Panels below each other over the time of the clip, as SVG.
 
 use super::panels::{Panel, panels, untouched};

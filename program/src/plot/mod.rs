@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! `rsrectify plot`: the motion of a clip as a figure.
 
 mod figure;

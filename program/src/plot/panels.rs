@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! What is plotted: curves over the frames of a clip, in panels.
 
 use super::series::{Motion, Point};

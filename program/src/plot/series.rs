@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! Frames → what is plotted of them.
 
 use crate::estimate::Estimate;

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! `rsrectify show`: a clip with what was seen of its motion drawn over it, or a page of it for browsers.
 
 mod overlay;

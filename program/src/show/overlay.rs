@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! What is drawn over a frame, as SVG: correspondences, the correction, and a strip of text below them.
 
 use super::strip::{Item, Strip};

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! A page of a clip for browsers: before and after under a slider, and its motion over time.
 
 use super::videos;

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! A strip of text along the lower edge of a frame, as SVG.
 
 use crate::drawing::{Colour, SKY_BLUE, hex};

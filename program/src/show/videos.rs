@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! A clip → two videos that browsers play: as it was recorded, and rectified.
 
 use crate::elements::{NO_VIDEO, hold_for_twins, launch, named, pad};

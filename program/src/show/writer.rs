@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! Frames that are drawn over → a video file.
 
 use crate::elements::{launch, named};

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! What lies beside the video in an MP4 or MOV file that is written: tracks of the clip, copied as they are where the clip is
 //! such a file, and a file with the other streams, as GStreamer's muxer writes it.
 

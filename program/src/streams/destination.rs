@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! Where the streams of a clip go, and where the video of the file comes from.
 
 use super::excerpt::Excerpt;

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! Sound that begins a little before the video, in MPEG transport and program streams.
 //!
 //! Their demuxers let all streams begin with the first time that they find, mostly that of the video, so that what is earlier in

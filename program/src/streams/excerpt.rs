@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! A part of a clip, cut out of the streams that a decoder gives out.
 //!
 //! An encoder and a muxer cannot be flushed, so that the streams are held until it was gone to the part's first frame, and

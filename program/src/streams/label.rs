@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! Which frames of its clip a part has, as a comment among its tags: parts of one length would else be mistaken for each other.
 
 use std::ops::Range;

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! A clip's streams → the muxer: the video by a branch of its own, the others as they are where the container can hold them.
 
 use super::beside::Beside;

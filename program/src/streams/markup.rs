@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! Pango markup in subtitles, which not every container can hold.
 
 use gst::prelude::*;

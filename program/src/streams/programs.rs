@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! The programs of MPEG transport streams (ISO/IEC 13818-1), which are clips of their own: the decoder takes the first.
 
 use std::fs::File;

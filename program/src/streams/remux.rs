@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! A pipeline from a clip to a file, with the muxer that puts its streams together.
 
 use super::beside::Beside;

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! The way of each stream from the decoder to the muxer.
 
 use crate::output::container::Container;

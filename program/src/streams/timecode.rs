@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! The timecode of a QuickTime or MP4 file, which GStreamer's demuxer passes over.
 //!
 //! It is a track of type `tmcd` (Apple, *QuickTime File Format Specification*, "Timecode Media"): its sample description

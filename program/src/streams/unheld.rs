@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! What an MP4 or MOV clip has that its demuxer does not give out, so that another container cannot get it.
 
 use crate::boxes::{child, children};

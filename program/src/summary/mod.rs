@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! What was done with a clip, in numbers: for people, and as JSON.
 
 mod tally;

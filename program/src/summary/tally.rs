@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! What the element reports of each frame that it gives out.
 
 use crate::displacement;

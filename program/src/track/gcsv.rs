@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! A virtual gyroscope in Gyroflow's format.
 //!
 //! With `orientation,XYZ` the axes are those of a phone that lies on its side: gx about the image's upward axis, gy about

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! `rsrectify track`: the motion of a clip, for other programs.
 
 mod gcsv;

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! The motion of a clip as a file for filters that are given one frame at a time.
 //!
 //! The frames go through the element as for `fix`, at the same times, so that applying the file gives the same

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! The motion of frames and rows, as CSV and JSON.
 
 use super::velocity::Instant;

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! How the picture moves at one instant of a readout, and what turn of the camera that is.
 
 use rsrectify::motion::{FrameMotion, image_centre};

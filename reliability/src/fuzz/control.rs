@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! What applications, sinks and editors do to an element while it works.
 
 use super::setup::Setup;

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! Frames as careless upstreams make them: padded, split, read-only, too small, with wild timestamps.
 
 use super::setup::Setup;

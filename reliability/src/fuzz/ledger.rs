@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! What went into the element and what came out: each item has a number, counted up by the streaming
 //! thread, so that any loss, double or change of order shows at once.
 

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! Random sequences of all that can happen to the element.
 //!
 //! A sequence follows from its seed. One thread streams: caps, frames good and bad, events, queries.

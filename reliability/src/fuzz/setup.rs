@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! What a sequence is made of: all of it follows from its seed.
 
 use gst::prelude::*;

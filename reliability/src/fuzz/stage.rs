@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! The element between two pads of our own: an upstream that can do anything, and a downstream that
 //! checks all it gets.
 

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! The streaming thread of a sequence: caps, frames, events, queries, in an order that nobody planned.
 
 use super::control;

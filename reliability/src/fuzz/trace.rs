@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! What the threads of a sequence did last, and the alarm that rings when they do nothing any more.
 
 use std::collections::VecDeque;

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! Long films, many starts, many elements.
 
 use super::effort::Effort;

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! Films made by GStreamer's own encoders: of numbered frames, of moving pictures, in any container.
 
 use super::numbered::{NUMBERED, feed};

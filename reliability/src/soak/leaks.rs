@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! Objects of GStreamer that nobody gives back, as its own tracer sees them.
 
 use super::effort::Effort;

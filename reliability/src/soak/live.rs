@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! Live sources that do not say at what rate their frames come, or say it wrong.
 
 use super::effort::Effort;

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! What is known to break filters, each tried many times. Wherever it can, an attack is played twice,
 //! with the element and with `identity` in its place: the same frames must arrive.
 

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! Pipelines that are played while what arrives at their sink is written down.
 
 use gst::prelude::*;

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! Upstreams with a fixed number of buffers, as cameras and hardware decoders have.
 
 use super::effort::Effort;

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! What this process uses of the machine.
 
 /// Memory, file descriptors and threads in use.

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! Seeks, rates, loops and pauses over a film of numbered frames.
 
 use super::effort::Effort;

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! Sinks that understand bytes only, and sinks that are slow.
 
 use super::effort::Effort;

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! Bits with adaptive probabilities, in little more space than their information: a binary range coder.
 
 /// How probable it is that a bit is set, learnt from those before.

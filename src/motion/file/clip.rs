@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! The clip whose motion a file holds.
 
 /// The identity of the clip whose motion a file holds, and how it is shown.

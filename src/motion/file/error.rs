@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! Why a motion file cannot be read or written.
 
 use crate::motion::{MeshError, PathError};

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! The hash by which changed bytes are noticed.
 
 /// The 64-bit FNV-1a hash of bytes.

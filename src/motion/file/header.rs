@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! The text at the beginning of a motion file.
 
 use super::clip::Clip;

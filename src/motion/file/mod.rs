@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! Motion files: the motion of every frame of a clip, found once and applied anywhere.
 //!
 //! A rectifier that looks ahead writes them; a filter that is given one frame at a time, in any order, reads from

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! Integers in few bytes: predicted, and coded with probabilities that are learnt from those before.
 
 use super::arithmetic::{Coder, Decoder, Encoder, Probability};

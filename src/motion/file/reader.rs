@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! A motion file → the motion of any frame, by its time.
 
 use super::clip::Clip;

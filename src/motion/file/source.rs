@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! Where the bytes of a motion file are.
 
 use std::borrow::Cow;

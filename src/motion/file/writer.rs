@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! Motions of a clip's frames, in order → a motion file.
 
 use super::clip::Clip;

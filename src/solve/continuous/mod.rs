@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! The continuous estimator: correspondences of successive frames → the motion path of a window as splines over exposure
 //! time, and with it the readout time, the edge that is read first and the focal length.
 //!

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! Vectors on a grid of cells, each measured with its own information: the posterior of each, given all.
 //!
 //! In a Gaussian Markov random field neighbouring vectors differ by a random step of variance q along each

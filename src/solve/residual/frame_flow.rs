@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! The flow that residual velocities are found in.
 
 use crate::flow::FlowField;

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! The local motions of one frame after another.
 
 use super::frame_flow::FrameFlow;

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! The residual field: velocities beside the global path, from parallax and independently moving objects.
 //!
 //! The flow of a frame to a neighbour measures the error of the global path: the point of a cell lies at x′

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! The global path that residual velocities are added to.
 
 use nalgebra::Matrix3;

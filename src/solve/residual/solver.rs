@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! The residual velocities of a frame.
 
 use super::diffuse::{FieldPrior, VelocityEstimate};

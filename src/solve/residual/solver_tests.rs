@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! The residual field against motions in closed form.
 
 use super::super::path::Still;

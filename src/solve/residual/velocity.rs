@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! Flow minus path: the residual velocity of each cell, and its information.
 
 use super::diffuse::VelocityEstimate;

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! One pair of successive frames: its correspondences and the twists fitted to them.
 
 use super::measurement::{Minimiser, TimedMatch};

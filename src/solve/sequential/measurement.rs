@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! The measurement constraint 25.4 and its minimisation.
 //!
 //! E = Σ |x − o|² + |x′ − o′|², o′ = f(o, ω·τ, c): both points of a correspondence are measured, so

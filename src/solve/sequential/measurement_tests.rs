@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! The sparse minimiser against closed forms and against a dense Levenberg–Marquardt of another make.
 
 use super::*;

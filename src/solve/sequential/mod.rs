@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! The paper's estimator: one 2D rotation a frame, each from its neighbour.
 //!
 //! | file | the paper's |

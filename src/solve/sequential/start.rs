@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! A start for the minimisation that survives outliers.
 //!
 //! For a rotation the midpoint m of x and x′ makes x′ − x = 2·tan(ωτ/2)·J(m − c), exactly; with

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! Links and the window on a flat world that moves by a known twist in each frame period.
 
 use super::link::Link;

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! The sliding window of the paper's estimator: initial pair, recursion in both directions, final choice.
 //!
 //! The paper takes the pair of least E of the whole video and runs the recursion from there to both

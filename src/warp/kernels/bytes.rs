@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! Both passes in vectors: 8-bit samples, 1 to 4 per pixel, bit-exact with `scalar`.
 //!
 //! A block of 16 pixels with a step of n samples is n vectors of 16 samples. [`LaneMap`] maps each lane of a

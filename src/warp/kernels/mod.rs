@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! The two passes of the warp: in plain Rust, and in the vectors of [`lanes`](crate::lanes).
 //!
 //! OutputFormat row Y is the image of a curve y = Y + down(x, Y) through the frame. The *vertical* pass

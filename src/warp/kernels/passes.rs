@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! The kernel of a pass: by interpolation and by arithmetic.
 
 use super::scalar::Arithmetic;

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! Both passes in plain Rust, for every format and interpolation.
 
 use super::task::{Horizontal, Vertical};

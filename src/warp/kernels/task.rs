@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! The input of a pass over one output row.
 
 use crate::plane::Plane;

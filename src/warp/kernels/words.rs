@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! Both passes in vectors: 16-bit words, 1 to 4 per pixel, in `f32` and in the order of `scalar`, so
 //! that the results are bit-exact.
 //!

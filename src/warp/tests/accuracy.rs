@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! Positions: the blocks of the inverse map against an independent solution.
 
 use super::*;

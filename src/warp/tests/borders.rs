@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! Borders that are to be hidden: none of their colour is seen, whatever is asked for.
 
 use super::paths::field;

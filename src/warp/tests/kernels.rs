@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! Kernels: every CPU level against plain Rust, and memory that must not be written.
 
 use super::*;

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 mod accuracy;
 mod borders;
 mod kernels;

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! Positions under vibrating paths and residual fields, against closed forms.
 
 use super::accuracy::{DIRECTIONS, Truth, for_each_sample};

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! Canon and Sony: acquisition metadata in local sets (SMPTE RDD 18, EBU Tech 3349) in samples of timed metadata: a label of
 //! 16 bytes that begins with 06 0E 2B 34, a length (BER), then items of a tag, a length, a value. Both makers have private
 //! tags from E000 on, as AdrianEddy/telemetry-parser has them. What is around the sets differs; the labels are looked for.

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! Camera motion metadata (developers.google.com/streetview/publish/camm-spec): samples of the format `camm`.
 
 use super::statement::{Stated, StatedReadout};

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! DJI: messages in the samples of tracks of the format `djmd`.
 //!
 //! The fields are those of DJI's `dvtm_library.proto` and of its products' files, as AdrianEddy/telemetry-parser has them.

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! A gyroscope's log beside a clip, in Gyroflow's format (docs.gyroflow.xyz, "GCSV Format"): `clip.gcsv` of `clip.mp4`.
 
 use super::statement::{Stated, StatedReadout, text};

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! GoPro: GPMF, in `moov/udta/GPMF` and in the samples of tracks of the format `gpmd`.
 //!
 //! Names and types of the entries: gopro/gpmf-parser, ExifTool's `GoPro` tags; looked up in files of a GoPro MAX and a HERO5.

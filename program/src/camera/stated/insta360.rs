@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! Insta360: records behind the film, at the end of the file.
 //!
 //! The last 72 bytes are padding (32), the size of all records, a version, and a magic text (32). Before them are the records,

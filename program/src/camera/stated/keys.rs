@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! Metadata by keys, and user data, of QuickTime and MP4 files (Apple, *QuickTime File Format*, "Metadata", "User data atoms").
 
 use super::statement::{Stated, StatedReadout, text};

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! What a camera wrote about a clip, in its file or beside it: itself, its readout time, its stabilisation.
 //!
 //! | where | who writes it | what | file |

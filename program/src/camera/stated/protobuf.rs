@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! Fields of Protocol Buffers' wire format (protobuf.dev/programming-guides/encoding).
 
 /// A field's value.

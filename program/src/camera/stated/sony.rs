@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! Sony: the description of a clip of XAVC S, XML in a box at the top level of the file. Its samples: `acquisition.rs`.
 
 use super::statement::Stated;

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! What a camera can state about a clip.
 
 use rsrectify::readout::ReadoutDirection;

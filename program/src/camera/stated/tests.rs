@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! Files of each maker, as far as they can be made, whole and damaged; files of cameras, where `RSRECTIFY_DATA` has them.
 
 use super::keys::keyed;

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! Samples of the tracks of a QuickTime or MP4 file (ISO/IEC 14496-12, 8.5 to 8.7): where a camera writes what it measures
 //! while it records. Fragmented files have none in their index.
 

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! Log odds of two hypotheses by the evidence of successive windows.
 //!
 //! Log evidence is exact only if the model is. Depth, moving objects and the splines leave misfits that

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! The givens about a camera, and priors of the rest.
 
 use crate::motion::generators::Model;

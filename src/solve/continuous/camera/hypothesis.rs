@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! A hypothesis: a scan axis and a knot density, with a fit of its own. The edge that is read first is the sign of γ.
 
 use super::evidence::EvidenceRecord;

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! The posterior of the camera: hypotheses, their evidence, and the schedule of their trials.
 
 mod evidence;

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! The posterior of the camera: hypotheses about the axis along which the sensor is read and the knot density,
 //! each with a fit of its own.
 //!

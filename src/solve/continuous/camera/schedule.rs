@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! When something is tried again. All intervals are in frames.
 //!
 //! | trial | condition | first | next | at most |

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! The dominant motion of a pair, by least median of squares.
 //!
 //! A path describes one motion; fitted to two, it bends between them. So matches of the scene and of moving

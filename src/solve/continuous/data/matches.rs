@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! Matches, and when they are exposed.
 
 use nalgebra::{Matrix2, Vector2};

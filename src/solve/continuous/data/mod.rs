@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! Measurements: the correspondences of the pairs of frames in a window.
 
 mod dominant;

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! Static overlays: a timestamp, a logo, the bonnet below a dashcam.
 //!
 //! An overlay is at rest in the same rows whatever the camera does, which looks like a shutter. So it is

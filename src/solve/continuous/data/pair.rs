@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! One pair of frames: its matches, and the tracks that they continue.
 
 use super::dominant::{DominantMotion, Quadratic};

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! Gauss–Newton on the banded normal equations of a window.
 
 use super::posterior::Posterior;

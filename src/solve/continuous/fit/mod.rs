@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! The fit of a path, γ and κ to the pairs of a window.
 //!
 //! Gauss–Newton on banded normal equations. Between steps, the variances of the prior and of the residuals

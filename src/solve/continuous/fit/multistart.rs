@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! Fits from several starts side by side, as a fit may end in a local optimum.
 //!
 //! They advance with each new frame, which spreads their cost.

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! The posterior of a window: path, γ and κ, with their covariance and evidence.
 
 use super::setup::Setup;

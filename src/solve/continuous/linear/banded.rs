@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! Symmetric positive definite matrices with a band, and their Cholesky factors.
 //!
 //! A pair of frames depends on the coefficients of few blocks, so the band of each row is as wide as its own

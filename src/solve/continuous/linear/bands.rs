@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! Sums over the matches of a band.
 //!
 //! The matches of a band are exposed at about the same time and share the splines' weights: their products

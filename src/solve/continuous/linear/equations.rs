@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! The normal equations of a pair over the coefficients of the path.
 //!
 //! A displacement is the difference of the path at two *ends*, each a sum of four coefficients of each

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! The pairs of a window, linearised about a path.
 //!
 //! A pair keeps its residuals, robust weights and normal equations while the path stays near that about which it

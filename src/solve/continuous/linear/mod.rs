@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! Residuals of the pairs, and their normal equations.
 
 mod banded;

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! The normal equations of a pair.
 //!
 //! A match is an equation x′ = F(x; t → t′), F the motion along the path. With generator j's field φⱼ and

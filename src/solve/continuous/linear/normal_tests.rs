@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! The normal equations of a pair against differences of its residuals.
 
 use super::*;

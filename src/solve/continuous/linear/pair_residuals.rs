@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! The residuals of a pair.
 
 use super::residual::{Evaluator, MatchResidual};

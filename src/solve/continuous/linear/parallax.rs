@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! Innovations: residuals given those of the same points in the pair before.
 //!
 //! A point at another depth than the path's has the residual r = (λ − 1)·w + noise, λ its inverse depth over

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! The residual of a match with its derivatives, whitened by the covariance of the match.
 
 use super::shared::Shared;

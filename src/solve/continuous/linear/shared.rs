@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! The unknowns that all pairs of a window share.
 
 /// Number of shared unknowns.

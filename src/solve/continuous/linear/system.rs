@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! The normal equations of a window: a banded matrix of the path's coefficients, bordered by γ and κ.
 //!
 //! N·δc + b·δ = g, N the matrix of the path, b the border and δ the step of γ and κ. The path is eliminated

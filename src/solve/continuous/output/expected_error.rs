@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! The expected error of a frame's correction, and the share of it that is applied.
 //!
 //! A hypothesis corrects a point at the place p along the scan axis by d, to where it is at the middle of the

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! The residuals of a frame's correspondences.
 
 use crate::correspond::Correspondence;

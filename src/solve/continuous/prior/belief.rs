@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! A Gaussian belief about a constant of the camera, updated window by window.
 //!
 //! Estimates are weighed by their inverse variances. These are too large if the errors of successive windows

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! Beliefs about γ and κ, and their update by a window.
 
 use super::belief::Belief;

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! Priors: on the smoothness of the path, and on γ and κ.
 
 mod belief;

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! Linear prediction of a path's steps from knot to knot.
 //!
 //! A sum of sinusoids obeys x(t) = Σₖ aₖ·x(t − k), with two weights for each, whatever their amplitudes and

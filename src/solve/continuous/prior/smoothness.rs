@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! Smoothness prior of the path, its variances learnt from the window.
 //!
 //! The second differences of each generator's coefficients are Gaussian with a variance of their own; of a

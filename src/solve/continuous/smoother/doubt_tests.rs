@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! Cameras whose readout is unknown or hardly shows.
 
 use super::film::*;

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! Exact correspondences of cameras in closed form, and their solutions.
 
 use super::*;

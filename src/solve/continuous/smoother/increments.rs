@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! The motion of the scene from frame to frame.
 
 use super::{AHEAD, Continuous};

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! Fixed-lag smoother: frames in, the solution of each some frames later.
 //!
 //! A frame is settled over a window of pairs, a few before it and all that have come after it. The camera is
@@ -451,10 +453,8 @@ impl Continuous {
 
     /// By how much a γ that is estimated from the shifts is too long, where the frames may have been moved.
     fn excess(&self, hypothesis: &Hypothesis) -> f64 {
-        if self.camera.is_known() {
-            return 0.0;
-        }
-        self.timing.excess(hypothesis.gamma(), hypothesis.setup.scan_axis)
+        let (gamma, axis) = (hypothesis.gamma(), hypothesis.setup.scan_axis);
+        if self.camera.is_known() { 0.0 } else { self.timing.excess(gamma, axis) }
     }
 
     /// Least standard deviation of an estimated readout ratio: that of the prior where frames are stabilised or blends, as it

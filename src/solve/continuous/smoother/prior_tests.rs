@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! Cameras with a prior of the readout, right and wrong.
 
 use super::film::*;

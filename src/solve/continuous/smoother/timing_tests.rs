@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! Frames that were not exposed when their timestamps say so, or moved after their readout.
 
 use super::film::*;

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! Whether frames are blends of two exposures, as a conversion of the frame rate by interpolation leaves them.
 //!
 //! Frame k of such a clip shows (1 − f)·A + f·B of two exposures, f going through the multiples of 1/p in p frames: p is 6

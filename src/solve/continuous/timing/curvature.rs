@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! The readout ratio γ from the curvature of frames, which does not depend on how they were placed.
 //!
 //! Within the readout the velocity changes by γ·dv/dt, so that a frame is not only leaned by l = γ·v but bent, too: the

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! The share of the changes of the lean that the shifts between the frames do not explain.
 //!
 //! Of each coordinate, weighted by the inverse variance,

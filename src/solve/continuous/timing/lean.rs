@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! The change of the lean between two frames, and its variance.
 //!
 //! In the motion quadratic in the point that most displacements of a pair share, shift, roll and zoom take up all but

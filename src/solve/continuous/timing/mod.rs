@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! Whether frames were exposed when their timestamps say so, and stand where the camera saw them.
 //!
 //! The shutter leans a frame by its motion during the readout: a point at the place p along the scan axis is displaced by

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! The leans of frames from their changes.
 //!
 //! Where frames were moved after their readout, the lean of one does not follow from its motion, but its changes are seen.

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! When frames were exposed, where a conversion of the frame rate has repeated or dropped some.
 
 use crate::solve::frame_timing::Timeline;

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! Velocities at the frames from the shifts between them.
 
 use nalgebra::Vector2;

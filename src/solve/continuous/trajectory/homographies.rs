@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! The homographies along a path.
 //!
 //! On homogeneous points the generators' velocities are ẋ = A(t)·x, so the motion between two instants is a

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! The knot density of a path.
 
 /// The bandwidth of a path. Its clock counts *blocks*, a fixed number to a frame period.

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! The motion path: splines over exposure time, and the homographies that they define.
 
 mod homographies;

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! The path about a frame in pixels and seconds.
 
 use super::path::Trajectory;

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! Uniform cubic B-splines. Time t is in knot spacings; coefficient i has the support [i − 3, i + 1).
 
 /// The four coefficients whose support contains t, and their weights.

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 //! The paths of the generators over a window as uniform cubic B-splines.
 //!
 //! Time is in *blocks* (see [`KnotDensity`](super::KnotDensity)). The turns have four knots to a block, the
