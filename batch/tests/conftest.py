@@ -5,6 +5,7 @@
 import json
 import os
 import re
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -22,6 +23,9 @@ READOUT_MS = 0.8 * 1000 / 30
 READOUT_ERROR_MS = 0.03 * 1000 / 30
 # Frames of a part in the tests.
 PART = 30
+
+# What a shell runs in the background ignores interruptions, and so would the runs that the tests interrupt.
+signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 class Output:
