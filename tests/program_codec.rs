@@ -43,7 +43,7 @@ fn fix(input: &Path, output: &Path, options: &[&str]) -> Output {
     command.output().unwrap()
 }
 
-/// Runs the program to its end; what it says.
+/// Runs the program to its end; its messages.
 fn said(input: &Path, output: &Path, options: &[&str]) -> String {
     let result = fix(input, output, options);
     let said = String::from_utf8([result.stdout, result.stderr].concat()).unwrap();

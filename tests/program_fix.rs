@@ -17,7 +17,7 @@ fn fix(input: &Path, output: &Path, options: &[&str]) -> Output {
     rsrectify("fix").arg(input).arg("--output").arg(output).args(options).output().unwrap()
 }
 
-/// Runs the program to its end; what it says.
+/// Runs the program to its end; its messages.
 fn succeeds(input: &Path, output: &Path, options: &[&str]) -> String {
     let result = fix(input, output, options);
     assert!(result.status.success(), "{}", String::from_utf8_lossy(&result.stderr));

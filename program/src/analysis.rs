@@ -2,7 +2,7 @@
 
 //! A clip's frames → the motion of each, without rectifying any.
 
-use crate::elements::{launch, named, pad};
+use crate::elements::{app_sink, launch, named, pad};
 use crate::frame_rate::FrameInterval;
 use crate::input::{Clip, Opening};
 use crate::interruption::Interruption;
@@ -79,8 +79,7 @@ impl Analysis {
             "videoconvert name=decoded ! {FORMATS} ! appsink name=sink sync=false max-buffers=4"
         ))?;
         clip.read_video(&pipeline, opening, &pad(&named(&pipeline, "decoded")?, "sink")?)?;
-        let sink = named(&pipeline, "sink")?;
-        let sink = sink.downcast::<gst_app::AppSink>().map_err(|_| anyhow!("appsink is another element"))?;
+        let sink = app_sink(&pipeline, "sink")?;
         let mut playback = Playback::new(pipeline)?;
         if clip.is_pipe() {
             playback.wait_for_ever();

@@ -4,6 +4,7 @@
 
 use anyhow::{Context, Result, anyhow};
 use gst::prelude::*;
+use std::sync::{Arc, Mutex, PoisonError};
 
 /// The error of a clip without video.
 pub const NO_VIDEO: &str = "there is no video in the file that could be decoded";
@@ -82,6 +83,28 @@ fn explained(error: &gst::glib::Error, context: &gst::ParseContext) -> anyhow::E
 /// The element of a part that has the name.
 pub fn named(bin: &impl IsA<gst::Bin>, name: &str) -> Result<gst::Element> {
     bin.by_name(name).with_context(|| format!("the pipeline has no {name}"))
+}
+
+/// The appsink of a part that has the name.
+pub fn app_sink(bin: &impl IsA<gst::Bin>, name: &str) -> Result<gst_app::AppSink> {
+    named(bin, name)?.downcast().map_err(|_| anyhow!("appsink is another element"))
+}
+
+/// Has `take` write all that comes to an appsink.
+pub fn write_samples<T: Send + 'static>(
+    sink: &gst_app::AppSink,
+    writer: Arc<Mutex<T>>,
+    take: impl Fn(&mut T, &gst::Sample) -> Result<()> + Send + 'static,
+) {
+    let take = move |sink: &gst_app::AppSink| {
+        let sample = sink.pull_sample().map_err(|_| gst::FlowError::Eos)?;
+        take(&mut writer.lock().unwrap_or_else(PoisonError::into_inner), &sample).map_err(|error| {
+            gst::element_error!(sink, gst::ResourceError::Write, ("{error:#}"));
+            gst::FlowError::Error
+        })?;
+        Ok(gst::FlowSuccess::Ok)
+    };
+    sink.set_callbacks(gst_app::AppSinkCallbacks::builder().new_sample(take).build());
 }
 
 /// The static pad of an element.

@@ -3,12 +3,12 @@
 //! The encoded video of a file, packet by packet, in the file's order.
 
 use crate::decoder;
-use crate::elements::{NO_VIDEO, drop_all, launch, named, pad};
+use crate::elements::{NO_VIDEO, app_sink, drop_all, launch, named, pad};
 use crate::input;
 use crate::interruption::Interruption;
 use crate::matroska;
 use crate::playback::Playback;
-use anyhow::{Context, Result, anyhow};
+use anyhow::{Context, Result};
 use gst::prelude::*;
 use std::path::Path;
 
@@ -38,9 +38,8 @@ impl Packets {
             "filesrc name=source ! parsebin name=parser  appsink name=sink sync=false max-buffers=64",
         )?;
         named(&pipeline, "source")?.set_property("location", file);
-        let sink = named(&pipeline, "sink")?;
+        let sink = app_sink(&pipeline, "sink")?;
         let video = pad(&sink, "sink")?;
-        let sink = sink.downcast::<gst_app::AppSink>().map_err(|_| anyhow!("appsink is another element"))?;
         let parser = named(&pipeline, "parser")?;
         decoder::correct(&parser, file)?;
         if matroska::is_matroska(file) {

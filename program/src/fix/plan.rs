@@ -33,14 +33,12 @@ pub struct Job {
 impl Job {
     /// The codec that the clip would get; it is opened where that depends on it.
     pub fn codec(&self) -> Result<Codec> {
-        match self.recipe.encoding.codec {
-            CodecChoice::Of(codec) => Ok(codec),
-            CodecChoice::Same => {
-                let picture = Picture::of(&self.input)?;
-                let chosen = choice::choose(&self.recipe.encoding, &picture, self.recipe.container)?;
-                Ok(chosen.encoding.codec())
-            }
+        let Recipe { encoding, container, .. } = &self.recipe;
+        if let CodecChoice::Of(codec) = encoding.codec {
+            return Ok(codec);
         }
+        let chosen = choice::choose(encoding, &Picture::of(&self.input)?, *container)?;
+        Ok(chosen.encoding.codec())
     }
 }
 

@@ -317,6 +317,14 @@ fn app_source() -> Result<(gst_app::AppSrc, Stop)> {
     Ok((source, Stop { output, has_begun: Arc::default() }))
 }
 
+/// Has an element give out raw frames of so many bytes.
+fn announce(source: &gst_app::AppSrc, caps: &gst::Caps, size: usize) {
+    source.set_format(gst::Format::Time);
+    source.set_caps(Some(caps));
+    // A frame of 4K has more than the usual bytes.
+    source.set_max_bytes(2 * size as u64);
+}
+
 /// Has an element give out what `next` reads, until there is no more.
 fn feed(
     source: &gst_app::AppSrc,
@@ -362,9 +370,7 @@ fn bytes_source<R: Read + Send + 'static>(
 fn deep_source(images: &Images) -> Result<gst::Element> {
     let (source, stop) = app_source()?;
     let mut images = deep::DeepImages::new(images)?;
-    source.set_format(gst::Format::Time);
-    source.set_caps(Some(&images.info().to_caps()?));
-    source.set_max_bytes(2 * images.info().size() as u64);
+    announce(&source, &images.info().to_caps()?, images.info().size());
     feed(&source, stop, move |_| images.next());
     Ok(source.upcast())
 }
@@ -376,10 +382,7 @@ fn y4m_source<R: Read + Send + 'static>(
     let (source, stop) = app_source()?;
     stop_if(&mut reader, stop.clone());
     let mut frames = y4m::Frames::new(reader)?;
-    source.set_format(gst::Format::Time);
-    source.set_caps(Some(&frames.caps()?));
-    // A frame of 4K has more than the usual bytes.
-    source.set_max_bytes(2 * frames.size() as u64);
+    announce(&source, &frames.caps()?, frames.size());
     feed(&source, stop, move |source| match frames.next()? {
         y4m::Next::Frame(buffer) => Ok(Some(buffer)),
         y4m::Next::End => Ok(None),

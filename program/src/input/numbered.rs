@@ -55,18 +55,15 @@ impl Numbered {
         let mut first: Option<Self> = None;
         let (mut shortest, mut has_zeros) = (usize::MAX, false);
         for name in names(folder)? {
-            let is_image = Path::new(&name).extension().and_then(|extension| extension.to_str());
-            if !is_image
-                .is_some_and(|extension| EXTENSIONS.contains(&extension.to_ascii_lowercase().as_str()))
-            {
+            let Some((start, end)) = last_number(&name) else { continue };
+            let (before, after) = (name[..start].to_owned(), name[end..].to_owned());
+            let found = Self { folder: folder.to_owned(), before, digits: 1, after };
+            if !found.are_images() {
                 continue;
             }
-            let Some((start, end)) = last_number(&name) else { continue };
             let number = &name[start..end];
             shortest = shortest.min(number.len());
             has_zeros |= number.len() > 1 && number.starts_with('0');
-            let (before, after) = (name[..start].to_owned(), name[end..].to_owned());
-            let found = Self { folder: folder.to_owned(), before, digits: 1, after };
             match &first {
                 Some(first) if *first != found => bail!(
                     "{}: there are images of several kinds in this folder, such as {} and {}; name those that are meant by a pattern",
@@ -90,6 +87,11 @@ impl Numbered {
     /// The folder in which they are.
     pub fn folder(&self) -> &Path {
         &self.folder
+    }
+
+    /// The folder as a path that can be opened.
+    pub fn folder_to_open(&self) -> &Path {
+        if self.folder.as_os_str().is_empty() { Path::new(".") } else { &self.folder }
     }
 
     /// The pattern without its folder.
@@ -119,14 +121,13 @@ impl Numbered {
 
     /// The numbers of the files that are there, rising.
     pub fn numbers(&self) -> Result<Vec<u64>> {
-        let folder = if self.folder.as_os_str().is_empty() { Path::new(".") } else { &self.folder };
         let number = |name: &String| {
             let digits = name.strip_prefix(&self.before)?.strip_suffix(&self.after)?;
             let number = digits.parse().ok().filter(|number| *number <= HIGHEST)?;
             // Numbers are written in one way only.
             (digits == format!("{number:0width$}", width = self.digits)).then_some(number)
         };
-        let mut numbers: Vec<u64> = names(folder)?.iter().filter_map(number).collect();
+        let mut numbers: Vec<u64> = names(self.folder_to_open())?.iter().filter_map(number).collect();
         numbers.sort_unstable();
         Ok(numbers)
     }

@@ -5,14 +5,16 @@
 use super::codec::Codec;
 use super::container::Container;
 use super::encoder::{Encoder, Encoding};
-use super::encoding::{CodecChoice, EncodingOptions};
+use super::encoding::EncodingOptions;
 use super::hardware;
 use crate::picture::Picture;
 use anyhow::{Context, Result};
 
-/// Codecs that lose nothing, as caps call them.
+/// Frames that are not encoded, as caps call them.
+const RAW: &str = "video/x-raw";
+/// Codecs that lose nothing.
 const LOSSLESS: [&str; 6] =
-    ["video/x-raw", "video/x-huffyuv", "video/x-lagarith", "video/x-rle", "image/png", "image/tiff"];
+    [RAW, "video/x-huffyuv", "video/x-lagarith", "video/x-rle", "image/png", "image/tiff"];
 /// Codecs of cameras and editing programs that encode each frame by itself and lose little.
 const FOR_EDITING: [&str; 5] =
     ["video/x-dnxhd", "video/x-cineform", "image/x-j2c", "image/x-jpc", "image/jp2"];
@@ -27,8 +29,7 @@ pub struct Chosen {
 fn codecs(picture: &Picture) -> Vec<Codec> {
     use Codec::{Ffv1, H264, Hevc, Prores};
     let own = picture.coded.as_ref().and_then(|caps| Codec::of(caps));
-    let name = picture.coded.as_ref().and_then(|caps| Some(caps.structure(0)?.name().as_str()));
-    match (own, name.unwrap_or("video/x-raw")) {
+    match (own, name_of(picture).unwrap_or(RAW)) {
         (Some(Prores), _) => vec![Prores, H264],
         (Some(Ffv1), _) => vec![Ffv1, Prores, H264],
         (Some(own), _) => vec![own, Hevc, H264],
@@ -43,50 +44,56 @@ fn codecs(picture: &Picture) -> Vec<Codec> {
 /// # Errors
 /// If what the user asked for cannot be written.
 pub fn choose(options: &EncodingOptions, picture: &Picture, container: Container) -> Result<Chosen> {
-    let software = |codec: Codec| {
-        let encoder = Encoder::new(codec, options.rate(), options.preset.unwrap_or_default());
-        Encoding::new(encoder, picture.clone())
-    };
     let mut notes = Vec::new();
-    let codec = match (options.codec, container) {
-        (CodecChoice::Of(codec), _) => codec,
-        (CodecChoice::Same, Container::Y4m) => Codec::Raw,
-        (CodecChoice::Same, Container::Images) => Codec::Png,
-        (CodecChoice::Same, _) => {
+    let codec = match options.settled_codec(container) {
+        Some(codec) => codec,
+        None => {
             let all = codecs(picture);
-            let is_possible = |codec: &&Codec| codec.check(container, options.rate(), options.preset).is_ok();
+            let is_possible = |codec: &&Codec| options.check_codec(**codec, container).is_ok();
             let possible: Vec<Codec> = all.iter().filter(is_possible).copied().collect();
-            let keeps_all = |codec: &&Codec| software(**codec).lost_samples().is_none();
+            let keeps_all = |codec: &&Codec| in_software(**codec, options, picture).lost_samples().is_none();
             let first = all.first().context("no codec")?;
             let chosen = possible.iter().find(keeps_all).or(possible.first()).unwrap_or(first);
             notes.extend(reason(options, picture, container, [*first, *chosen]));
             *chosen
         }
     };
-    codec.check(container, options.rate(), options.preset)?;
-    let mut encoding = software(codec);
+    options.check_codec(codec, container)?;
+    let mut encoding = in_software(codec, options, picture);
     if options.hardware {
-        let found = hardware::encoder(codec);
-        let of_hardware = found.as_ref().map(|element| {
-            let encoder = Encoder::in_hardware(codec, options.rate(), element);
-            Encoding::new(encoder, picture.clone())
+        notes.push(match hardware::encoder(codec) {
+            None => {
+                format!(
+                    "hardware: there is no encoder of {codec} in hardware here; it is encoded in software"
+                )
+            }
+            Some(element) => {
+                let encoder = Encoder::in_hardware(codec, options.rate(), &element);
+                let other = Encoding::new(encoder, picture.clone());
+                match other.lost_samples().filter(|_| encoding.lost_samples().is_none()) {
+                    Some(lost) => {
+                        format!("hardware: {element} is not used: {lost}; it is encoded in software")
+                    }
+                    None => {
+                        encoding = other;
+                        format!("hardware: {element} encodes")
+                    }
+                }
+            }
         });
-        let element = found.as_deref().unwrap_or_default();
-        match of_hardware {
-            None => notes.push(format!(
-                "hardware: there is no encoder of {codec} in hardware here; it is encoded in software"
-            )),
-            Some(other) if other.lost_samples().is_some() && encoding.lost_samples().is_none() => {
-                let lost = other.lost_samples().unwrap_or_default();
-                notes.push(format!("hardware: {element} is not used: {lost}; it is encoded in software"));
-            }
-            Some(other) => {
-                notes.push(format!("hardware: {element} encodes"));
-                encoding = other;
-            }
-        }
     }
     Ok(Chosen { encoding, notes })
+}
+
+fn in_software(codec: Codec, options: &EncodingOptions, picture: &Picture) -> Encoding {
+    let encoder = Encoder::new(codec, options.rate(), options.preset.unwrap_or_default());
+    Encoding::new(encoder, picture.clone())
+}
+
+/// The codec of the clip, as caps call it; `None` of raw video.
+fn name_of(picture: &Picture) -> Option<&str> {
+    let name = picture.coded.as_ref()?.structure(0)?.name().as_str();
+    Some(name).filter(|name| *name != RAW)
 }
 
 /// Why the codec is not that of the clip, where it is not.
@@ -101,18 +108,17 @@ fn reason(
         return None;
     }
     if first == chosen {
-        let name = picture.coded.as_ref().and_then(|caps| Some(caps.structure(0)?.name().to_string()));
-        let is_lossless = |name: &String| LOSSLESS.contains(&name.as_str());
-        return Some(match name.filter(|name| *name != "video/x-raw") {
+        return Some(match name_of(picture) {
             None => format!("codec: {chosen}, as the clip is raw video"),
-            Some(name) if is_lossless(&name) => format!("codec: {chosen}, as the clip is lossless ({name})"),
+            Some(name) if LOSSLESS.contains(&name) => {
+                format!("codec: {chosen}, as the clip is lossless ({name})")
+            }
             Some(name) => format!("codec: {chosen}, as {name} is not written here"),
         });
     }
-    let encoder = Encoder::new(first, options.rate(), options.preset.unwrap_or_default());
-    let why = match first.check(container, options.rate(), options.preset) {
+    let why = match options.check_codec(first, container) {
         Err(error) => format!("{error:#}"),
-        Ok(()) => Encoding::new(encoder, picture.clone()).lost_samples().unwrap_or_default(),
+        Ok(()) => in_software(first, options, picture).lost_samples().unwrap_or_default(),
     };
     Some(format!("codec: {chosen} instead of {first}: {why}"))
 }
@@ -121,6 +127,7 @@ fn reason(
 mod tests {
     use super::*;
     use crate::output::codec::Preset;
+    use crate::output::encoding::CodecChoice;
     use gst_video::{VideoFormat, VideoInfo};
 
     fn chosen(coded: &str, format: VideoFormat, container: Container) -> (Codec, String) {

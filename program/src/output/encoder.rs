@@ -83,7 +83,6 @@ impl Encoder {
 /// What encodes the pictures of a clip.
 #[derive(Clone, Debug)]
 pub struct Encoding {
-    codec: Codec,
     encoder: Encoder,
     /// As they are encoded: RGB becomes YUV for most.
     picture: Picture,
@@ -111,7 +110,7 @@ impl Encoding {
         if narrowed.is_some() {
             picture.colour.full_range = Some(false);
         }
-        Self { codec, encoder, picture, format, is_rgb, narrowed }
+        Self { encoder, picture, format, is_rgb, narrowed }
     }
 
     /// Of frames that have been drawn over as RGB, of a clip that is YUV.
@@ -123,7 +122,7 @@ impl Encoding {
     pub fn description(&self) -> String {
         // GStreamer 1.22 passes over a change of range alone, but not over one to and from RGB; and its short way from YUV to RGB of 8 bits
         // is off by up to five steps of 255.
-        let is_image_of_yuv = self.codec == Codec::Png && !self.is_rgb;
+        let is_image_of_yuv = self.encoder.codec == Codec::Png && !self.is_rgb;
         let by_way_of = match self.narrowed {
             Some(_) => Some("ARGB64"),
             None if is_image_of_yuv && self.has_alpha() => Some("AYUV64"),
@@ -141,7 +140,7 @@ impl Encoding {
                 raw += &format!(",colorimetry=(string){colorimetry}");
             }
         }
-        let parser = self.codec.parser().map(|parser| format!(" ! {parser} name=parser"));
+        let parser = self.encoder.codec.parser().map(|parser| format!(" ! {parser} name=parser"));
         format!(
             "{detour}videoconvert{dither} ! {raw} ! {} name=encoder{}",
             self.encoder.element,
@@ -153,7 +152,8 @@ impl Encoding {
     /// file.
     pub fn label(&self, frames: &gst::Pad) {
         // Of images, RGB is made by them.
-        let of_images = self.picture.colorimetry().filter(|_| self.codec == Codec::Png && !self.is_rgb);
+        let of_images =
+            self.picture.colorimetry().filter(|_| self.encoder.codec == Codec::Png && !self.is_rgb);
         let Some(colours) = self.narrowed.or(of_images).map(|colours| colours.to_string()) else {
             return;
         };
@@ -164,7 +164,7 @@ impl Encoding {
     pub fn configure(&self, bin: &impl IsA<gst::Bin>) -> Result<()> {
         let encoder = named(bin, "encoder")?;
         if self.encoder.is_hardware {
-            if !hardware::configure(&encoder, self.codec, self.encoder.rate) {
+            if !hardware::configure(&encoder, self.encoder.codec, self.encoder.rate) {
                 let name = &self.encoder.element;
                 gst::element_warning!(
                     encoder,
@@ -173,9 +173,9 @@ impl Encoding {
                 );
             }
         } else {
-            self.codec.configure(&encoder, self.encoder.rate, self.encoder.preset);
+            self.encoder.codec.configure(&encoder, self.encoder.rate, self.encoder.preset);
         }
-        let options = match self.codec {
+        let options = match self.encoder.codec {
             Codec::H264 if !self.encoder.is_hardware => tags::x264(&self.picture),
             Codec::Hevc if !self.encoder.is_hardware => tags::x265(&self.picture),
             _ => String::new(),
@@ -185,11 +185,11 @@ impl Encoding {
             let all = own.map_or(options.clone(), |own| format!("{own}:{options}"));
             encoder.set_property("option-string", all);
         }
-        if self.codec == Codec::H264 && !self.encoder.is_hardware {
+        if self.encoder.codec == Codec::H264 && !self.encoder.is_hardware {
             // Else what GStreamer makes of the caps wins over the options, and that is a guess where they state nothing.
             encoder.set_property("insert-vui", false);
         }
-        if self.codec == Codec::Prores {
+        if self.encoder.codec == Codec::Prores {
             let keeps_all = self.format.is_some_and(|format| format != VideoFormat::I42210le);
             encoder.set_property_from_str("profile", if keeps_all { "4444" } else { "hq" });
             if self.is_interlaced() {
@@ -198,7 +198,7 @@ impl Encoding {
         }
         let coded = pad(&encoder, "src")?;
         let picture = self.picture.clone();
-        match self.codec {
+        match self.encoder.codec {
             Codec::Av1 => rewrite(&coded, move |unit| av1::stated(unit, &picture)),
             Codec::Prores => rewrite(&coded, move |frame| prores::stated(frame, picture.colour)),
             _ => {}
@@ -208,7 +208,7 @@ impl Encoding {
             this.state_scanning(caps);
             mend_aspect(caps);
         });
-        let last = if self.codec.parser().is_some() { named(bin, "parser")? } else { encoder };
+        let last = if self.encoder.codec.parser().is_some() { named(bin, "parser")? } else { encoder };
         self.on_caps(&pad(&last, "src")?, |this, caps| {
             this.picture.state_in(caps);
             this.state_scanning(caps);
@@ -250,7 +250,7 @@ impl Encoding {
 
     /// The codec.
     pub fn codec(&self) -> Codec {
-        self.codec
+        self.encoder.codec
     }
 
     /// What the encoded pictures stand for.
@@ -278,7 +278,7 @@ impl Encoding {
     pub fn losses(&self) -> Vec<(bool, String)> {
         let (Some(info), Some(format)) = (&self.picture.info, self.format) else { return Vec::new() };
         let (clip, coded) = (info.format_info(), VideoFormatInfo::from_format(format));
-        let codec = self.codec;
+        let codec = self.encoder.codec;
         let mut losses = Vec::new();
         if bits(&coded) < bits(&clip) {
             let (clip, coded) = (bits(&clip), bits(&coded));
@@ -327,7 +327,7 @@ impl Encoding {
     fn lost_statements(&self) -> Option<String> {
         let colour = self.picture.colour;
         let is_lit = self.picture.mastering_display.is_some() || self.picture.light_level.is_some();
-        let (what, is_stated) = match self.codec {
+        let (what, is_stated) = match self.encoder.codec {
             Codec::Raw => ("Y4M files state no primaries, transfer and matrix", !colour.is_untagged()),
             // Programs take images for sRGB, which BT.709 comes close to.
             Codec::Png => (

@@ -66,18 +66,24 @@ impl EncodingOptions {
         self.bitrate.map_or(Rate::Quality(self.quality), Rate::Bits)
     }
 
+    /// The codec, where it does not depend on that of the clip.
+    pub fn settled_codec(&self, container: Container) -> Option<Codec> {
+        match (self.codec, container) {
+            (CodecChoice::Of(codec), _) => Some(codec),
+            (CodecChoice::Same, Container::Y4m) => Some(Codec::Raw),
+            (CodecChoice::Same, Container::Images) => Some(Codec::Png),
+            (CodecChoice::Same, _) => None,
+        }
+    }
+
+    /// Refuses a codec that cannot be written as it is asked for.
+    pub fn check_codec(&self, codec: Codec, container: Container) -> Result<()> {
+        codec.check(container, self.rate(), self.preset)
+    }
+
     /// Refuses what cannot be written, as far as that is known before a clip is opened.
     pub fn check(&self, container: Container) -> Result<()> {
-        match self.codec {
-            CodecChoice::Of(codec) => codec.check(container, self.rate(), self.preset),
-            CodecChoice::Same if container == Container::Y4m => {
-                Codec::Raw.check(container, self.rate(), self.preset)
-            }
-            CodecChoice::Same if container == Container::Images => {
-                Codec::Png.check(container, self.rate(), self.preset)
-            }
-            CodecChoice::Same => Ok(()),
-        }
+        self.settled_codec(container).map_or(Ok(()), |codec| self.check_codec(codec, container))
     }
 
     /// The kind of file that a clip becomes; `output` is the file that the user named, if any.
@@ -98,8 +104,7 @@ impl EncodingOptions {
             CodecChoice::Of(codec) if clip.as_images().is_some() => codec.usual_container(),
             CodecChoice::Of(codec) => {
                 let suited = Container::for_clip(clip);
-                let is_held = codec.check(suited, self.rate(), self.preset).is_ok();
-                if is_held { suited } else { codec.usual_container() }
+                if self.check_codec(codec, suited).is_ok() { suited } else { codec.usual_container() }
             }
         };
         Ok(self.container.or(named.flatten()).unwrap_or_else(suited))

@@ -5,10 +5,9 @@
 use super::encoder::Encoding;
 use super::target::Target;
 use super::unfinished::Unfinished;
-use crate::elements::named;
+use crate::elements::{app_sink, write_samples};
 use crate::input::Numbered;
 use anyhow::{Context, Result, anyhow, bail};
-use gst::prelude::*;
 use gst_video::prelude::*;
 use gst_video::{
     VideoChromaSite, VideoFieldOrder, VideoFormat, VideoFrameRef, VideoInfo, VideoInterlaceMode,
@@ -16,7 +15,7 @@ use gst_video::{
 use std::fs::File;
 use std::io::{BufWriter, Write};
 use std::path::Path;
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex};
 
 /// Frames a second of clips that state none.
 const USUAL_RATE: (i32, i32) = (30, 1);
@@ -60,19 +59,7 @@ impl FrameWriter {
     /// Takes the frames that come to the appsink `encoded` of a branch.
     pub fn collect(self, branch: &gst::Bin) -> Result<Arc<Mutex<Self>>> {
         let writer = Arc::new(Mutex::new(self));
-        let sink = named(branch, "encoded")?;
-        let sink = sink.downcast::<gst_app::AppSink>().map_err(|_| anyhow!("appsink is another element"))?;
-        let shared = writer.clone();
-        let take = move |sink: &gst_app::AppSink| {
-            let sample = sink.pull_sample().map_err(|_| gst::FlowError::Eos)?;
-            let mut writer = shared.lock().unwrap_or_else(PoisonError::into_inner);
-            writer.write(&sample).map_err(|error| {
-                gst::element_error!(sink, gst::ResourceError::Write, ("{error:#}"));
-                gst::FlowError::Error
-            })?;
-            Ok(gst::FlowSuccess::Ok)
-        };
-        sink.set_callbacks(gst_app::AppSinkCallbacks::builder().new_sample(take).build());
+        write_samples(&app_sink(branch, "encoded")?, writer.clone(), Self::write);
         Ok(writer)
     }
 

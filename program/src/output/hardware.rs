@@ -6,7 +6,7 @@ use super::codec::{Codec, Rate};
 use gst::glib;
 use gst::prelude::*;
 
-/// What is known of an encoder.
+/// An encoder, as the registry of GStreamer describes it.
 struct Offer {
     name: String,
     /// GStreamer's order of preference, the highest first.

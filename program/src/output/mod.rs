@@ -19,7 +19,7 @@ mod verify;
 
 pub use checks::{check, check_writable};
 pub use frames::FrameWriter;
-pub use target::Target;
+pub use target::{MadeFolder, Target};
 pub use unfinished::Unfinished;
 pub use verify::verify;
 

@@ -6,6 +6,7 @@ use super::checks::check;
 use crate::input::{Clip, Numbered};
 use anyhow::{Context, Result, bail};
 use std::fmt;
+use std::fs::DirBuilder;
 use std::io::IsTerminal;
 use std::path::{Path, PathBuf};
 
@@ -59,10 +60,7 @@ impl Target {
         match self {
             Self::File(file) => check(input.path(), file, overwrite),
             Self::Images(pattern, _) => {
-                let folder = |pattern: &Numbered| {
-                    let folder = pattern.folder();
-                    if folder.as_os_str().is_empty() { Path::new(".") } else { folder }.canonicalize().ok()
-                };
+                let folder = |pattern: &Numbered| pattern.folder_to_open().canonicalize().ok();
                 let is_same = |own: &Numbered| {
                     own.name() == pattern.name() && folder(own).is_some() && folder(own) == folder(pattern)
                 };
@@ -87,18 +85,28 @@ impl Target {
     /// Makes the folder; with those above it where the user named it alone.
     pub fn make_folder(&self, is_named: bool) -> Result<Option<MadeFolder>> {
         let Some(folder) = self.folder().filter(|folder| !folder.exists()) else { return Ok(None) };
-        let made = match self {
-            _ if is_named => std::fs::create_dir_all(folder),
-            Self::Images(..) => std::fs::create_dir(folder),
-            Self::File(_) | Self::Pipe => return Ok(None),
-        };
-        made.with_context(|| format!("cannot make {}", folder.display()))?;
-        Ok(Some(MadeFolder(folder.to_owned())))
+        if is_named || matches!(self, Self::Images(..)) {
+            MadeFolder::make(folder, is_named)
+        } else {
+            Ok(None)
+        }
     }
 }
 
 /// A folder that was made, and goes again if nothing comes into it.
 pub struct MadeFolder(PathBuf);
+
+impl MadeFolder {
+    /// Makes a folder, with those above it if asked to; `None` where it is there already.
+    pub fn make(folder: &Path, with_parents: bool) -> Result<Option<Self>> {
+        if folder.is_dir() {
+            return Ok(None);
+        }
+        let made = DirBuilder::new().recursive(with_parents).create(folder);
+        made.with_context(|| format!("cannot make {}", folder.display()))?;
+        Ok(Some(Self(folder.to_owned())))
+    }
+}
 
 impl Drop for MadeFolder {
     fn drop(&mut self) {

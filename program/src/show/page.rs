@@ -7,7 +7,7 @@ use crate::damage::{self, Complaints};
 use crate::input::Clip;
 use crate::interruption::Interruption;
 use crate::messages::RESULT;
-use crate::output::{self, Unfinished};
+use crate::output::{self, MadeFolder, Unfinished};
 use crate::plot::panels::{Panel, panels, untouched};
 use crate::plot::series::Point;
 use crate::readout::{self, Found};
@@ -40,16 +40,6 @@ struct Data<'a> {
     rows: Vec<(&'static str, String)>,
 }
 
-/// A folder that is removed in the end if nothing was written into it.
-struct RemovedIfEmpty<'a>(&'a Path);
-
-impl Drop for RemovedIfEmpty<'_> {
-    fn drop(&mut self) {
-        // One with files in it stays.
-        let _ = std::fs::remove_dir(self.0);
-    }
-}
-
 /// Writes the page of a clip, and its videos, into a folder.
 pub fn write(
     clip: &Clip,
@@ -65,9 +55,7 @@ pub fn write(
     if folder.exists() && !is_overwritten && !is_empty(folder) {
         bail!("{} is there already; --overwrite replaces a page in it", folder.display());
     }
-    let is_new = !folder.exists();
-    std::fs::create_dir_all(folder).with_context(|| format!("cannot make {}", folder.display()))?;
-    let _empty = is_new.then(|| RemovedIfEmpty(folder));
+    let _made = MadeFolder::make(folder, true)?;
     let page = folder.join(PAGE);
     let files = VIDEOS.map(|name| folder.join(name));
     for file in files.iter().chain([&page]) {

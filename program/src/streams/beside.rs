@@ -10,11 +10,11 @@ use super::routes::Audio;
 use super::timecode::Timecode;
 use super::unheld;
 use crate::colour::Colour;
-use crate::elements::{self, make, named};
+use crate::elements::{self, app_sink, make, write_samples};
 use crate::interruption::Interruption;
 use crate::isobmff::{Assembly, EncodedVideo, Film, Track};
 use crate::output::container::Container;
-use anyhow::{Context, Result, anyhow};
+use anyhow::{Context, Result};
 use gst::prelude::*;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -197,19 +197,7 @@ fn running_time(pad: &gst::Pad, time: gst::ClockTime) -> Option<gst::ClockTime> 
 /// Has the frames that come to the appsink `encoded` of a branch kept.
 pub fn collect(branch: &gst::Bin, path: PathBuf, colour: Colour) -> Result<Arc<Mutex<EncodedVideo>>> {
     let video = Arc::new(Mutex::new(EncodedVideo::create(path, colour)?));
-    let sink = named(branch, "encoded")?;
-    let sink = sink.downcast::<gst_app::AppSink>().map_err(|_| anyhow!("appsink is another element"))?;
-    let collected = video.clone();
-    let take = move |sink: &gst_app::AppSink| {
-        let sample = sink.pull_sample().map_err(|_| gst::FlowError::Eos)?;
-        let mut video = collected.lock().unwrap_or_else(PoisonError::into_inner);
-        take(&mut video, &sample).map_err(|error| {
-            gst::element_error!(sink, gst::ResourceError::Write, ("{error:#}"));
-            gst::FlowError::Error
-        })?;
-        Ok(gst::FlowSuccess::Ok)
-    };
-    sink.set_callbacks(gst_app::AppSinkCallbacks::builder().new_sample(take).build());
+    write_samples(&app_sink(branch, "encoded")?, video.clone(), take);
     Ok(video)
 }
 

@@ -226,19 +226,25 @@ fn a_verdict_lapses_in_a_shot_that_does_not_confirm_it() {
     assert_eq!(continuous.timing().stabilised, None);
 }
 
-#[test]
-fn blends_of_the_shot_before_do_not_leave_the_next_one_as_it_is() {
+/// The solutions of so many frames, sharp after a cut before frame `cut`; those before it are blends of two, five of six of them.
+fn blended(frames: usize, cut: usize) -> (Vec<Option<FrameSolution>>, Continuous) {
     let film = Film::new(0.7, true);
     let [width, height] = film.size();
     let (mut continuous, mut random) = (Continuous::new(UNKNOWN, width, height, 1.0), Random(31));
     let mut solutions = Vec::new();
-    for (k, stamp) in regular(2 * SHOT).into_iter().enumerate() {
+    for (k, stamp) in regular(frames).into_iter().enumerate() {
         let found = (k > 0)
-            .then(|| if k == SHOT { Vec::new() } else { film.pair(stamp - PERIOD, stamp, &mut random) });
-        let share = if k < SHOT { (k % 6) as f64 / 6.0 } else { 0.0 };
+            .then(|| if k == cut { Vec::new() } else { film.pair(stamp - PERIOD, stamp, &mut random) });
+        let share = if k < cut { (k % 6) as f64 / 6.0 } else { 0.0 };
         continuous.push(found.as_deref(), stamp, PERIOD, 200.0 * (1.0 - 2.0 * share * (1.0 - share)));
         solutions.push(settle(&mut continuous));
     }
+    (solutions, continuous)
+}
+
+#[test]
+fn blends_of_the_shot_before_do_not_leave_the_next_one_as_it_is() {
+    let (solutions, continuous) = blended(2 * SHOT, SHOT);
     assert!(solutions[SHOT - 1].is_none());
     assert_eq!(continuous.timing().timeline, Timeline::Stated);
     assert!(solutions.last().unwrap().is_some());
@@ -257,17 +263,7 @@ fn another_stretch_has_lost_the_count_of_frames() {
 
 #[test]
 fn blends_stay_as_they_are_and_say_nothing_of_the_readout() {
-    let film = Film::new(0.7, true);
-    let [width, height] = film.size();
-    let (mut continuous, mut random) = (Continuous::new(UNKNOWN, width, height, 1.0), Random(31));
-    let mut solutions = Vec::new();
-    for (k, stamp) in regular(30).into_iter().enumerate() {
-        let found = k.checked_sub(1).map(|_| film.pair(stamp - PERIOD, stamp, &mut random));
-        let share = (k % 6) as f64 / 6.0;
-        let sharpness = 200.0 * (1.0 - 2.0 * share * (1.0 - share));
-        continuous.push(found.as_deref(), stamp, PERIOD, sharpness);
-        solutions.push(settle(&mut continuous));
-    }
+    let (solutions, continuous) = blended(30, 30);
     assert_eq!(continuous.timing().timeline, Timeline::Blended { period: 6 });
     let known: Vec<bool> = solutions.iter().map(Option::is_some).collect();
     let first = FrameTiming::FRAMES - 1;

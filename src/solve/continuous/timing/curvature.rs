@@ -22,7 +22,7 @@ use nalgebra::Vector2;
 /// 2 − √3 is left from each frame to the next.
 const ENDS: usize = 2;
 
-/// What the curvature of all pairs so far says of γ.
+/// Estimate of γ from the curvature of all pairs so far.
 #[derive(Clone, Debug, Default)]
 pub struct Curvature {
     coordinates: [Sums; 2],

@@ -65,7 +65,7 @@ pub struct Timing {
     pairs: VecDeque<TimedPair>,
     blends: Blends,
     axis: Option<ScanAxis>,
-    /// What the curvature says of γ along the axis.
+    /// Estimate of γ along the axis from the curvature.
     curvature: Curvature,
     /// Least variance of the position of a match, in squared radii.
     noise: f64,
@@ -145,12 +145,12 @@ impl Timing {
         Self { found: FrameTiming { stabilised, ..self.found }, is_given: stabilised.is_some(), ..self }
     }
 
-    /// What the frames so far say of the last one.
+    /// The timing of the last frame, from all frames so far.
     pub fn found(&self) -> FrameTiming {
         self.found
     }
 
-    /// What they say of the frame with this number.
+    /// The timing of the frame with this number.
     pub fn found_of(&self, frame: usize) -> FrameTiming {
         if frame < self.first { self.before } else { self.found }
     }
