@@ -183,6 +183,8 @@ enum Command {
         /// A real clip instead of sequences.
         #[arg(long, conflicts_with = "sequence")]
         clip: Option<PathBuf>,
+        #[command(flatten)]
+        gyroscope: Option<steady::Gyroscope>,
         /// Standard deviation of the smoothing in seconds.
         #[arg(long, default_value_t = 0.5)]
         deviation: f64,
@@ -323,11 +325,12 @@ fn main() -> Result<()> {
             print!("{}", clip::judge(&media::decode(&file)?, &shutter, lookahead, out.as_deref())?);
             Ok(())
         }
-        Command::Steady { clip, deviation, zoom, out, chosen } => {
+        Command::Steady { clip, gyroscope, deviation, zoom, out, chosen } => {
             let asked = steady::Asked { deviation, zoom };
             match clip {
                 Some(file) => {
-                    println!("{}\n{}", steady::HEADING, steady::row_of_clip(&file, asked, out.as_deref())?);
+                    let row = steady::row_of_clip(&file, gyroscope.as_ref(), asked, out.as_deref())?;
+                    println!("{}\n{row}", steady::HEADING);
                     Ok(())
                 }
                 None => chosen.print(steady::HEADING, |footage| steady::row(footage, asked, out.as_deref())),

@@ -136,8 +136,15 @@ impl Capture<'_> {
         self.take.camera.lens.contains(delivered).then_some(delivered)
     }
 
+    /// How far the scene point seen at `pixel` is from the camera, in metres.
+    pub fn distance(&self, pixel: Vector2<f64>) -> Option<f64> {
+        let instant = self.take.camera.exposure(self.start, self.captured(pixel));
+        let place = self.take.scene.position(instant, &self.point(pixel)?);
+        Some((place - self.take.camera.path.pose(instant).position).norm())
+    }
+
     /// The columns and the rows at which the frame is sampled every `step` pixels.
-    pub(super) fn places(&self, step: usize) -> [Vec<usize>; 2] {
+    pub fn places(&self, step: usize) -> [Vec<usize>; 2] {
         let lens = &self.take.camera.lens;
         [lens.width, lens.height].map(|length| (step / 2..length).step_by(step.max(1)).collect())
     }

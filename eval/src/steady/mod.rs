@@ -1,0 +1,221 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
+//! How steady the library makes a picture, beside vid.stab in two passes at its defaults and ffmpeg's deshake.
+//!
+//! Of a rendered sequence, and of a clip with a gyroscope, it is known where each frame sees a far point, and of each system where it
+//! shows it ([`tracks`]). Of other clips, outputs are judged alike from their pictures: successive frames are followed and the
+//! motion between them fitted. Either way the jitter is the root mean square second difference of places, and the wobble what
+//! rows are displaced by beside the motion of the picture. The library is given the crop that vid.stab took, so that both
+//! keep the same share of the picture.
+
+mod gyroscope;
+mod others;
+mod tracks;
+
+pub use gyroscope::Gyroscope;
+pub use tracks::Steadiness;
+
+use crate::clip::{as_it_is, seen, solve};
+use crate::footage::Footage;
+use crate::media::{self, Clip};
+use crate::methods::product::{self, Delay, carried};
+use crate::methods::{Correction, Corrections};
+use crate::metrics::resample::{Rectified, rectified};
+use crate::metrics::{Stats, jitter};
+use crate::scene::Frame;
+use crate::video;
+use anyhow::{Context, Result};
+use nalgebra::Vector2;
+use others::{Stabilised, deshake, vid_stab};
+use rsrectify::motion::{FrameMotion, image_centre};
+use rsrectify::readout::{Readout, ReadoutTime};
+use rsrectify::rectifier::{Estimator, Settings};
+use std::path::Path;
+use tracks::Tracks;
+
+/// The heading of the table: jitter and wobble in pixels, and what each system leaves of them.
+pub const HEADING: &str = "| clip | jitter px | wobble px | zoom | vid.stab: jitter | wobble | zoom without borders \
+     | deshake: jitter | wobble | rsrectify: jitter | wobble | zoom without borders | share of vid.stab's jitter | wobble |\n\
+     |---|---|---|---|---|---|---|---|---|---|---|---|---|---|";
+
+/// Frames that are looked ahead: all that the smoothing takes.
+const LOOKAHEAD: usize = 200;
+
+/// What is asked of the library.
+#[derive(Clone, Copy, Debug)]
+pub struct Asked {
+    /// Standard deviation of the smoothing in seconds.
+    pub deviation: f64,
+    /// Zoom; that of vid.stab where it is not given.
+    pub zoom: Option<f64>,
+}
+
+/// A clip, and what is known of it.
+struct Given<'a> {
+    name: String,
+    clip: &'a Clip,
+    readout: Readout,
+    /// How the library is to look at it.
+    analysis: Settings,
+    /// None where places are not known.
+    tracks: Tracks,
+}
+
+/// A row of the table for a rendered sequence.
+///
+/// # Errors
+/// If ffmpeg with vid.stab is missing.
+pub fn row(footage: &Footage, asked: Asked, out: Option<&Path>) -> Result<String> {
+    let settings = footage.settings();
+    let clip = Clip {
+        width: settings.width,
+        height: settings.height,
+        fps: settings.delivered_fps(),
+        frames: footage.frames.clone(),
+    };
+    let mut tracks = Tracks::default();
+    for run in footage.runs() {
+        let captures: Vec<_> = run.iter().map(|index| (*index, footage.capture(*index))).collect();
+        tracks.add(&captures);
+    }
+    let given = Given {
+        name: settings.name.clone(),
+        clip: &clip,
+        readout: footage.readout(),
+        analysis: product::settings(settings, Delay::Unknown, Estimator::Continuous, LOOKAHEAD),
+        tracks,
+    };
+    given.row(asked, out)
+}
+
+/// A row of the table for a clip, with the recording of a gyroscope or without.
+///
+/// # Errors
+/// If ffmpeg with vid.stab is missing, or the clip cannot be decoded.
+pub fn row_of_clip(
+    file: &Path,
+    gyroscope: Option<&Gyroscope>,
+    asked: Asked,
+    out: Option<&Path>,
+) -> Result<String> {
+    let clip = media::decode(file)?;
+    let mut analysis = Settings::default();
+    analysis.lookahead = LOOKAHEAD;
+    let solutions = solve(&clip, analysis)?;
+    let readout = *solutions.last().context("a clip without frames")?.motion.readout();
+    let name = file.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
+    let tracks = gyroscope.map_or_else(|| Ok(Tracks::default()), |gyroscope| gyroscope.tracks(&clip))?;
+    Given { name, clip: &clip, readout, analysis, tracks }.row(asked, out)
+}
+
+impl Given<'_> {
+    fn row(&self, asked: Asked, out: Option<&Path>) -> Result<String> {
+        let clip = self.clip;
+        let input: Corrections =
+            clip.frames.iter().map(|_| Box::new(|pixel| pixel) as Box<dyn Correction>).collect();
+        let original = self.judged("measuring the input", &input, &mut clip.frames.iter().map(as_it_is))?;
+        let [stabilised, shaken] = [vid_stab(clip)?, deshake(clip)?];
+        let [theirs, simple] = [(&stabilised, "measuring vid.stab's"), (&shaken, "measuring deshake's")]
+            .map(|(other, message)| self.judged_other(other, message));
+        let [theirs, simple] = [theirs?, simple?];
+        let zoom = asked.zoom.unwrap_or(stabilised.zoom).max(1.0);
+        let shown = self.steadied(asked, zoom)?;
+        let pictures = || clip.frames.iter().zip(&shown).map(|(frame, shown)| rectified(frame, &**shown));
+        let ours = self.judged("measuring the output", &shown, &mut pictures())?;
+        if let Some(folder) = out {
+            std::fs::create_dir_all(folder)?;
+            let write = |kind: &str, frames: &mut dyn Iterator<Item = Frame>| {
+                let file = folder.join(format!("{}-{kind}.y4m", self.name));
+                video::write(&file, [clip.width, clip.height], clip.fps, frames)
+            };
+            write("rsrectify", &mut pictures().map(|picture| picture.frame))?;
+            write("vidstab", &mut stabilised.clip.frames.iter().cloned())?;
+            write("original", &mut clip.frames.iter().cloned())?;
+        }
+        let left = |of: Steadiness| {
+            format!("{:.3} | {:.2}", of.jitter / original.jitter, of.wobble / original.wobble)
+        };
+        Ok(format!(
+            "| {} | {:.2} | {:.2} | {zoom:.3} | {} | {:.3} | {} | {} | {:.3} | {:.2} | {:.2} |",
+            self.name,
+            original.jitter,
+            original.wobble,
+            left(theirs),
+            borderless(clip, &stabilised.shown, stabilised.zoom),
+            left(simple),
+            left(ours),
+            borderless(clip, &shown, zoom),
+            ours.jitter / theirs.jitter,
+            ours.wobble / theirs.wobble,
+        ))
+    }
+
+    fn judged_other(&self, other: &Stabilised, message: &'static str) -> Result<Steadiness> {
+        self.judged(message, &other.shown, &mut other.clip.frames.iter().map(as_it_is))
+    }
+
+    /// From where far points are shown, or from the pictures where that is not known.
+    fn judged(
+        &self,
+        message: &'static str,
+        shown: &[Box<dyn Correction>],
+        pictures: &mut dyn Iterator<Item = Rectified>,
+    ) -> Result<Steadiness> {
+        if !self.tracks.is_empty() {
+            return Ok(self.tracks.steadiness(shown, &self.readout));
+        }
+        let seen = seen(self.clip, self.readout, message, pictures)?;
+        let jitter = jitter::content([self.clip.width, self.clip.height], &seen.motions).rms;
+        Ok(Steadiness { jitter, wobble: Stats::of(seen.wobble).rms })
+    }
+
+    /// Where the library shows the pixels of each frame.
+    fn steadied(&self, asked: Asked, zoom: f64) -> Result<Corrections> {
+        let mut analysis = self.analysis;
+        analysis.stabilization = asked.deviation;
+        analysis.margin = (1.0 - 1.0 / zoom) / 2.0;
+        // As `fix` does, which looks for the readout beforehand.
+        let first = solve(self.clip, analysis)?;
+        let found = first.last().context("a clip without frames")?;
+        if found.readout_deviation < 0.1 {
+            analysis.readout_time = ReadoutTime::Seconds(found.motion.readout().time());
+            analysis.direction = Some(found.motion.readout().direction());
+        }
+        let solutions = solve(self.clip, analysis)?;
+        let shown = solutions.into_iter();
+        let shown =
+            shown.map(|solution| Box::new(Shown { motion: solution.motion, zoom }) as Box<dyn Correction>);
+        Ok(shown.collect())
+    }
+}
+
+/// The zoom without which some frame's edge would be seen, given where frames are shown at a zoom.
+fn borderless(clip: &Clip, shown: &[Box<dyn Correction>], zoom: f64) -> f64 {
+    let size = [clip.width, clip.height].map(|length| length as f64 - 1.0);
+    let half = Vector2::from(size) / 2.0;
+    let along = |share: f64| [[share, 0.0], [share, 1.0], [0.0, share], [1.0, share]];
+    let edges = (0..=16).flat_map(|index| along(f64::from(index) / 16.0)).map(|at| Vector2::from(at) * 2.0);
+    let edges: Vec<_> = edges.map(|at| at - Vector2::new(1.0, 1.0)).collect();
+    let outside = |correction: &dyn Correction, at: &Vector2<f64>| {
+        let place = (correction.correct(half + at.component_mul(&half)) - half).component_div(&half);
+        // Across the edge on which the point lies; a corner lies on two, and the farther one counts.
+        let across = [0, 1].into_iter().filter(|axis| at[*axis].abs() == 1.0);
+        across.map(|axis| place[axis] * at[axis]).fold(f64::NEG_INFINITY, f64::max)
+    };
+    let least = shown.iter().flat_map(|shown| edges.iter().map(|at| outside(&**shown, at)));
+    zoom / least.fold(f64::INFINITY, f64::min)
+}
+
+/// Where the output shows a pixel.
+struct Shown {
+    motion: FrameMotion,
+    zoom: f64,
+}
+
+impl Correction for Shown {
+    fn correct(&self, pixel: Vector2<f64>) -> Vector2<f64> {
+        let readout = self.motion.readout();
+        let centre = image_centre(readout.width(), readout.height());
+        (carried(&self.motion, pixel) - centre) * self.zoom + centre
+    }
+}
