@@ -7,16 +7,17 @@
 //! by beside that. The library is given the crop that vid.stab took, so that both keep the same share of the picture.
 
 use crate::clip::{as_it_is, seen, solve};
-use crate::footage::Footage;
-use crate::media::{self, Clip};
-use crate::methods::Correction;
-use crate::methods::product::{self, Delay, carried};
+use crate::metrics::jitter;
 use crate::metrics::resample::{Rectified, rectified};
-use crate::metrics::{Stats, jitter};
-use crate::scene::Frame;
-use crate::video;
+use crate::systems::product::{self, Delay, carried};
 use anyhow::{Context, Result, ensure};
+use baselines::methods::Correction;
 use nalgebra::Vector2;
+use render::footage::Footage;
+use render::media::{self, Clip};
+use render::scene::Frame;
+use render::stats::Stats;
+use render::video;
 use rsrectify::motion::{FrameMotion, image_centre};
 use rsrectify::readout::{Readout, ReadoutTime};
 use rsrectify::rectifier::{Estimator, Settings};

@@ -6,9 +6,9 @@
 use crate::common::*;
 use gst::prelude::*;
 use gst_check::Harness;
-use eval::scene::procedural::bake_all;
-use eval::scene::{FirstEdge, Frame, Scene, SceneKind};
-use eval::sequence::{Sequence, Settings, named};
+use render::scene::procedural::bake_all;
+use render::scene::{FirstEdge, Frame, Scene, SceneKind};
+use render::sequence::{Sequence, Settings, named};
 use std::sync::{Arc, LazyLock};
 
 const WIDTH: usize = 320;

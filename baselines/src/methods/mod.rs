@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT OR Apache-2.0
 
-//! Every system that the method is compared with, behind one trait, and the product itself.
+//! The systems that rsrectify is compared with, behind one trait.
 
 pub mod affine;
 pub mod curve;
@@ -9,8 +9,6 @@ pub mod jitter;
 pub mod knots;
 pub mod mixture;
 pub mod paper;
-pub mod product;
-pub mod registry;
 pub mod robust;
 pub mod rotation3d;
 pub mod timed;
@@ -19,9 +17,9 @@ pub mod translation3d;
 #[cfg(test)]
 mod wall;
 
-use crate::footage::Footage;
 use anyhow::Result;
 use nalgebra::Vector2;
+use render::footage::Footage;
 use rsrectify::correspond::Correspondence;
 use rsrectify::readout::Readout;
 use std::sync::Arc;
@@ -117,7 +115,7 @@ impl Method for Uncorrected {
 mod tests {
     use super::*;
     use crate::correspondences::{self, Source};
-    use crate::sequence::{Settings, Timeline, named};
+    use render::sequence::{Settings, Timeline, named};
 
     /// Moves each frame by its timestamp in seconds.
     struct ByStamp;

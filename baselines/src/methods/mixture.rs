@@ -267,8 +267,8 @@ impl Correction for Unrolled {
 mod tests {
     use super::*;
     use crate::methods::wall::Wall;
-    use crate::scene::FirstEdge;
     use nalgebra::Vector3;
+    use render::scene::FirstEdge;
 
     #[test]
     fn a_constant_move_past_a_wall_is_undone() {

@@ -4,8 +4,8 @@
 
 use super::settings::{Settings, Strength};
 use super::take::Take;
-use crate::metrics::stats;
 use crate::scene::Scene;
+use crate::stats;
 use std::ops::Range;
 use std::sync::Arc;
 

@@ -33,8 +33,8 @@ mod tests {
     use super::*;
     use crate::methods::knots::Knotted;
     use crate::methods::wall::Wall;
-    use crate::scene::FirstEdge;
     use nalgebra::Vector3;
+    use render::scene::FirstEdge;
 
     #[test]
     fn a_constant_move_past_a_wall_is_undone() {

@@ -4,9 +4,9 @@
 
 use crate::flow::image::Image;
 use crate::flow::{Prepared, points};
-use crate::footage::Footage;
-use crate::scene::Frame;
 use anyhow::Result;
+use render::footage::Footage;
+use render::scene::Frame;
 use rsrectify::correspond::{Correspondence, Pyramid, Sampler, certain};
 use rsrectify::plane::{Luma, Plane, PlaneLayout, SampleFormat};
 use serde::{Deserialize, Serialize};

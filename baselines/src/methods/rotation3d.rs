@@ -35,8 +35,8 @@ mod tests {
     use crate::methods::Method;
     use crate::methods::knots::Knotted;
     use crate::methods::wall::{PERIOD, Wall};
-    use crate::scene::{FirstEdge, Pose};
     use nalgebra::{Rotation3, Vector2};
+    use render::scene::{FirstEdge, Pose};
 
     const CONSTANT: Knotted<Rotation3d> = Knotted::new(2, 0);
     const THREE_FRAMES: Knotted<Rotation3d> = Knotted::new(3, 1);

@@ -2,20 +2,20 @@
 
 //! All systems that the report compares, with what each is told.
 
-use super::affine::Affine;
-use super::curve::Curve;
-use super::full3d::Full3d;
-use super::jitter::Jitter;
-use super::knots::Knotted;
-use super::mixture::HomographyMixture;
-use super::paper::Paper;
 use super::product::{self, Delay};
-use super::rotation3d::Rotation3d;
-use super::translation::Translation;
-use super::translation3d::Translation3d;
-use super::{Corrections, Method, Uncorrected, solve};
-use crate::footage::Footage;
 use anyhow::Result;
+use baselines::methods::affine::Affine;
+use baselines::methods::curve::Curve;
+use baselines::methods::full3d::Full3d;
+use baselines::methods::jitter::Jitter;
+use baselines::methods::knots::Knotted;
+use baselines::methods::mixture::HomographyMixture;
+use baselines::methods::paper::Paper;
+use baselines::methods::rotation3d::Rotation3d;
+use baselines::methods::translation::Translation;
+use baselines::methods::translation3d::Translation3d;
+use baselines::methods::{Corrections, Method, Uncorrected, solve};
+use render::footage::Footage;
 use rsrectify::correspond::Correspondence;
 use rsrectify::readout::{Readout, ReadoutTime};
 use rsrectify::rectifier::Estimator;
@@ -163,9 +163,9 @@ fn calibrated() -> Vec<Entry> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::correspondences::{Source, of_run};
-    use crate::sequence::{self, Sequence};
+    use baselines::correspondences::{Source, of_run};
     use nalgebra::Vector2;
+    use render::sequence::{self, Sequence};
     use std::collections::HashSet;
 
     #[test]

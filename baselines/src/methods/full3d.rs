@@ -31,8 +31,8 @@ mod tests {
     use crate::methods::Method;
     use crate::methods::knots::Knotted;
     use crate::methods::wall::Wall;
-    use crate::scene::FirstEdge;
     use nalgebra::Vector3;
+    use render::scene::FirstEdge;
 
     #[test]
     fn constant_turns_and_moves_are_undone() {

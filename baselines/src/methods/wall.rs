@@ -3,13 +3,13 @@
 //! A wall filmed by a camera whose motion is known in closed form: what the methods are tested on.
 
 use super::{Input, Method};
-use crate::footage::direction;
-use crate::scene::{
+use nalgebra::{Rotation3, Vector3};
+use render::footage::direction;
+use render::scene::{
     CameraPath, FirstEdge, Lens, Pose, RollingCamera, Scene, Shutter, Surface, path::uniform,
 };
-use crate::sequence::{Take, Warp};
-use crate::truth::Capture;
-use nalgebra::{Rotation3, Vector3};
+use render::sequence::{Take, Warp};
+use render::truth::Capture;
 use rsrectify::correspond::Correspondence;
 use rsrectify::readout::{Readout, ReadoutTime};
 use std::sync::Arc;

@@ -222,9 +222,9 @@ fn stretches(settings: &Settings) -> Vec<Range<usize>> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::metrics::stats;
     use crate::scene::SceneKind;
     use crate::scene::texture::Texture;
+    use crate::stats;
     use nalgebra::Vector2;
 
     fn small(name: &str) -> Settings {

@@ -2,9 +2,9 @@
 
 //! A sequence in memory: its frames as they arrive, and what is known of each.
 
-use crate::metrics::stats::{self, Stats};
 use crate::scene::{FirstEdge, Frame};
 use crate::sequence::{Sequence, Settings};
+use crate::stats::{self, Stats};
 use crate::truth::{Capture, DisplacementMap, Sample};
 use anyhow::Result;
 use rsrectify::readout::{Readout, ReadoutDirection, ReadoutTime};

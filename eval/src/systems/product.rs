@@ -2,12 +2,12 @@
 
 //! The library under test, called as any program would call it.
 
-use super::{Correction, Corrections};
-use crate::footage::{Footage, direction};
-use crate::scene::Frame;
-use crate::sequence;
 use anyhow::{Context, Result};
+use baselines::methods::{Correction, Corrections};
 use nalgebra::Vector2;
+use render::footage::{Footage, direction};
+use render::scene::Frame;
+use render::sequence;
 use rsrectify::motion::{FrameMotion, image_centre};
 use rsrectify::plane::{Luma, Plane, PlaneLayout, SampleFormat};
 use rsrectify::readout::ReadoutTime;
@@ -112,7 +112,7 @@ pub fn carried(motion: &FrameMotion, pixel: Vector2<f64>) -> Vector2<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::sequence::Sequence;
+    use render::sequence::Sequence;
     use rsrectify::motion::{MotionPath, Twist};
     use rsrectify::readout::{Readout, ReadoutDirection};
 

@@ -2,10 +2,10 @@
 
 use super::image::Image;
 use super::*;
-use crate::scene::SceneKind;
-use crate::scene::procedural::bake_all;
-use crate::sequence::{Sequence, Settings, Strength, named};
 use nalgebra::Vector2;
+use render::scene::SceneKind;
+use render::scene::procedural::bake_all;
+use render::sequence::{Sequence, Settings, Strength, named};
 use std::sync::Arc;
 
 /// A smooth picture with detail in all directions and no period in sight.
