@@ -16,13 +16,14 @@ fn a_preset_brings_back_every_setting() {
     let folder = std::env::temp_dir().join(format!("rsrectify-presets-{}", std::process::id()));
     std::fs::create_dir_all(&folder).unwrap();
     let output = Command::new(std::env::current_exe().unwrap())
-        .args(["--ignored", "--exact", "save_and_load"])
+        .args(["--ignored", "--exact", "presets::save_and_load"])
         .env(FOLDER, &folder)
         .output()
         .unwrap();
     let file = std::fs::read_to_string(folder.join("gstreamer-1.0/presets/GstRsRectify.prs"));
     std::fs::remove_dir_all(&folder).unwrap();
-    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stdout));
+    let said = String::from_utf8_lossy(&output.stdout);
+    assert!(output.status.success() && said.contains("1 passed"), "{said}");
     let file = file.unwrap();
     assert!(file.contains("[camera]") && file.contains("readout-time=21000000"), "{file}");
     assert!(!file.contains("stats"), "{file}");
@@ -64,12 +65,13 @@ fn known_cameras_are_presets() {
     let presets = concat!(env!("CARGO_MANIFEST_DIR"), "/presets");
     let folder = std::env::temp_dir().join(format!("rsrectify-no-presets-{}", std::process::id()));
     let output = Command::new(std::env::current_exe().unwrap())
-        .args(["--ignored", "--exact", "load_a_camera"])
+        .args(["--ignored", "--exact", "presets::load_a_camera"])
         .env("GST_PRESET_PATH", presets)
         .env(FOLDER, &folder)
         .output()
         .unwrap();
-    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stdout));
+    let said = String::from_utf8_lossy(&output.stdout);
+    assert!(output.status.success() && said.contains("1 passed"), "{said}");
 }
 
 #[test]
