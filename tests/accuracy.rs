@@ -2,11 +2,11 @@
 
 //! What the library leaves of the displacement on rendered sequences, true delay and long lookahead.
 
-use eval::methods::product::{self, Delay};
-use eval::metrics::{Stats, distances, stats};
-use eval::scene::Frame;
-use eval::sequence::{Sequence, Settings, Strength, named};
+use eval::systems::product::{self, Delay};
 use nalgebra::Vector2;
+use render::scene::Frame;
+use render::sequence::{Sequence, Settings, Strength, named};
+use render::stats::{self, Stats, distances};
 use rsrectify::Rectifier;
 use rsrectify::readout::ReadoutTime;
 use rsrectify::rectifier::{self, Estimator, FrameSolution};

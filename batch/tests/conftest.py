@@ -16,7 +16,7 @@ import pytest
 PROGRAM = os.environ.get("RSRECTIFY", "rsrectify")
 # A shaken film of two shots, rendered by scripts/check-batch.
 FILM = Path(os.environ.get("RSRECTIFY_FILM", "film.mp4")).resolve()
-FRAMES = 180
+FRAMES = 120
 # Its readout is 0.8 frame periods. One that is measured differs from it by a little more than nothing, and by another little on
 # another processor: 3 % of a frame period are allowed, where a wrong one is off by 10 % and more.
 READOUT_MS = 0.8 * 1000 / 30

@@ -3,14 +3,15 @@
 //! Runs that are told nothing of the camera, from several frames of a sequence on and with several lookaheads: how often
 //! the readout that they end with is wrong, whether they say so, and what they do to a picture.
 
-use crate::footage::Footage;
-use crate::methods::Corrections;
-use crate::methods::product::{self, Delay};
+use crate::metrics::displacement;
 use crate::metrics::readout::{error, signed_ratio};
-use crate::metrics::{displacement, stats};
 use crate::recorded::{self, Recording};
+use crate::systems::product::{self, Delay};
 use anyhow::{Context, Result};
+use baselines::methods::Corrections;
 use rayon::prelude::*;
+use render::footage::Footage;
+use render::stats;
 use rsrectify::readout::Readout;
 use rsrectify::rectifier::Estimator;
 
@@ -257,7 +258,7 @@ fn judged(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::sequence::{Settings, named};
+    use render::sequence::{Settings, named};
 
     fn ended(ratio: f64, deviation: f64, error: f64) -> Run {
         Run {

@@ -2,19 +2,20 @@
 
 //! A real clip without truth: what can be said of the library on it all the same.
 
-use crate::correspondences::Follower;
-use crate::media::Clip;
-use crate::methods::Corrections;
-use crate::methods::product::{corrections, motions};
 use crate::metrics::homography::{Homography, median};
 use crate::metrics::readout::signed_ratio;
 use crate::metrics::resample::{Rectified, rectified};
-use crate::metrics::{Stats, harm, jitter, wobble};
-use crate::scene::Frame;
+use crate::metrics::{harm, jitter, wobble};
 use crate::shutter::Shutter;
+use crate::systems::product::{corrections, motions};
 use anyhow::{Context, Result, ensure};
+use baselines::correspondences::Follower;
+use baselines::methods::Corrections;
 use indicatif::{ProgressBar, ProgressIterator, ProgressStyle};
 use nalgebra::Vector2;
+use render::media::Clip;
+use render::scene::Frame;
+use render::stats::Stats;
 use rsrectify::Rectifier;
 use rsrectify::correspond::Correspondence;
 use rsrectify::readout::Readout;
@@ -209,7 +210,7 @@ impl fmt::Display for Verdict {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::sequence::{Sequence, Settings, named};
+    use render::sequence::{Sequence, Settings, named};
 
     fn rendered(name: &str, frames: usize) -> Clip {
         let settings = Settings { width: 320, height: 240, frames, ..named(name).unwrap() };

@@ -2,13 +2,13 @@
 
 //! How far the library's dense flow is from the exact one, and how long it takes.
 
-use crate::correspondences::GRID;
-use crate::footage::Footage;
-use crate::scene::Frame;
 use crate::speed::median_ms;
-use crate::truth::Capture;
 use anyhow::Result;
+use baselines::correspondences::GRID;
 use nalgebra::Vector2;
+use render::footage::Footage;
+use render::scene::Frame;
+use render::truth::Capture;
 use rsrectify::correspond::{Correspondence, Sampler};
 use rsrectify::flow::DenseFlow;
 use rsrectify::plane::{Luma, Plane, PlaneLayout, SampleFormat};
@@ -246,8 +246,8 @@ pub fn row(footage: &Footage) -> Result<String> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::footage::STEP;
-    use crate::sequence::named;
+    use render::footage::STEP;
+    use render::sequence::named;
 
     #[test]
     fn quantiles_are_those_of_the_sorted_errors() {
@@ -259,7 +259,7 @@ mod tests {
     #[test]
     fn a_small_sequence_is_measured_at_every_point_with_truth() {
         let settings =
-            crate::sequence::Settings { width: 160, height: 120, frames: 3, ..named("hand_g08").unwrap() };
+            render::sequence::Settings { width: 160, height: 120, frames: 3, ..named("hand_g08").unwrap() };
         let footage = Footage::of_settings(&settings).unwrap();
         let measured = measure(&footage).unwrap();
         let points = (160 / STEP) * (120 / STEP);

@@ -2,10 +2,10 @@
 
 //! What each effort leaves of the distortion, and what its analysis takes.
 
-use crate::footage::Footage;
-use crate::methods::product::{self, Delay};
 use crate::metrics::displacement;
+use crate::systems::product::{self, Delay};
 use anyhow::Result;
+use render::footage::Footage;
 use rsrectify::rectifier::{Effort, Estimator};
 use std::time::Instant;
 

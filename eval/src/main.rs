@@ -5,23 +5,24 @@
 use anyhow::Result;
 use clap::{Args, Parser, Subcommand};
 use eval::blind::{self, Blind, Extent};
-use eval::cache::Cache;
 use eval::clip;
 use eval::dense;
 use eval::effort;
-use eval::footage::Footage;
-use eval::media;
-use eval::methods::product::{self, Delay};
-use eval::metrics::{Stats, displacement, distances, floor, ripple, stats};
+use eval::metrics::{displacement, floor, ripple};
 use eval::pairs;
 use eval::readout;
 use eval::report::{self, quick};
-use eval::sequence::{self, Sequence, Settings};
 use eval::shutter::Shutter;
 use eval::speed;
 use eval::steady;
+use eval::systems::product::{self, Delay};
 use eval::two_frames;
-use eval::video;
+use render::cache::Cache;
+use render::changes::Changes;
+use render::footage::Footage;
+use render::media;
+use render::sequence::{self, Settings};
+use render::stats::{self, Stats, distances};
 use rsrectify::rectifier::{Effort, Estimator, FrameSolution};
 use std::path::PathBuf;
 
@@ -34,25 +35,6 @@ struct Cli {
 
 #[derive(Subcommand)]
 enum Command {
-    /// Renders a named sequence.
-    Render {
-        /// Its name, one of those that `list` prints.
-        #[arg(long)]
-        sequence: String,
-        /// The YUV4MPEG2 file to write; `-` is the standard output.
-        #[arg(long)]
-        out: PathBuf,
-        #[command(flatten)]
-        changes: Changes,
-    },
-    /// Renders a strongly shaken clip in colour.
-    Demo {
-        /// The YUV4MPEG2 file to write; `-` is the standard output.
-        #[arg(long)]
-        out: PathBuf,
-        #[command(flatten)]
-        changes: Changes,
-    },
     /// Measures the displacement the library leaves, and what no 2D rotation for each frame can remove.
     Measure {
         /// Frames the library may look ahead.
@@ -132,8 +114,8 @@ enum Command {
         #[arg(long)]
         fast: bool,
     },
-    /// Runs all systems on all sequences and writes docs/accuracy.md and docs/figures; to folders below
-    /// target/eval where a sequence, a number of frames or textures are given.
+    /// Runs all systems on all sequences and writes docs/accuracy.md, charts and stills to target/eval/figures; all to
+    /// folders below target/eval where a sequence, a number of frames or textures are given.
     Report {
         /// How many scenes: seeds 1, 2, and so on.
         #[arg(long, default_value_t = 3)]
@@ -155,6 +137,9 @@ enum Command {
         /// Records the figures instead.
         #[arg(long)]
         record: bool,
+        /// A folder in which rendered footage is kept; rendered anew without it.
+        #[arg(long)]
+        cache: Option<PathBuf>,
     },
     /// Scores the library on two-frame clips with a global-shutter truth: folders as Carla-RS,
     /// Fastec-RS and BS-RSC have them, or rs_0, rs_1 and gs_1_m.
@@ -197,25 +182,6 @@ enum Command {
         #[command(flatten)]
         chosen: Chosen,
     },
-    /// Prints the names of the sequences.
-    List,
-}
-
-/// What may be changed of a sequence.
-#[derive(Args)]
-struct Changes {
-    /// Number of frames.
-    #[arg(long)]
-    frames: Option<usize>,
-    /// Frame width in pixels.
-    #[arg(long)]
-    width: Option<usize>,
-    /// Frame height in pixels.
-    #[arg(long)]
-    height: Option<usize>,
-    /// Seed of path, textures and noise.
-    #[arg(long)]
-    seed: Option<u64>,
 }
 
 /// Where footage comes from and is kept.
@@ -270,22 +236,8 @@ impl Place {
     }
 }
 
-impl Changes {
-    fn apply(&self, mut settings: Settings) -> Settings {
-        settings.frames = self.frames.unwrap_or(settings.frames);
-        settings.width = self.width.unwrap_or(settings.width);
-        settings.height = self.height.unwrap_or(settings.height);
-        settings.seed = self.seed.unwrap_or(settings.seed);
-        settings
-    }
-}
-
 fn main() -> Result<()> {
     match Cli::parse().command {
-        Command::Render { sequence, out, changes } => {
-            render(changes.apply(sequence::named(&sequence)?), &out)
-        }
-        Command::Demo { out, changes } => render(changes.apply(sequence::demo()), &out),
         Command::Measure { lookahead, by_frame: true, chosen } => frames(&chosen, lookahead),
         Command::Measure { lookahead, by_frame: false, chosen } => {
             chosen.print(MEASURED_HEADING, |footage| measured_row(footage, lookahead))
@@ -316,7 +268,13 @@ fn main() -> Result<()> {
             let options = report::Options { scenes, sequences, frames, photographs, redraw };
             report::run(&options, &|settings| place.footage(settings))
         }
-        Command::Quick { record } => quick::run(record),
+        Command::Quick { record, cache } => {
+            let cache = cache.map(Cache::new);
+            quick::run(record, &|settings| match &cache {
+                Some(cache) => cache.footage(settings, None),
+                None => Footage::of_settings(settings),
+            })
+        }
         Command::Pairs { folder, shutter } => {
             print!("{}", pairs::table(&pairs::score(&pairs::find(&folder)?, &shutter)?));
             Ok(())
@@ -336,16 +294,7 @@ fn main() -> Result<()> {
                 None => chosen.print(steady::HEADING, |footage| steady::row(footage, asked, out.as_deref())),
             }
         }
-        Command::List => {
-            sequence::all().for_each(|settings| println!("{}", settings.name));
-            Ok(())
-        }
     }
-}
-
-fn render(settings: Settings, out: &std::path::Path) -> Result<()> {
-    let (size, fps) = ([settings.width, settings.height], settings.delivered_fps());
-    video::write(out, size, fps, Sequence::new(settings).frames()?)
 }
 
 fn blind(chosen: &Chosen, recorded: bool, extent: Extent) -> Result<()> {

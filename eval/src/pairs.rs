@@ -12,13 +12,13 @@
 //! Every two frames with successive numbers are a clip, where the second has its truth. It is the
 //! second that is rectified, from these two frames alone, as the data sets' authors do it.
 
-use crate::methods::product::{corrected, motions};
 use crate::metrics::colour::{psnr, ssim};
 use crate::metrics::resample::rectified;
-use crate::scene::Frame;
 use crate::shutter::Shutter;
+use crate::systems::product::{corrected, motions};
 use anyhow::{Context, Result, ensure};
 use indicatif::{ProgressBar, ProgressIterator};
+use render::scene::Frame;
 use rsrectify::Rectifier;
 use std::collections::BTreeMap;
 use std::fmt::Write;
@@ -226,7 +226,7 @@ fn row(table: &mut String, name: &str, input: Likeness, rectified: Likeness, con
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::sequence::{Sequence, Settings, named};
+    use render::sequence::{Sequence, Settings, named};
     use std::sync::OnceLock;
 
     /// The first two frames of a sequence, and what a global shutter sees at the second one's middle.

@@ -2,11 +2,11 @@
 
 //! How well the library finds the readout from the picture alone.
 
-use crate::footage::Footage;
-use crate::media::Clip;
-use crate::methods::product::{self, Delay};
 use crate::metrics::readout::{error, signed_ratio};
+use crate::systems::product::{self, Delay};
 use anyhow::{Context, Result};
+use render::footage::Footage;
+use render::media::Clip;
 use rsrectify::Rectifier;
 use rsrectify::rectifier::{Estimator, FrameSolution, Settings};
 

@@ -2,10 +2,10 @@
 
 //! Measurements of a sequence, recorded once, from which estimators are run: all see the same correspondences and flow.
 
-use crate::footage::Footage;
-use crate::methods::Corrections;
-use crate::methods::product::{self, Delay};
+use crate::systems::product::{self, Delay};
 use anyhow::{Context, Result};
+use baselines::methods::Corrections;
+use render::footage::Footage;
 use rsrectify::correspond::{Correspondence, Pyramid, Sampler};
 use rsrectify::flow::FlowField;
 use rsrectify::motion::FrameMotion;
@@ -145,7 +145,7 @@ impl Estimator {
 
 /// The corrections that estimates stand for.
 pub fn corrections(estimates: Vec<Estimate>) -> Corrections {
-    let correction = |estimate: Estimate| -> Box<dyn crate::methods::Correction> {
+    let correction = |estimate: Estimate| -> Box<dyn baselines::methods::Correction> {
         match estimate.motion {
             Some(motion) => Box::new(move |pixel| product::carried(&motion, pixel)),
             None => Box::new(|pixel| pixel),

@@ -5,14 +5,15 @@
 //! Two frames tell no acceleration, so that flow × time is a fair rival: each pixel moved by its flow to the first frame,
 //! times the share of that time until the middle of the readout.
 
-use crate::footage::Footage;
-use crate::methods::Correction;
-use crate::methods::product::{self, Delay};
 use crate::metrics::colour::psnr;
+use crate::metrics::displacement;
 use crate::metrics::resample::rectified;
-use crate::metrics::{Stats, displacement, distances};
+use crate::systems::product::{self, Delay};
 use anyhow::{Context, Result, ensure};
+use baselines::methods::Correction;
 use nalgebra::Vector2;
+use render::footage::Footage;
+use render::stats::{Stats, distances};
 use rsrectify::rectifier::{Estimator, FrameSolution, Rectifier};
 use std::fs;
 use std::path::Path;
@@ -153,7 +154,7 @@ fn judge(footage: &Footage, index: usize, correction: &dyn Correction, sums: &mu
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::sequence::{Settings, named};
+    use render::sequence::{Settings, named};
 
     #[test]
     fn a_field_is_read_and_interpolated() {

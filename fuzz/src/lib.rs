@@ -4,6 +4,8 @@
 //!
 //! Each module has a `check` that reads a case from the bytes and panics where a promise is broken. `fuzz_targets`
 //! hands them to libFuzzer; `tests/fuzz.rs` of the library runs them over the corpus and over random bytes.
+//!
+//! Apart from the workspace, because the engine needs flags of its own, with which all else would be compiled anew.
 
 pub mod correspondences;
 pub mod input;

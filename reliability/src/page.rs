@@ -74,7 +74,7 @@ The library beneath is attacked by itself, with arbitrary bytes, guided by cover
 const PROMISED: &str = "
 ## What is promised and which test shows it
 
-`file::test` is a test in `tests/` or beside the code in `gst-plugin/src/rsrectify/`; an attack is one of the above, in its short form a test, too.
+`file::test` is a test in `tests/element` or `tests/element_alone`, or beside the code in `gst-plugin/src/rsrectify/`; an attack is one of the above, in its short form a test, too.
 
 ";
 

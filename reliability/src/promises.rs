@@ -232,7 +232,7 @@ pub const PROMISES: &[(&str, &[Promise])] = &[
                     "buffers::a_buffer_that_is_too_small_is_an_error_not_a_panic",
                     "hostile::moving_pictures_of_odd_sizes",
                     "hostile::metas_that_claim_another_frame",
-                    "hostile::a_meta_of_a_smaller_frame_is_no_programming_error",
+                    "process::a_meta_of_a_smaller_frame_is_no_programming_error",
                     "hostile::a_plane_in_two_memories_is_read_as_far_as_it_is_mapped",
                     "hostile::a_frame_cut_off_in_its_last_plane_costs_no_other",
                     "attack fuzz",
@@ -333,7 +333,7 @@ pub const PROMISES: &[(&str, &[Promise])] = &[
             promise(
                 "Memory is bounded.",
                 &[
-                    "hostile::a_long_film_takes_no_more_memory_than_a_short_one",
+                    "process::a_long_film_takes_no_more_memory_than_a_short_one",
                     "attack long-film",
                     "attack restarts",
                     "attack leaks",
@@ -350,7 +350,7 @@ pub const PROMISES: &[(&str, &[Promise])] = &[
             promise(
                 "Threads end with the stop.",
                 &[
-                    "promises::its_threads_end_when_it_stops",
+                    "process::its_threads_end_when_it_stops",
                     "timer::it_acts_at_the_time_and_only_then",
                     "attack restarts",
                 ],
@@ -374,7 +374,7 @@ mod tests {
     /// Whether a file of the tests, or one of the plugin's with tests of its own, has a function of this name.
     fn exists(file: &str, test: &str) -> bool {
         let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
-        ["tests", "gst-plugin/src/rsrectify"].iter().any(|folder| {
+        ["tests/element", "tests/element_alone", "gst-plugin/src/rsrectify"].iter().any(|folder| {
             let path = root.join(folder).join(format!("{file}.rs"));
             std::fs::read_to_string(path).is_ok_and(|text| text.contains(&format!("fn {test}()")))
         })

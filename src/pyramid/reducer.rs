@@ -18,7 +18,7 @@ const SHORTEST_SIDE: usize = 12;
 /// The image pyramid of one frame.
 ///
 /// Filled by [`Reducer::build`], which reuses its buffers: keep two and swap them.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct Pyramid {
     levels: Vec<Level>,
     grey: Vec<f32>,

@@ -2,7 +2,7 @@
 
 //! What the pipeline tests share: set-up, numbered frames, a log of what leaves a pad.
 
-// Each test file uses its own part of this.
+// Each program of tests uses its own part of this.
 #![allow(dead_code)]
 
 pub mod film;
@@ -200,5 +200,20 @@ pub fn laid_out(
         strides,
     )
     .unwrap();
+    buffer
+}
+
+/// A frame of fixed speckles, moved by `number` · (3, 2) pixels; every byte of the format is written.
+pub fn speckled(caps: &gst::Caps, number: usize) -> gst::Buffer {
+    let info = gst_video::VideoInfo::from_caps(caps).unwrap();
+    let stride = info.stride()[0] as usize;
+    let speckle = |i: usize| {
+        let (x, y) = ((i % stride + 3 * number) / 5, (i / stride + 2 * number) / 5);
+        let hash = (x * 0x9e37 + y * 0x85eb) ^ (x * y);
+        ((hash * 0x2545) >> 4) as u8
+    };
+    let mut buffer = gst::Buffer::from_mut_slice((0..info.size()).map(speckle).collect::<Vec<_>>());
+    buffer.get_mut().unwrap().set_pts(time(number));
+    buffer.get_mut().unwrap().set_duration(FRAME);
     buffer
 }

@@ -5,8 +5,8 @@
 //! Both pictures are of one size, and the mask has one entry a pixel, row by row: whether the pixel
 //! counts. Each measure is `None` where none does.
 
-use crate::scene::Frame;
 use rayon::prelude::*;
+use render::scene::Frame;
 
 /// The Euclidean distance of two colours (each channel 0 to 1) under which they count as the same.
 const SAME_COLOUR: f64 = 0.3;

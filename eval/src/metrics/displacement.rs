@@ -3,9 +3,9 @@
 //! Displacement that is left.
 
 use super::harm;
-use super::stats::{Stats, distances, uncorrected};
-use crate::footage::FrameTruth;
-use crate::methods::Correction;
+use baselines::methods::Correction;
+use render::footage::FrameTruth;
+use render::stats::{Stats, distances, uncorrected};
 
 /// The displacement left over the frames of a sequence.
 pub fn left(truth: &[FrameTruth], corrections: &[Box<dyn Correction>]) -> Stats {
@@ -31,9 +31,9 @@ pub fn worst_above_input(truth: &[FrameTruth], corrections: &[Box<dyn Correction
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::footage::Footage;
-    use crate::sequence::{Settings, named};
     use nalgebra::Vector2;
+    use render::footage::Footage;
+    use render::sequence::{Settings, named};
 
     #[test]
     fn moving_a_blended_frame_is_harm_and_nothing_is_left_in_it() {

@@ -2,10 +2,10 @@
 
 //! The least that a motion model can leave: what of the displacement is the model's, whoever solves it.
 
-use super::Stats;
-use crate::footage::Footage;
-use crate::truth::Sample;
 use nalgebra::{Matrix3, Vector2, Vector3};
+use render::footage::Footage;
+use render::stats::Stats;
+use render::truth::Sample;
 use rsrectify::motion::{MotionPath, Twist, image_centre};
 use rsrectify::readout::Readout;
 

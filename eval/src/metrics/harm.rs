@@ -2,11 +2,11 @@
 
 //! What a method does to footage that nothing is wrong with.
 
-use super::{Stats, distances};
-use crate::footage::STEP;
-use crate::methods::Correction;
-use crate::truth::Sample;
+use baselines::methods::Correction;
 use nalgebra::Vector2;
+use render::footage::STEP;
+use render::stats::{Stats, distances};
+use render::truth::Sample;
 
 /// The displacement that corrections add to frames of `[width, height]` without rolling shutter, in
 /// pixels: |C(x) − x| at every [`STEP`]th pixel of every frame. All of it is harm.
@@ -26,7 +26,7 @@ pub(super) fn grid([width, height]: [usize; 2]) -> Vec<Vector2<f64>> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::methods::Corrections;
+    use baselines::methods::Corrections;
 
     #[test]
     fn worked_by_hand() {

@@ -14,11 +14,11 @@
 //! motion and so as unsteady as the content; its share of the content's jitter stays below about the
 //! readout ratio, while a noisy one adds jitter where the content has none.
 
-use super::Stats;
 use super::harm::grid;
 use super::homography::Homography;
-use crate::methods::Correction;
+use baselines::methods::Correction;
 use nalgebra::Vector2;
+use render::stats::Stats;
 
 /// The jitter that the corrections of successive frames of `[width, height]` add; zero for
 /// corrections that do not change, or change steadily.
@@ -44,7 +44,7 @@ pub fn content(size: [usize; 2], motions: &[Option<Homography>]) -> Stats {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::methods::Corrections;
+    use baselines::methods::Corrections;
     use nalgebra::Matrix3;
 
     const SIZE: [usize; 2] = [64, 48];

@@ -13,7 +13,7 @@
 //! | nothing | [`wobble`] | what depends on the row between successive frames |
 //! | nothing | [`jitter`] | unsteadiness of the correction, and of the content |
 //!
-//! [`stats`] are of displacements; [`resample`] makes the rectified picture; [`homography`] is what [`wobble`] takes away.
+//! [`resample`] makes the rectified picture; [`homography`] is what [`wobble`] takes away.
 
 pub mod colour;
 pub mod displacement;
@@ -24,7 +24,4 @@ pub mod jitter;
 pub mod readout;
 pub mod resample;
 pub mod ripple;
-pub mod stats;
 pub mod wobble;
-
-pub use stats::{Stats, distances};

@@ -2,10 +2,10 @@
 
 //! The picture that a correction makes of a frame.
 
-use crate::methods::Correction;
-use crate::scene::Frame;
+use baselines::methods::Correction;
 use nalgebra::Vector2;
 use rayon::prelude::*;
+use render::scene::Frame;
 
 /// Distance in pixels of the nodes at which a correction is inverted. Between them its inverse is
 /// interpolated bilinearly.

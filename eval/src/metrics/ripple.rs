@@ -7,12 +7,12 @@
 //! that is held in a hand does to a flat scene. The rest is true where depth or things that move on their own make it;
 //! beyond that it is ripple, which is seen as wobbling.
 
-use super::Stats;
-use crate::footage::{Footage, STEP};
-use crate::methods::Correction;
-use crate::scene::Frame;
-use crate::truth::Sample;
+use baselines::methods::Correction;
 use nalgebra::{SMatrix, SVector, Vector2};
+use render::footage::{Footage, STEP};
+use render::scene::Frame;
+use render::stats::Stats;
+use render::truth::Sample;
 
 /// Terms of the smooth change.
 const TERMS: usize = 5;
@@ -83,7 +83,7 @@ fn of_frame(samples: &[Sample], by_rows: bool, displaced: impl Fn(&Sample) -> Ve
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::sequence::{Settings, named};
+    use render::sequence::{Settings, named};
 
     fn grid() -> Vec<Sample> {
         let at = |k: usize| Vector2::new((k % 40 * 8) as f64, (k / 40 * 8) as f64);

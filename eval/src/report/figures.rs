@@ -4,9 +4,9 @@
 
 use super::charts::{Curve, Panel, Scale, draw};
 use super::results::{FrameResult, Results};
-use crate::correspondences::Source;
-use crate::methods::registry::Entry;
+use crate::systems::registry::Entry;
 use anyhow::Result;
+use baselines::correspondences::Source;
 use std::path::Path;
 
 /// The five sequences of the paper.
@@ -91,8 +91,8 @@ impl Drawing<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::methods::registry;
-    use crate::sequence::named;
+    use crate::systems::registry;
+    use render::sequence::named;
 
     #[test]
     fn what_figures_show_exists() {

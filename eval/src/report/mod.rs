@@ -10,7 +10,6 @@ pub mod document;
 pub mod figures;
 pub mod pictures;
 pub mod progress;
-pub mod prototype;
 pub mod quick;
 pub mod results;
 pub mod runner;
@@ -18,14 +17,14 @@ pub mod stills;
 pub mod tables;
 pub mod textures;
 
-use crate::correspondences::Source;
-use crate::footage::Footage;
-use crate::methods::registry::{self, Entry};
-use crate::sequence::{self, Settings};
+use crate::systems::registry::{self, Entry};
 use anyhow::{Context, Result};
+use baselines::correspondences::Source;
 use figures::PAPER;
 use pictures::Likeness;
 use progress::Progress;
+use render::footage::Footage;
+use render::sequence::{self, Settings};
 use results::{Results, Trial};
 use runner::Task;
 use std::collections::HashSet;
@@ -69,9 +68,9 @@ impl Options {
     }
 }
 
-/// Runs all systems on what `footage` makes of all sequences and writes `docs/accuracy.md` with its
-/// figures; prints where the time went. The run is kept in `target/eval/results.json`. Where only a part
-/// of the sequences is run, everything goes to `target/eval/part/`; with photographs as textures, to
+/// Runs all systems on what `footage` makes of all sequences and writes `docs/accuracy.md`; prints where the
+/// time went. The run is kept in `target/eval/results.json`, charts and stills in `target/eval/figures/`. Where only
+/// a part of the sequences is run, everything goes to `target/eval/part/`; with photographs as textures, to
 /// `target/eval/photographs/`, from where the next document takes them for comparison.
 ///
 /// # Errors
@@ -82,7 +81,7 @@ pub fn run(options: &Options, footage: &dyn Fn(&Settings) -> Result<Footage>) ->
     let own = options.aside().map_or(target.clone(), |folder| target.join(folder));
     let docs = if options.aside().is_some() { own.clone() } else { root.join("docs") };
     let kept = own.join(RESULTS);
-    let folder = docs.join("figures");
+    let folder = own.join("figures");
     fs::create_dir_all(&folder)?;
     let entries = registry::all();
     let tasks = tasks(options)?;
@@ -166,8 +165,6 @@ fn table(name: &str, results: &Results, entries: &[Entry]) -> Option<String> {
         "psnr" => likeness(|found| found.psnr, 1),
         "ssim" => likeness(|found| found.ssim, 3),
         "correspondences" => tables::by_source(results, &PAPER, &every, &SOURCES),
-        "prototype" => prototype::compared(results),
-        "charts of the displacement left" => links(&others),
         _ => return None,
     })
 }
@@ -175,10 +172,4 @@ fn table(name: &str, results: &Results, entries: &[Entry]) -> Option<String> {
 /// How many scenes were run.
 fn scenes(results: &Results) -> usize {
     results.trials.iter().map(|trial| trial.seed).collect::<HashSet<_>>().len()
-}
-
-/// Links to the charts of these sequences.
-fn links(sequences: &[&str]) -> String {
-    let link = |name: &&str| format!("[{name}](figures/left-{name}.svg)");
-    PAPER.iter().chain(sequences).map(link).collect::<Vec<_>>().join(", ")
 }

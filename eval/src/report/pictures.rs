@@ -2,10 +2,10 @@
 
 //! How much the rectified pictures of a frame look like the true one.
 
-use crate::footage::Footage;
-use crate::methods::Correction;
 use crate::metrics::colour;
 use crate::metrics::resample::rectified;
+use baselines::methods::Correction;
+use render::footage::Footage;
 use serde::{Deserialize, Serialize};
 
 /// Likeness of a rectified picture to the truth, inside the visibility mask.

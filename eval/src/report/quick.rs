@@ -9,11 +9,11 @@ use super::progress::Progress;
 use super::results::Results;
 use super::runner::{self, Task};
 use super::tables::Table;
-use crate::correspondences::Source;
-use crate::footage::Footage;
-use crate::methods::registry::{self, Entry};
-use crate::sequence;
+use crate::systems::registry::{self, Entry};
 use anyhow::{Context, Result, bail};
+use baselines::correspondences::Source;
+use render::footage::Footage;
+use render::sequence::{self, Settings};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::fs;
@@ -60,12 +60,12 @@ struct Figure {
 /// Figures by sequence and system.
 type Figures = BTreeMap<String, Figure>;
 
-/// Runs the library on a few short sequences and compares with the recorded figures, or records.
+/// Runs the library on what `footage` makes of a few short sequences and compares with the recorded figures, or records.
 ///
 /// # Errors
 /// Where a figure is worse than recorded by more than its noise, with a table of all of them.
-pub fn run(record: bool) -> Result<()> {
-    let figures = measure()?;
+pub fn run(record: bool, footage: &dyn Fn(&Settings) -> Result<Footage>) -> Result<()> {
+    let figures = measure(footage)?;
     if record {
         fs::write(RECORDED, serde_json::to_string_pretty(&figures)? + "\n")?;
         return Ok(());
@@ -76,14 +76,14 @@ pub fn run(record: bool) -> Result<()> {
     if worse.is_empty() { Ok(()) } else { bail!("worse than recorded: {}", worse.join(", ")) }
 }
 
-fn measure() -> Result<Figures> {
+fn measure(footage: &dyn Fn(&Settings) -> Result<Footage>) -> Result<Figures> {
     let entries: Vec<Entry> =
         registry::all().into_iter().filter(|entry| RECORDED_SYSTEMS.contains(&entry.id.as_str())).collect();
     let mut tasks = Vec::new();
     for name in SEQUENCES {
         let settings = sequence::named(name)?;
         tasks.push(Task {
-            settings: sequence::Settings {
+            settings: Settings {
                 seed: SEED,
                 frames: FRAMES,
                 width: SIZE[0],
@@ -95,7 +95,7 @@ fn measure() -> Result<Figures> {
         });
     }
     let mut progress = Progress::new(tasks.len());
-    Ok(figures(&runner::run(&tasks, &entries, &Footage::of_settings, &mut progress)?))
+    Ok(figures(&runner::run(&tasks, &entries, footage, &mut progress)?))
 }
 
 fn figures(results: &Results) -> Figures {

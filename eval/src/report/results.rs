@@ -3,9 +3,9 @@
 //! What a run of the evaluation found.
 
 use super::pictures::Likeness;
-use crate::correspondences::Source;
-use crate::metrics::Stats;
 use anyhow::{Context, Result};
+use baselines::correspondences::Source;
+use render::stats::Stats;
 use serde::{Deserialize, Serialize};
 use std::fs;
 use std::path::Path;
@@ -39,7 +39,7 @@ pub struct Trial {
     pub seed: u64,
     /// Where the correspondences came from.
     pub source: Source,
-    /// The system's [`id`](crate::methods::registry::Entry::id).
+    /// The system's [`id`](crate::systems::registry::Entry::id).
     pub method: String,
     /// The displacement left over all frames.
     pub left: Stats,

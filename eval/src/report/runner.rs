@@ -5,14 +5,15 @@
 use super::pictures::likeness;
 use super::progress::Progress;
 use super::results::{FrameResult, Results, SequenceInfo, Trial};
-use crate::correspondences::{Source, of_run};
-use crate::footage::Footage;
-use crate::methods::Corrections;
-use crate::methods::registry::Entry;
-use crate::metrics::{Stats, distances, readout};
-use crate::sequence::Settings;
+use crate::metrics::readout;
+use crate::systems::registry::Entry;
 use anyhow::{Context, Result};
+use baselines::correspondences::{Source, of_run};
+use baselines::methods::Corrections;
 use rayon::prelude::*;
+use render::footage::Footage;
+use render::sequence::Settings;
+use render::stats::{Stats, distances};
 use rsrectify::correspond::Correspondence;
 use rsrectify::readout::Readout;
 
@@ -70,7 +71,9 @@ fn trials(
     entries: &[Entry],
     progress: &mut Progress,
 ) -> Result<Vec<Trial>> {
-    let find = || footage.runs().iter().map(|run| of_run(footage, run, source)).collect::<Result<Vec<_>>>();
+    let are_wanted = entries.iter().any(Entry::takes_correspondences);
+    let wanted = || footage.runs().into_iter().filter(|_| are_wanted);
+    let find = || wanted().map(|run| of_run(footage, &run, source)).collect::<Result<Vec<_>>>();
     let pairs = progress.time("correspondences", find)?;
     let runs = |entry: &&Entry| entry.takes_correspondences() || source == Source::Sampler;
     let solve = |entry| solved(footage, &pairs, entry);
@@ -130,8 +133,8 @@ fn judge_pictures(footage: &Footage, solved: &[Solved], trials: &mut [Trial]) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::methods::registry;
-    use crate::sequence::named;
+    use crate::systems::registry;
+    use render::sequence::named;
 
     #[test]
     fn the_uncorrected_trial_is_the_footage_as_it_arrives() {

@@ -3,16 +3,16 @@
 //! Pictures a person looks at: a frame as it arrived, rectified and true, and where they differ.
 
 use super::runner::Task;
-use crate::correspondences::{Source, of_run};
-use crate::footage::Footage;
-use crate::methods::registry::Entry;
 use crate::metrics::resample::rectified;
-use crate::scene::Frame;
-use crate::sequence::{self, Settings};
+use crate::systems::registry::Entry;
 use anyhow::{Context, Result, anyhow, ensure};
+use baselines::correspondences::{Source, of_run};
 use image::codecs::jpeg::JpegEncoder;
 use image::{Rgb, RgbImage, imageops};
 use plotters::prelude::*;
+use render::footage::Footage;
+use render::scene::Frame;
+use render::sequence::{self, Settings};
 use std::fs::File;
 use std::io::BufWriter;
 use std::path::Path;

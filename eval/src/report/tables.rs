@@ -3,8 +3,8 @@
 //! Tables in Markdown.
 
 use super::results::{Results, Spread, Trial};
-use crate::correspondences::Source;
-use crate::methods::registry::Entry;
+use crate::systems::registry::Entry;
+use baselines::correspondences::Source;
 
 /// Columns of sequences beside each other before a table starts anew below.
 const COLUMNS: usize = 5;

@@ -4,7 +4,7 @@
 
 use super::results::{Results, Spread, Trial};
 use super::tables::{Table, percent};
-use crate::correspondences::Source;
+use baselines::correspondences::Source;
 
 /// The systems that are compared, and what the table calls them.
 const SYSTEMS: [(&str, &str); 3] =
@@ -33,8 +33,8 @@ pub fn compared(procedural: Option<&Results>, photographs: Option<&Results>) -> 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::metrics::Stats;
     use crate::report::results::SequenceInfo;
+    use render::stats::Stats;
 
     fn results(left: f64) -> Results {
         let stats = |rms| Stats { rms, p95: rms, count: 1 };

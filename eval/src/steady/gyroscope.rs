@@ -3,13 +3,13 @@
 //! A clip's own gyroscope: where each frame sees what is far away.
 
 use super::tracks::Tracks;
-use crate::correspondences::Follower;
-use crate::media::Clip;
-use crate::scene::{FirstEdge, Lens, Pose, RollingCamera, Scene, Shutter, Surface};
-use crate::sequence::{Take, Warp};
-use crate::truth::Capture;
 use anyhow::{Context, Result, ensure};
+use baselines::correspondences::Follower;
 use nalgebra::{Rotation3, Vector3};
+use render::media::Clip;
+use render::scene::{FirstEdge, Lens, Pose, RollingCamera, Scene, Shutter, Surface};
+use render::sequence::{Take, Warp};
+use render::truth::Capture;
 use rsrectify::correspond::Correspondence;
 use std::fs;
 use std::path::{Path, PathBuf};

@@ -5,12 +5,12 @@
 //! What vid.stab makes of a frame does not depend on what is in it, once the motions are written: two clips of ramps, along x and
 //! along y, tell where it takes each pixel from. deshake writes what it does into a log.
 
-use crate::media::{self, Clip};
-use crate::methods::{Correction, Corrections};
-use crate::scene::Frame;
-use crate::video;
 use anyhow::{Context, Result, ensure};
+use baselines::methods::{Correction, Corrections};
 use nalgebra::{Matrix3, Vector2, Vector3};
+use render::media::{self, Clip};
+use render::scene::Frame;
+use render::video;
 use std::fs;
 use std::path::Path;
 use std::process::Command;

@@ -2,10 +2,11 @@
 
 //! Exact places of far points in successive frames, and how unsteady they are in what a system shows of these frames.
 
-use crate::methods::Correction;
-use crate::metrics::{Stats, wobble};
-use crate::truth::Capture;
+use crate::metrics::wobble;
+use baselines::methods::Correction;
 use nalgebra::{Matrix2, Vector2};
+use render::stats::Stats;
+use render::truth::Capture;
 use rsrectify::correspond::Correspondence;
 use rsrectify::readout::Readout;
 
