@@ -24,6 +24,7 @@ pub struct ScanAxis {
 
 impl ScanAxis {
     /// Place of a point along the axis: 0 at the top (left) edge, 1 at the other.
+    #[inline(always)]
     pub fn place(&self, point: Vector2<f64>) -> f64 {
         0.5 + if self.by_rows { point.y } else { point.x } / self.length
     }
@@ -39,6 +40,7 @@ pub struct Shutter {
 
 impl Shutter {
     /// Exposure time t = t_k + γ·p in frame periods of the line at place p, `stamp` being t_k.
+    #[inline(always)]
     pub fn exposure(&self, stamp: f64, place: f64) -> f64 {
         stamp + self.gamma * place
     }

@@ -10,5 +10,7 @@ mod window;
 
 pub use matches::{Match, ScanAxis, Shutter};
 pub use overlay::StaticOverlay;
-pub use pair::{FramePair, Track};
+pub use pair::FramePair;
+#[cfg(test)]
+pub use pair::Track;
 pub use window::{PairWindow, breadth};

@@ -37,7 +37,7 @@ pub fn fit(window: PairWindow<'_>, start: Posterior, setup: &Setup, steps: usize
             continue;
         }
         summary.accepted += 1;
-        let change = window.beside().map(|index| posterior.moved(index)).fold(0.0, f64::max);
+        let change = window.beside().map(|index| posterior.moved(index, setup)).fold(0.0, f64::max);
         let moved = (posterior.shared.gamma - before).abs();
         if change < TOLERANCE && moved < GAMMA_TOLERANCE {
             summary.converged = true;

@@ -168,8 +168,8 @@ impl Posterior {
     }
 
     /// Root mean square change of the displacements of pair `index` by the last step, in standard deviations.
-    pub fn moved(&self, index: usize) -> f64 {
-        self.evaluated.get(index).map_or(0.0, |pair| pair.normal.moved(&self.system.right))
+    pub fn moved(&self, index: usize, setup: &Setup) -> f64 {
+        self.evaluated.get(index).map_or(0.0, |pair| pair.normal.moved(setup.cpu, &self.system.right))
     }
 
     /// Share explained of displacements whose mean square is `moved` squared radii, 0 to 1, if a coordinate's

@@ -4,58 +4,94 @@
 //!
 //! A pair of frames depends on the coefficients of few blocks, so the band of each row is as wide as its own
 //! couplings need (*variable-band* or *skyline* storage: A. George, J. W. Liu, *Computer Solution of Large
-//! Sparse Positive Definite Systems*, 1981, chapter 4): rows of the turns, with a support of one block, are
-//! shorter than those of the other generators, with four. The factor has the band of its matrix. With bᵢ
-//! entries in row i before the diagonal it takes Σ bᵢ²/2 multiply-adds, the inverse inside the band at most
-//! four times as many.
+//! Sparse Positive Definite Systems*, 1981, chapter 4). Rows and columns are taken four at a time, as tiles of
+//! 4 × 4, whose products fill vector registers: each row of tiles begins where the first of its rows does. The
+//! factor has the tiles of its matrix. With b entries in a row before the diagonal it takes Σ b²/2
+//! multiply-adds, the inverse inside the band at most Σ b².
 
 use crate::cpu::{CpuLevel, for_each_cpu};
 
-/// The lower band of a symmetric matrix, row by row.
+/// Rows and columns of a tile.
+const SIDE: usize = 4;
+
+/// Entries of a tile, column by column.
+type Tile = [[f64; SIDE]; SIDE];
+
+const ZERO: Tile = [[0.0; SIDE]; SIDE];
+
+/// The lower band of a symmetric matrix, one row of tiles after the other.
 #[derive(Clone, Debug, Default)]
 pub struct Banded {
-    /// Column of the first entry of each row.
+    /// First column of the band in each row. The last tile may reach beyond the rows, and is the identity there.
+    begin: Vec<usize>,
+    /// The first tile of each row of tiles.
     first: Vec<usize>,
-    /// Index in `values` of each diagonal entry, the last of its row.
+    /// Index in `tiles` of each diagonal tile, the last of its row. Above its diagonal it is not used.
     diagonal: Vec<usize>,
-    values: Vec<f64>,
+    tiles: Vec<Tile>,
 }
 
 impl Banded {
     /// Makes this a zero matrix whose rows begin at these columns, or at the diagonal if these lie beyond.
     pub fn reset(&mut self, first: impl IntoIterator<Item = usize>) {
+        self.begin.clear();
+        self.begin.extend(first.into_iter().enumerate().map(|(i, first)| first.min(i)));
         self.first.clear();
+        let least = |rows: &[usize]| rows.iter().fold(usize::MAX, |least, first| least.min(*first)) / SIDE;
+        self.first.extend(self.begin.chunks(SIDE).map(least));
         self.diagonal.clear();
         let mut count = 0;
-        for (i, first) in first.into_iter().enumerate() {
-            self.first.push(first.min(i));
-            count += i - first.min(i);
-            self.diagonal.push(count);
-            count += 1;
+        for (row, first) in self.first.iter().enumerate() {
+            self.diagonal.push(count + row - first);
+            count += row - first + 1;
         }
-        self.values.clear();
-        self.values.resize(count, 0.0);
+        self.tiles.clear();
+        self.tiles.resize(count, ZERO);
+        for i in self.size()..self.first.len() * SIDE {
+            self.add(i, i, 1.0);
+        }
     }
 
     /// Number of rows.
     pub fn size(&self) -> usize {
-        self.first.len()
+        self.begin.len()
     }
 
-    /// Entries (i, first) to (i, i).
-    fn row(&self, i: usize) -> &[f64] {
-        &self.values[self.diagonal[i] - (i - self.first[i])..=self.diagonal[i]]
+    /// Tiles (i, first) to (i, i).
+    #[inline(always)]
+    fn row(&self, i: usize) -> &[Tile] {
+        &self.tiles[self.diagonal[i] - (i - self.first[i])..=self.diagonal[i]]
+    }
+
+    /// Index among all entries of (i, 0), where it would lie: entries of a row are a side apart.
+    #[inline(always)]
+    fn row_start(&self, i: usize) -> usize {
+        SIDE * SIDE * (self.diagonal[i / SIDE] - i / SIDE) + i % SIDE
     }
 
     /// Adds to the entry (i, j) or (j, i), which must lie in the band.
+    #[inline(always)]
     pub fn add(&mut self, i: usize, j: usize, value: f64) {
-        let (i, j) = (i.max(j), i.min(j));
-        self.values[self.diagonal[i] - (i - j)] += value;
+        self.add_row(i, &[j], &[value]);
     }
 
+    /// Adds to the entries (i, j) or (j, i) of these columns j, which must lie in the band.
+    #[inline(always)]
+    pub fn add_row(&mut self, i: usize, columns: &[usize], values: &[f64]) {
+        let start = self.row_start(i);
+        for (j, value) in columns.iter().zip(values) {
+            let place = if *j <= i { start + SIDE * j } else { self.row_start(*j) + SIDE * i };
+            self.tiles.as_flattened_mut().as_flattened_mut()[place] += value;
+        }
+    }
+
+    /// The entry (i, j) or (j, i); 0 outside the band.
     pub fn at(&self, i: usize, j: usize) -> f64 {
         let (i, j) = (i.max(j), i.min(j));
-        if j < self.first[i] { 0.0 } else { self.values[self.diagonal[i] - (i - j)] }
+        if j < self.begin[i] {
+            return 0.0;
+        }
+        self.tiles[self.diagonal[i / SIDE] - (i / SIDE - j / SIDE)][j % SIDE][i % SIDE]
     }
 
     /// Replaces the matrix by its Cholesky factor L; false if it is not positive definite.
@@ -65,49 +101,71 @@ impl Banded {
 
     #[inline(always)]
     fn replace_by_factor(&mut self) -> bool {
-        for i in 0..self.size() {
+        for i in 0..self.first.len() {
             let first = self.first[i];
-            let (before, rest) = self.values.split_at_mut(self.diagonal[i] - (i - first));
+            let (before, rest) = self.tiles.split_at_mut(self.diagonal[i] - (i - first));
             let row = &mut rest[..=i - first];
             for j in first..i {
                 let other = &before[self.diagonal[j] - (j - self.first[j])..=self.diagonal[j]];
                 let start = first.max(self.first[j]);
-                let (own, theirs) = (&row[start - first..j - first], &other[start - self.first[j]..]);
-                let sum = row[j - first] - dot(own, &theirs[..own.len()]);
-                row[j - first] = sum / theirs[own.len()];
+                let [known, theirs] = [&row[start - first..j - first], &other[start - self.first[j]..]];
+                let mut tile = row[j - first];
+                for (own, their) in known.iter().zip(theirs) {
+                    tile = less_product(&tile, own, &transposed(their));
+                }
+                row[j - first] = divided_by_transposed(&tile, &theirs[known.len()]);
             }
-            let sum = row[i - first] - dot(&row[..i - first], &row[..i - first]);
-            if !(sum > 0.0 && sum.is_finite()) {
-                return false;
+            let (known, own) = row.split_at_mut(i - first);
+            for tile in known {
+                own[0] = less_product(&own[0], tile, &transposed(tile));
             }
-            row[i - first] = sum.sqrt();
+            match factor_of(&own[0]) {
+                Some(factor) => own[0] = factor,
+                None => return false,
+            }
         }
         true
     }
 
     /// Half the logarithm of the determinant of L·Lᵀ, this being L.
     pub fn half_log_determinant(&self) -> f64 {
-        self.diagonal.iter().map(|place| self.values[*place].ln()).sum()
+        let tiles = self.diagonal.iter().map(|place| &self.tiles[*place]);
+        tiles.flat_map(|tile| (0..SIDE).map(|k| tile[k][k].ln())).sum()
     }
 
     /// Solves L·Lᵀ·x = b in place, this being L.
     pub fn solve(&self, b: &mut [f64]) {
-        for i in 0..self.size() {
-            let sum = dot(&self.row(i)[..i - self.first[i]], &b[self.first[i]..i]);
-            b[i] = (b[i] - sum) / self.values[self.diagonal[i]];
-        }
-        for i in (0..self.size()).rev() {
-            let x = b[i] / self.values[self.diagonal[i]];
-            b[i] = x;
-            for (value, factor) in b[self.first[i]..i].iter_mut().zip(self.row(i)) {
-                *value -= factor * x;
+        let mut x = vec![[0.0; SIDE]; self.first.len()];
+        x.as_flattened_mut().iter_mut().zip(&*b).for_each(|(x, b)| *x = *b);
+        for i in 0..self.first.len() {
+            let (known, rest) = x.split_at_mut(i);
+            let (tiles, diagonal) = self.row(i).split_at(i - self.first[i]);
+            for (tile, known) in tiles.iter().zip(&known[self.first[i]..]) {
+                rest[0] = less_column(&rest[0], tile, known);
+            }
+            for k in 0..SIDE {
+                rest[0][k] /= diagonal[0][k][k];
+                let solved = rest[0][k];
+                (k + 1..SIDE).for_each(|r| rest[0][r] -= diagonal[0][k][r] * solved);
             }
         }
+        for i in (0..self.first.len()).rev() {
+            let (before, rest) = x.split_at_mut(i);
+            let (tiles, diagonal) = self.row(i).split_at(i - self.first[i]);
+            for k in (0..SIDE).rev() {
+                let sum: f64 = (k + 1..SIDE).map(|r| diagonal[0][k][r] * rest[0][r]).sum();
+                rest[0][k] = (rest[0][k] - sum) / diagonal[0][k][k];
+            }
+            for (tile, before) in tiles.iter().zip(&mut before[self.first[i]..]) {
+                *before = less_column(before, &transposed(tile), &rest[0]);
+            }
+        }
+        b.iter_mut().zip(x.as_flattened()).for_each(|(b, x)| *b = *x);
     }
 
-    /// The last row with each column in its band.
+    /// The last row of tiles with each column of tiles in its band.
     fn last(&self) -> Vec<usize> {
-        let mut last = vec![0; self.size()];
+        let mut last = vec![0; self.first.len()];
         self.first.iter().enumerate().for_each(|(i, first)| last[*first] = i);
         let mut most = 0;
         last.iter_mut().for_each(|last| {
@@ -117,40 +175,159 @@ impl Banded {
         last
     }
 
-    /// The entries of (L·Lᵀ)⁻¹ inside the band, this being L: Takahashi's recursion.
+    /// The entries of Z = (L·Lᵀ)⁻¹ inside the band, this being L: Takahashi's recursion, by tiles.
     ///
-    /// Column j of the inverse Z is Z_ij = (δ_ij / L_jj − Σ_{k > j} Z_ik L_kj) / L_jj for i ≥ j: a product of
-    /// the part of Z that is known already with column j of L. Rows i with L_ij outside the band are skipped.
-    /// Only the lower half of the symmetric known part is stored, and each row is used both as row and as
-    /// column, so that it is read in order.
+    /// From Z·L = L⁻ᵀ, with S_ij = Σ_{k > j} Z_ik·L_kj: Z_ij = −S_ij·L_jj⁻¹ for i > j, and Z_jj = (L_jj⁻ᵀ −
+    /// S_jj)·L_jj⁻¹. Rows i with L_ij outside the band are skipped. Only the lower half of the symmetric known
+    /// part is stored, and each tile is used both as row and as column, so that it is read in order.
     pub fn inverse_band(&self, cpu: CpuLevel, out: &mut Banded) {
         inverse_band(cpu, self, out);
     }
 
     #[inline(always)]
     fn fill_inverse_band(&self, out: &mut Banded) {
-        out.reset(self.first.iter().copied());
-        let (mut column, mut sums) = (Vec::new(), Vec::new());
+        out.begin.clone_from(&self.begin);
+        out.first.clone_from(&self.first);
+        out.diagonal.clone_from(&self.diagonal);
+        out.tiles.clear();
+        out.tiles.resize(self.tiles.len(), ZERO);
+        let mut column: Vec<Entry> = Vec::new();
         for (j, last) in self.last().into_iter().enumerate().rev() {
-            let diagonal = self.values[self.diagonal[j]];
-            let below = j + 1..last + 1;
+            let below = (j + 1..last + 1).filter(|i| self.first[*i] <= j);
             column.clear();
-            column.extend(below.clone().map(|i| self.at(i, j)));
-            sums.clear();
-            sums.resize(column.len(), 0.0);
-            for i in below.clone().filter(|i| self.first[*i] <= j) {
-                let k = i - below.start;
-                let row = &out.values[out.diagonal[i] - k..=out.diagonal[i]];
-                let sum = dot_and_add(&row[..k], &column[..k], &mut sums[..k], column[k]);
-                sums[k] += sum + row[k] * column[k];
+            column.extend(below.map(|row| {
+                let tile = self.tiles[self.diagonal[row] - (row - j)];
+                Entry { row, tile, transposed: transposed(&tile), sum: ZERO, transposed_sum: ZERO }
+            }));
+            for k in 0..column.len() {
+                let (before, rest) = column.split_at_mut(k);
+                let own = &mut rest[0];
+                let diagonal = out.diagonal[own.row];
+                for other in before {
+                    let known = &out.tiles[diagonal - (own.row - other.row)];
+                    own.sum = plus_product(&own.sum, known, &other.tile);
+                    other.transposed_sum = plus_product(&other.transposed_sum, &own.transposed, known);
+                }
+                own.sum = plus_product(&own.sum, &out.tiles[diagonal], &own.tile);
             }
-            let above = dot(&column, &sums);
-            for (i, sum) in below.zip(&sums).filter(|(i, _)| self.first[*i] <= j) {
-                out.values[out.diagonal[i] - (i - j)] = -sum / diagonal;
+            let diagonal = &self.tiles[self.diagonal[j]];
+            let inverse = inverse_of(diagonal);
+            let mut rest = inverse;
+            for Entry { row, transposed: own, sum, transposed_sum, .. } in &column {
+                let mut sum = *sum;
+                add(&mut sum, &transposed(transposed_sum));
+                let found = less_product(&ZERO, &sum, &inverse);
+                // S_jj = Σ Z_kjᵀ·L_kj; its transpose is subtracted, as the result is symmetric.
+                rest = less_product(&rest, own, &found);
+                out.tiles[out.diagonal[*row] - (row - j)] = found;
             }
-            out.values[out.diagonal[j]] = (1.0 + above) / (diagonal * diagonal);
+            let mut found = plus_product(&ZERO, &transposed(&rest), &inverse);
+            // Rounding errors that are not symmetric would grow from tile to tile.
+            for (c, r) in [(0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3)] {
+                found[r][c] = found[c][r];
+            }
+            out.tiles[out.diagonal[j]] = found;
         }
     }
+}
+
+/// A tile of a column of L, and the sums for the same tile of the inverse.
+struct Entry {
+    row: usize,
+    tile: Tile,
+    transposed: Tile,
+    sum: Tile,
+    /// What is to be added transposed.
+    transposed_sum: Tile,
+}
+
+#[inline(always)]
+fn transposed(tile: &Tile) -> Tile {
+    std::array::from_fn(|c| std::array::from_fn(|r| tile[r][c]))
+}
+
+#[inline(always)]
+fn add(to: &mut Tile, tile: &Tile) {
+    to.as_flattened_mut().iter_mut().zip(tile.as_flattened()).for_each(|(sum, value)| *sum += value);
+}
+
+/// c + a·b.
+#[inline(always)]
+fn plus_product(c: &Tile, a: &Tile, b: &Tile) -> Tile {
+    let mut sum = *c;
+    for (sum, b) in sum.iter_mut().zip(b) {
+        for (a, factor) in a.iter().zip(b) {
+            *sum = std::array::from_fn(|r| sum[r] + a[r] * factor);
+        }
+    }
+    sum
+}
+
+/// c − a·b.
+#[inline(always)]
+fn less_product(c: &Tile, a: &Tile, b: &Tile) -> Tile {
+    let mut rest = *c;
+    for (rest, b) in rest.iter_mut().zip(b) {
+        *rest = less_column(rest, a, b);
+    }
+    rest
+}
+
+/// c − a·b, b and c being columns.
+#[inline(always)]
+fn less_column(c: &[f64; SIDE], a: &Tile, b: &[f64; SIDE]) -> [f64; SIDE] {
+    let mut rest = *c;
+    for (a, factor) in a.iter().zip(b) {
+        rest = std::array::from_fn(|r| rest[r] - a[r] * factor);
+    }
+    rest
+}
+
+/// X with X·Lᵀ = a, L being lower triangular.
+#[inline(always)]
+fn divided_by_transposed(a: &Tile, factor: &Tile) -> Tile {
+    let mut x = *a;
+    for (c, own) in factor.iter().enumerate() {
+        let (known, rest) = x.split_at_mut(c);
+        for (known, by) in known.iter().zip(factor) {
+            rest[0].iter_mut().zip(known).for_each(|(rest, value)| *rest -= value * by[c]);
+        }
+        rest[0].iter_mut().for_each(|value| *value /= own[c]);
+    }
+    x
+}
+
+/// The Cholesky factor of a tile, of which the lower half is used; `None` if it is not positive definite.
+#[inline(always)]
+fn factor_of(tile: &Tile) -> Option<Tile> {
+    let mut factor = ZERO;
+    for c in 0..SIDE {
+        for r in c..SIDE {
+            let sum = (0..c).fold(tile[c][r], |sum, k| sum - factor[k][r] * factor[k][c]);
+            if r > c {
+                factor[c][r] = sum / factor[c][c];
+            } else if sum > 0.0 && sum.is_finite() {
+                factor[c][c] = sum.sqrt();
+            } else {
+                return None;
+            }
+        }
+    }
+    Some(factor)
+}
+
+/// The inverse of a lower triangular tile.
+#[inline(always)]
+fn inverse_of(factor: &Tile) -> Tile {
+    let mut inverse = ZERO;
+    for (c, column) in inverse.iter_mut().enumerate() {
+        for r in c..SIDE {
+            let one = f64::from(u8::from(r == c));
+            let sum = (c..r).fold(one, |sum, k| sum - factor[k][r] * column[k]);
+            column[r] = sum / factor[r][r];
+        }
+    }
+    inverse
 }
 
 for_each_cpu! {
@@ -165,159 +342,6 @@ for_each_cpu! {
     }
 }
 
-/// Σ aᵢ·bᵢ, in eight partial sums for vector registers.
-#[inline(always)]
-fn dot(a: &[f64], b: &[f64]) -> f64 {
-    let mut sums = [0.0; 8];
-    let (a8, b8) = (a.as_chunks::<8>(), b.as_chunks::<8>());
-    let rest: f64 = a8.1.iter().zip(b8.1).map(|(x, y)| x * y).sum();
-    for (x, y) in a8.0.iter().zip(b8.0) {
-        for k in 0..8 {
-            sums[k] += x[k] * y[k];
-        }
-    }
-    sums.iter().sum::<f64>() + rest
-}
-
-/// Σ aᵢ·bᵢ; adds factor·aᵢ to cᵢ.
-#[inline(always)]
-fn dot_and_add(a: &[f64], b: &[f64], c: &mut [f64], factor: f64) -> f64 {
-    let mut sums = [0.0; 4];
-    let (a4, b4, c4) = (a.as_chunks::<4>(), b.as_chunks::<4>(), c.as_chunks_mut::<4>());
-    for ((x, y), z) in a4.0.iter().zip(b4.0).zip(c4.0) {
-        for k in 0..4 {
-            sums[k] += x[k] * y[k];
-            z[k] += factor * x[k];
-        }
-    }
-    let mut rest = 0.0;
-    for ((x, y), z) in a4.1.iter().zip(b4.1).zip(c4.1) {
-        rest += x * y;
-        *z += factor * x;
-    }
-    sums.iter().sum::<f64>() + rest
-}
-
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::solve::random::Random;
-    use nalgebra::{DMatrix, DVector};
-
-    /// A random positive definite matrix B·Bᵀ + I/10, B lower triangular, in both storages. Rows have `band`
-    /// entries before the diagonal, or, if `ragged`, every third one a third as many.
-    fn random(size: usize, band: usize, ragged: bool, seed: u64) -> (Banded, DMatrix<f64>) {
-        let mut random = Random(seed);
-        let mut uniform = || random.uniform() - 0.5;
-        let first = |i: usize| i.saturating_sub(if ragged && i % 3 == 1 { band / 3 } else { band });
-        let lower =
-            DMatrix::from_fn(size, size, |i, j| if j <= i && j >= first(i) { uniform() } else { 0.0 });
-        let mut dense = &lower * lower.transpose() + DMatrix::identity(size, size) / 10.0;
-        if ragged {
-            // The product is wider than the band; the diagonal keeps it definite.
-            dense = DMatrix::from_fn(size, size, |i, j| {
-                let inside = i.min(j) >= first(i.max(j));
-                if i == j { band as f64 } else { dense[(i, j)] * f64::from(u8::from(inside)) }
-            });
-        }
-        let mut banded = Banded::default();
-        banded.reset((0..size).map(first));
-        for i in 0..size {
-            (first(i)..=i).for_each(|j| banded.add(i, j, dense[(i, j)]));
-        }
-        (banded, dense)
-    }
-
-    const SHAPES: [(usize, usize, bool); 8] = [
-        (1, 0, false),
-        (5, 0, false),
-        (6, 5, false),
-        (40, 1, false),
-        (61, 13, false),
-        (90, 50, false),
-        (61, 13, true),
-        (90, 50, true),
-    ];
-
-    #[test]
-    fn the_factor_solves_as_a_dense_one_does() {
-        for (seed, (size, band, ragged)) in SHAPES.into_iter().enumerate() {
-            let (mut banded, dense) = random(size, band, ragged, seed as u64);
-            assert!(banded.factorise(CpuLevel::detect()));
-            let b = DVector::from_fn(size, |i, _| (i as f64 * 1.3).sin());
-            let expected = dense.cholesky().unwrap().solve(&b);
-            let mut x = b.as_slice().to_vec();
-            banded.solve(&mut x);
-            let off = (DVector::from_vec(x) - &expected).amax();
-            assert!(off < 1e-9 * expected.amax().max(1.0), "{size} {band}: {off}");
-        }
-    }
-
-    #[test]
-    fn the_inverse_is_the_dense_one_s_inside_the_band() {
-        for (seed, (size, band, ragged)) in SHAPES.into_iter().enumerate() {
-            let (mut banded, dense) = random(size, band, ragged, 100 + seed as u64);
-            assert!(banded.factorise(CpuLevel::detect()));
-            let expected = dense.try_inverse().unwrap();
-            let mut inverse = Banded::default();
-            banded.inverse_band(CpuLevel::detect(), &mut inverse);
-            for i in 0..size {
-                for j in 0..size {
-                    let inside = i.min(j) >= banded.first[i.max(j)];
-                    let value = if inside { expected[(i, j)] } else { 0.0 };
-                    assert!(
-                        (inverse.at(i, j) - value).abs() < 1e-9 * expected.amax(),
-                        "{size} {band}: {i} {j}"
-                    );
-                }
-            }
-        }
-    }
-
-    #[test]
-    fn all_instructions_find_the_same() {
-        for (seed, (size, band, ragged)) in SHAPES.into_iter().enumerate() {
-            let found = CpuLevel::supported().map(|cpu| {
-                let (mut banded, _) = random(size, band, ragged, 200 + seed as u64);
-                assert!(banded.factorise(cpu));
-                let mut inverse = Banded::default();
-                banded.inverse_band(cpu, &mut inverse);
-                (banded.values, inverse.values)
-            });
-            let found: Vec<_> = found.collect();
-            assert!(found.windows(2).all(|two| two[0] == two[1]), "{size} {band}");
-        }
-    }
-
-    #[test]
-    fn rows_reach_back_as_far_as_they_were_made_to() {
-        let mut banded = Banded::default();
-        banded.reset([0, 0, 2, 1]);
-        banded.add(1, 0, 2.0);
-        banded.add(1, 3, 4.0);
-        banded.add(3, 3, 5.0);
-        banded.add(3, 3, 6.0);
-        let dense = DMatrix::from_fn(4, 4, |i, j| banded.at(i, j));
-        let expected = DMatrix::from_row_slice(
-            4,
-            4,
-            &[0.0, 2.0, 0.0, 0.0, 2.0, 0.0, 0.0, 4.0, 0.0, 0.0, 0.0, 0.0, 0.0, 4.0, 0.0, 11.0],
-        );
-        assert_eq!(dense, expected);
-        assert_eq!(banded.values.len(), 1 + 2 + 1 + 3);
-        assert_eq!(banded.last(), [1, 3, 3, 3]);
-    }
-
-    #[test]
-    fn indefinite_matrices_are_refused() {
-        // Eigenvalues 3 and −1; a zero matrix; NaN.
-        for [diagonal, beside] in [[1.0, 2.0], [0.0, 0.0], [f64::NAN, 0.0], [f64::INFINITY, 0.0]] {
-            let mut banded = Banded::default();
-            banded.reset([0, 0]);
-            banded.add(0, 0, diagonal);
-            banded.add(1, 1, diagonal);
-            banded.add(1, 0, beside);
-            assert!(!banded.factorise(CpuLevel::detect()), "{diagonal} {beside}");
-        }
-    }
-}
+#[path = "banded_tests.rs"]
+mod tests;

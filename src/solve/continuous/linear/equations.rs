@@ -10,6 +10,7 @@
 use super::banded::Banded;
 use super::bands::{Band, Row, SIDES};
 use super::shared::Shared;
+use crate::cpu::{CpuLevel, for_each_cpu};
 use crate::motion::generators::{GENERATORS, NON_TURNS, TURNS};
 use crate::solve::continuous::trajectory::{BLOCK, Splines, ratio, spline};
 
@@ -50,19 +51,16 @@ impl End {
         let mut all = [0.0; SUPPORT];
         let (turns, others) = all.split_at_mut(TURNS_SUPPORT);
         for (cells, weight) in turns.as_chunks_mut::<TURNS>().0.iter_mut().zip(self.turns) {
-            cells.iter_mut().zip(&values[..TURNS]).for_each(|(cell, value)| *cell = weight * value);
+            for (cell, value) in cells.iter_mut().zip(&values[..TURNS]) {
+                *cell = weight * value;
+            }
         }
         for (cells, weight) in others.as_chunks_mut::<NON_TURNS>().0.iter_mut().zip(self.others) {
-            cells.iter_mut().zip(&values[TURNS..]).for_each(|(cell, value)| *cell = weight * value);
+            for (cell, value) in cells.iter_mut().zip(&values[TURNS..]) {
+                *cell = weight * value;
+            }
         }
         all
-    }
-
-    /// Generator and weight of each coefficient.
-    #[inline(always)]
-    fn coefficients(&self) -> impl Iterator<Item = (usize, f64)> {
-        let turns = self.turns.into_iter().flat_map(|weight| (0..TURNS).map(move |j| (j, weight)));
-        turns.chain(self.others.into_iter().flat_map(|weight| (TURNS..GENERATORS).map(move |j| (j, weight))))
     }
 
     /// Adds to a row over the coefficients of the pair.
@@ -70,7 +68,9 @@ impl End {
     fn add(&self, to: &mut [f64], values: &[f64; SUPPORT]) {
         let (turns, others) = values.split_at(TURNS_SUPPORT);
         for (place, values) in self.places.into_iter().zip([turns, others]) {
-            to[place..].iter_mut().zip(values).for_each(|(sum, value)| *sum += value);
+            for (sum, value) in to[place..].iter_mut().zip(values) {
+                *sum += value;
+            }
         }
     }
 }
@@ -82,8 +82,8 @@ pub struct Equations {
     pub places: Vec<usize>,
     /// Right side, and columns of the shared unknowns.
     pub sides: [Vec<f64>; SIDES],
-    /// Rows of a matrix that gives that of the equations when its transpose is added.
-    half: Vec<f64>,
+    /// The symmetric matrix, row by row.
+    matrix: Vec<f64>,
     /// The first knot of the turns, the first of the others.
     first: [i64; 2],
     /// Number of coefficients of the turns.
@@ -91,19 +91,39 @@ pub struct Equations {
     ends: Vec<[Option<End>; 3]>,
 }
 
-/// Adds a band's sums, times their factors, to the tile of two ends.
+/// Adds a band's sums, times their factors, to the tile of two ends, or makes them the tile if it is the `first` band.
 #[inline(always)]
-fn add_sums(tile: &mut Tile, band: &Band, [own, across, before]: [f64; 3], rows: &End, columns: &End) {
-    let mut wide = [[0.0; SUPPORT]; GENERATORS];
-    for (j, wide) in wide.iter_mut().enumerate() {
+fn add_sums(
+    tile: &mut Tile,
+    first: bool,
+    band: &Band,
+    [own, across, before]: [f64; 3],
+    rows: &End,
+    columns: &End,
+) {
+    for j in 0..GENERATORS {
         let mut sums = band.own[j];
         for (sum, (one, other)) in sums.iter_mut().zip(band.across[j].iter().zip(&band.before[j])) {
             *sum = own * *sum + across * one + before * other;
         }
-        *wide = columns.spread(&sums);
-    }
-    for (cells, (j, weight)) in tile.iter_mut().zip(rows.coefficients()) {
-        cells.iter_mut().zip(&wide[j]).for_each(|(cell, value)| *cell += weight * value);
+        let wide = columns.spread(&sums);
+        // The rows of the generator, one for each knot.
+        let (place, step, weights) = if j < TURNS {
+            (j, TURNS, rows.turns)
+        } else {
+            (TURNS_SUPPORT + j - TURNS, NON_TURNS, rows.others)
+        };
+        for (cells, weight) in tile[place..].iter_mut().step_by(step).zip(weights) {
+            if first {
+                for (cell, value) in cells.iter_mut().zip(&wide) {
+                    *cell = weight * value;
+                }
+            } else {
+                for (cell, value) in cells.iter_mut().zip(&wide) {
+                    *cell += weight * value;
+                }
+            }
+        }
     }
 }
 
@@ -134,8 +154,8 @@ impl Equations {
             self.places.extend(places.filter_map(|place| usize::try_from(place).ok()));
         }
         let size = self.places.len();
-        self.half.clear();
-        self.half.resize(size * size, 0.0);
+        self.matrix.clear();
+        self.matrix.resize(size * size, 0.0);
         for side in &mut self.sides {
             side.clear();
             side.resize(size, 0.0);
@@ -156,10 +176,27 @@ impl Equations {
         for (band, ends) in bands.iter().zip(&ends) {
             self.add_sides(band, ends);
         }
+        let mut tile = [[0.0; SUPPORT]; SUPPORT];
         for (pair, factors) in END_PAIRS {
-            self.add_tiles(bands, &ends, pair, factors);
+            self.add_tiles(bands, &ends, pair, factors, &mut tile);
         }
         self.ends = ends;
+        self.add_transposed();
+    }
+
+    /// Adds the transpose to the matrix.
+    #[inline(always)]
+    fn add_transposed(&mut self) {
+        let size = self.places.len();
+        for i in 0..size {
+            let (above, own) = self.matrix.split_at_mut(i * size);
+            let own = &mut own[..size];
+            for (value, row) in own.iter_mut().zip(above.chunks_exact_mut(size)) {
+                *value += row[i];
+                row[i] = *value;
+            }
+            own[i] *= 2.0;
+        }
     }
 
     fn end(&self, block: f64) -> End {
@@ -198,20 +235,19 @@ impl Equations {
         ends: &[[Option<End>; 3]],
         [row, column]: [usize; 2],
         factors: [f64; 3],
+        tile: &mut Tile,
     ) {
-        let mut tile = [[0.0; SUPPORT]; SUPPORT];
         let mut last: Option<[&End; 2]> = None;
         for (band, ends) in bands.iter().zip(ends) {
             let (Some(rows), Some(columns)) = (&ends[row], &ends[column]) else { continue };
             let is_other = |last: &[&End; 2]| last.map(|end| end.places) != [rows.places, columns.places];
-            if let Some(last) = last.filter(is_other) {
-                self.add_tile(&tile, last);
-                tile = [[0.0; SUPPORT]; SUPPORT];
+            if let Some(last) = last.take_if(|last| is_other(last)) {
+                self.add_tile(tile, last);
             }
-            add_sums(&mut tile, band, factors, rows, columns);
+            add_sums(tile, last.is_none(), band, factors, rows, columns);
             last = Some([rows, columns]);
         }
-        last.into_iter().for_each(|last| self.add_tile(&tile, last));
+        last.into_iter().for_each(|last| self.add_tile(tile, last));
     }
 
     #[inline(always)]
@@ -219,8 +255,10 @@ impl Equations {
         let size = self.places.len();
         let (turns, others) = tile.split_at(TURNS_SUPPORT);
         for (place, tile) in rows.places.into_iter().zip([turns, others]) {
-            let cells = self.half[place * size..].chunks_exact_mut(size);
-            cells.zip(tile).for_each(|(cells, values)| columns.add(cells, values));
+            let cells = self.matrix[place * size..].chunks_exact_mut(size);
+            for (cells, values) in cells.zip(tile) {
+                columns.add(cells, values);
+            }
         }
     }
 
@@ -233,9 +271,9 @@ impl Equations {
     }
 
     /// An entry of the symmetric matrix.
+    #[cfg(test)]
     pub fn entry(&self, i: usize, j: usize) -> f64 {
-        let size = self.places.len();
-        self.half[i * size + j] + self.half[j * size + i]
+        self.matrix[i * self.places.len() + j]
     }
 
     /// Extends the rows of a band, given by their first columns, to hold these equations.
@@ -253,26 +291,36 @@ impl Equations {
         border: &mut Shared<Vec<f64>>,
     ) {
         let mut border = border.as_mut().into_array();
-        for (i, (row, own)) in self.places.iter().zip(own_right).enumerate() {
-            for (j, column) in self.places[..=i].iter().enumerate() {
-                matrix.add(*row, *column, self.entry(i, j));
-            }
+        let rows = self.matrix.chunks_exact(self.places.len().max(1));
+        for (i, ((row, own), values)) in self.places.iter().zip(own_right).zip(rows).enumerate() {
+            matrix.add_row(*row, &self.places[..=i], values);
             right[*row] += own;
             border.iter_mut().zip(&self.sides[1..]).for_each(|(border, side)| border[*row] += side[i]);
         }
     }
 
     /// N·δ for a change of the pair's coefficients.
-    pub fn product(&self, change: &[f64], product: &mut Vec<f64>) {
-        product.clear();
-        product.resize(change.len(), 0.0);
-        for (i, (row, own)) in self.half.chunks_exact(change.len().max(1)).zip(change).enumerate() {
-            let mut sum = 0.0;
-            for ((value, other), to) in row.iter().zip(change).zip(&mut *product) {
-                sum += value * other;
-                *to += value * own;
+    pub fn product(&self, cpu: CpuLevel, change: &[f64], out: &mut Vec<f64>) {
+        out.clear();
+        out.resize(change.len(), 0.0);
+        product(cpu, &self.matrix, change, out);
+    }
+}
+
+for_each_cpu! {
+    fn product(matrix: &[f64], by: &[f64], out: &mut [f64]) {
+        let size = by.len().max(1);
+        // The matrix is symmetric: sums of four of its rows at a time are those of columns, and fill vectors.
+        let (fours, rest) = by.as_chunks::<4>();
+        for (rows, [a, b, c, d]) in matrix.chunks_exact(4 * size).zip(fours) {
+            let [first, second, third, fourth] = [0, 1, 2, 3].map(|row| &rows[row * size..][..size]);
+            let rows = first.iter().zip(second).zip(third.iter().zip(fourth));
+            for (sum, ((first, second), (third, fourth))) in out.iter_mut().zip(rows) {
+                *sum += (a * first + b * second) + (c * third + d * fourth);
             }
-            product[i] += sum;
+        }
+        for (row, factor) in matrix.chunks_exact(size).skip(4 * fours.len()).zip(rest) {
+            out.iter_mut().zip(row).for_each(|(sum, value)| *sum += factor * value);
         }
     }
 }

@@ -61,6 +61,15 @@ struct Change {
 }
 
 impl Change {
+    /// Makes this no change.
+    fn clear(&mut self, normal: &Normal) {
+        self.coefficients.clear();
+        self.coefficients.resize(normal.equations.places.len(), 0.0);
+        self.shared = SVector::zeros();
+        self.right.clone_from(&normal.equations.sides[0]);
+        self.shared_right = normal.shared_right;
+    }
+
     /// δᵀ·(g − g′), `normal` having the right side g, and g′ being that after the change.
     fn dot(&self, right: impl Fn(f64, f64) -> f64, normal: &Normal) -> f64 {
         let path = self.coefficients.iter().zip(normal.equations.sides[0].iter().zip(&self.right));
@@ -79,7 +88,8 @@ impl EvaluatedPair {
         change.coefficients.extend(places.map(|(place, value)| path.coefficients[*place] - value));
         let shared = evaluator.shared().zip(self.shared).map(|(now, then)| now - then);
         change.shared = shared.into_array().into();
-        change.shared_right = normal.expand(&change.coefficients, &change.shared, &mut change.right);
+        change.shared_right =
+            normal.expand(evaluator.cpu, &change.coefficients, &change.shared, &mut change.right);
         let square = change.dot(|old, new| old - new, normal);
         normal.deviations(square) <= MAX_CHANGE
     }
@@ -91,7 +101,7 @@ impl EvaluatedPair {
         self.coefficients.clear();
         self.coefficients.extend(self.normal.equations.places.iter().map(|place| path.coefficients[*place]));
         (self.shared, self.log_likelihood) = (evaluator.shared(), None);
-        self.change_to(evaluator);
+        self.change.clear(&self.normal);
     }
 
     /// Right side of the equations of the path.

@@ -15,14 +15,14 @@
 //! The splines are evaluated once for a *band* of matches exposed at about the same time. That rounds the
 //! Jacobians, not the residuals.
 
-use super::bands::{Band, Jacobian, product};
+use super::bands::{Band, Jacobian, Unit, product, root};
 use super::equations::Equations;
 use super::pair_residuals::PairResiduals;
 use super::parallax::{Innovation, ResidualVariances};
 use super::residual::{Evaluator, MatchResidual};
 use super::shared::SHARED;
-use crate::cpu::for_each_cpu;
-use crate::motion::generators::{TURNS, fields};
+use crate::cpu::{CpuLevel, for_each_cpu};
+use crate::motion::generators::{GENERATORS, TURNS, fields};
 use crate::robust::loss::{Density, EffectiveNumber, Loss, Mixture};
 use nalgebra::{Matrix2, SMatrix, SVector};
 
@@ -47,15 +47,18 @@ pub struct Normal {
     /// Sum of the weights of the matches.
     weight: f64,
     bands: Vec<Band>,
+    /// Band and index of each match, sorted; the innovations of one band.
+    order: Vec<(u8, usize)>,
+    units: Vec<Unit>,
     squares: Vec<(f64, f64)>,
 }
 
 impl Normal {
     /// Root mean square change of the displacements by a step of all coefficients, in standard deviations.
-    pub fn moved(&self, step: &[f64]) -> f64 {
+    pub fn moved(&self, cpu: CpuLevel, step: &[f64]) -> f64 {
         let step: Vec<f64> = self.equations.places.iter().map(|place| step[*place]).collect();
         let mut product = Vec::new();
-        self.equations.product(&step, &mut product);
+        self.equations.product(cpu, &step, &mut product);
         self.deviations(step.iter().zip(product).map(|(a, b)| a * b).sum())
     }
 
@@ -68,12 +71,13 @@ impl Normal {
     /// The right side, of the coefficients and of γ and κ, after a change of both.
     pub fn expand(
         &self,
+        cpu: CpuLevel,
         coefficients: &[f64],
         shared: &SVector<f64, SHARED>,
         right: &mut Vec<f64>,
     ) -> SVector<f64, SHARED> {
         let [sides, columns @ ..] = &self.equations.sides;
-        self.equations.product(coefficients, right);
+        self.equations.product(cpu, coefficients, right);
         right.iter_mut().zip(sides).for_each(|(product, side)| *product = side - *product);
         let mut shared_right = self.shared_right - self.shared * shared;
         for (p, column) in columns.iter().enumerate() {
@@ -134,56 +138,104 @@ impl Evaluator<'_> {
         out.bands.resize_with(BANDS, Band::default);
         out.shared = SMatrix::zeros();
         out.shared_right = SVector::zeros();
-        for (own, before) in residuals.matches.iter().zip(&residuals.before) {
-            let mut new = variances.innovation(own, before.as_ref());
-            new.weight *= loss_of(&new, own, residuals.others).weight_times(independent, new.square());
-            if !new.weight.iter().all(|weight| weight.is_finite()) {
-                continue;
+        self.sort(residuals, &mut out.order);
+        let mut order = out.order.iter().peekable();
+        for (number, band) in (0u8..).zip(&mut out.bands) {
+            out.units.clear();
+            while let Some((_, index)) = order.next_if(|(of, _)| *of == number) {
+                let (Some(own), Some(before)) = (residuals.matches.get(*index), residuals.before.get(*index))
+                else {
+                    continue;
+                };
+                let mut new = variances.innovation(own, before.as_ref());
+                new.weight *= loss_of(&new, own, residuals.others).weight_times(independent, new.square());
+                if new.weight.iter().all(|weight| weight.is_finite()) {
+                    let unit = self.unit(&new, own, before.as_ref(), band);
+                    for [error, shared @ ..] in unit.sides {
+                        let shared = SVector::from(shared);
+                        out.shared += shared * shared.transpose();
+                        out.shared_right += shared * error;
+                    }
+                    out.units.push(unit);
+                }
             }
-            let place = self.shutter.scan_axis.place(own.measured.from).clamp(0.0, 1.0);
-            let band = (place * (BANDS - 1) as f64).round() as usize;
-            let shared = self.add(&new, own, before.as_ref(), &mut out.bands[band]);
-            out.shared += shared.transpose() * new.weight * shared;
-            out.shared_right += shared.transpose() * new.weight * new.error;
+            band.sum(&out.units);
         }
         out.weight = out.bands.iter().map(|band| band.weight).sum();
         out.equations.fill(&out.bands, &self.trajectory.splines);
     }
 
-    /// Adds an innovation to its band; its Jacobian by the shared unknowns.
+    /// Band and index of each match, sorted by both.
     #[inline(always)]
-    fn add(
+    fn sort(&self, residuals: &PairResiduals, order: &mut Vec<(u8, usize)>) {
+        let band = |own: &MatchResidual| {
+            let place = self.shutter.scan_axis.place(own.measured.from).clamp(0.0, 1.0);
+            // The cast takes what is not a number to the first band.
+            (place * (BANDS - 1) as f64 + 0.5) as u8
+        };
+        let mut next = [0; BANDS + 1];
+        residuals.matches.iter().for_each(|own| next[usize::from(band(own)) + 1] += 1);
+        for number in 1..=BANDS {
+            next[number] += next[number - 1];
+        }
+        order.clear();
+        order.resize(residuals.matches.len(), (0, 0));
+        for (index, own) in residuals.matches.iter().enumerate() {
+            let number = band(own);
+            let next = &mut next[usize::from(number)];
+            order[*next] = (number, index);
+            *next += 1;
+        }
+    }
+
+    /// An innovation times the root of its weight; its weight and times go to its band.
+    #[inline(always)]
+    fn unit(
         &self,
         new: &Innovation,
         own: &MatchResidual,
         before: Option<&MatchResidual>,
         band: &mut Band,
-    ) -> SMatrix<f64, 2, SHARED> {
-        let (by_path, mut shared) = self.jacobian(own, new.depth);
+    ) -> Unit {
+        let root = root(&new.weight);
+        let (by_path, mut shared) = self.jacobian(own, new.depth, &root);
         let weight = new.weight.trace() / 2.0;
         band.weight += weight;
         band.blocks[1] += weight * own.blocks[0];
         band.blocks[2] += weight * own.blocks[1];
-        let before = before.filter(|_| new.gain != Matrix2::zeros()).map(|before| {
-            let (by_path, by_shared) = self.jacobian(before, new.depth);
-            shared -= new.gain * by_shared;
+        let mut unit = Unit { own: by_path, ..Unit::ZERO };
+        if let Some(before) = before.filter(|_| new.gain != Matrix2::zeros()) {
+            let gain = -(root * new.gain);
+            let (by_path, by_shared) = self.jacobian(before, new.depth, &gain);
+            unit.before = by_path;
+            shared += by_shared;
             band.linked += weight;
             band.blocks[0] += weight * before.blocks[0];
-            product(&-new.gain, &by_path)
-        });
-        band.add(&new.weight, &by_path, before.as_ref(), new.error, &shared);
-        shared
+        }
+        let error = root * new.error;
+        unit.sides = [0, 1].map(|end| [error[end], shared[(end, 0)], shared[(end, 1)]]);
+        unit
     }
 
-    /// The whitened Jacobians of a displacement by the paths of the generators and by the shared unknowns,
-    /// for a point of relative inverse depth `depth`.
+    /// The Jacobians of a displacement by the paths of the generators and by the shared unknowns, whitened and then
+    /// times a matrix, for a point of relative inverse depth `depth`.
     #[inline(always)]
-    fn jacobian(&self, one: &MatchResidual, depth: f64) -> (Jacobian, SMatrix<f64, 2, SHARED>) {
+    fn jacobian(
+        &self,
+        one: &MatchResidual,
+        depth: f64,
+        times: &Matrix2<f64>,
+    ) -> (Jacobian, SMatrix<f64, 2, SHARED>) {
         let phi = fields((one.measured.from + one.measured.to) / 2.0, self.trajectory.splines.kappa);
         let by_gamma = one.by_gamma[0] + one.by_gamma[1] * depth;
-        let depth = |j: usize| if j < TURNS { 1.0 } else { depth };
-        let by_path = [0, 1].map(|end| std::array::from_fn(|j| phi[(end, j)] * depth(j)));
-        (product(&one.whitening, &by_path), SMatrix::from_columns(&[by_gamma, one.by_kappa]))
+        let mut by_path = [[0.0; GENERATORS]; 2];
+        for (end, row) in by_path.iter_mut().enumerate() {
+            for (j, value) in row.iter_mut().enumerate() {
+                *value = phi[(end, j)] * if j < TURNS { 1.0 } else { depth };
+            }
+        }
+        let by_shared = SMatrix::from_columns(&[by_gamma, one.by_kappa]);
+        (product(&(times * one.whitening), &by_path), times * by_shared)
     }
 }
 

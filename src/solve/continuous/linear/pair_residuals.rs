@@ -3,8 +3,9 @@
 //! The residuals of a pair.
 
 use super::residual::{Evaluator, MatchResidual};
+use crate::cpu::for_each_cpu;
 use crate::robust::median::{MEDIAN_TO_VARIANCE, weighted_median};
-use crate::solve::continuous::data::{FramePair, ScanAxis, Track};
+use crate::solve::continuous::data::{FramePair, ScanAxis};
 use nalgebra::Vector2;
 
 /// Bands of lines whose residuals have a shift and a slope in common if a motion is faster than the path.
@@ -126,17 +127,52 @@ pub fn parallax<'a, T>(
     known.then_some(parallax)
 }
 
+// Loops, not chains of iterators, whose functions the compiler may leave outside, without wide vectors.
+for_each_cpu! {
+    fn find(view: &Evaluator<'_>, pair: &FramePair, out: &mut PairResiduals) {
+        out.matches.clear();
+        out.matches.reserve(pair.matches.len());
+        for (m, prior) in pair.matches.iter().zip(&pair.prior) {
+            if let Some(found) = view.match_residual(pair.stamps, m, *prior) {
+                out.matches.push(found);
+            }
+        }
+    }
+}
+
+for_each_cpu! {
+    fn whiten(residuals: &mut [MatchResidual], variance: f64) {
+        for m in residuals {
+            m.whiten(variance);
+        }
+    }
+}
+
+for_each_cpu! {
+    fn find_before(view: &Evaluator<'_>, pair: &FramePair, out: &mut PairResiduals) {
+        let variance = out.sigma * out.sigma;
+        out.before.clear();
+        out.before.resize(pair.tracks.len(), None);
+        for (before, track) in out.before.iter_mut().zip(&pair.tracks) {
+            if let Some(track) = track
+                && let Some(mut found) = view.match_residual(track.stamps, &track.before, 1.0)
+            {
+                found.whiten(variance);
+                *before = Some(found);
+            }
+        }
+    }
+}
+
 impl Evaluator<'_> {
     /// Computes the residuals of a pair, and those of the pair before if `tracks` and there may be parallax.
     pub fn residuals(&self, pair: &FramePair, tracks: bool, out: &mut PairResiduals) {
-        out.matches.clear();
-        let matches = pair.matches.iter().zip(&pair.prior);
-        out.matches.extend(matches.filter_map(|(m, prior)| self.match_residual(pair.stamps, m, *prior)));
+        find(self.cpu, self, pair, out);
         let least = self.noise * self.noise;
         let variance = out.variance(least);
         out.sigma = variance.sqrt();
         out.others = variance + 0.5 * pair.moved() * self.trajectory.radius * self.trajectory.radius;
-        out.matches.iter_mut().for_each(|m| m.whiten(variance));
+        whiten(self.cpu, &mut out.matches, variance);
         let near =
             out.matches.iter().filter(|m| m.residual.norm_squared() < INLIER_SQUARE * variance).count();
         out.inliers = near * pair.count() / pair.matches.len().max(1);
@@ -152,14 +188,7 @@ impl Evaluator<'_> {
 
     /// Computes the residuals of the tracks that a pair continues.
     pub fn residuals_before(&self, pair: &FramePair, out: &mut PairResiduals) {
-        let variance = out.sigma * out.sigma;
-        let before = |track: &Track| {
-            let mut before = self.match_residual(track.stamps, &track.before, 1.0)?;
-            before.whiten(variance);
-            Some(before)
-        };
-        out.before.clear();
-        out.before.extend(pair.tracks.iter().map(|track| track.as_ref().and_then(before)));
+        find_before(self.cpu, self, pair, out);
     }
 }
 

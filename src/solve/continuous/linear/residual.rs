@@ -44,6 +44,7 @@ pub struct MatchResidual {
 impl MatchResidual {
     /// Multiplies by W = (I + C/σ²)^(−½), C the covariance of the match and σ² the `variance` of a coordinate
     /// without it, which is then that of the residual.
+    #[inline(always)]
     pub fn whiten(&mut self, variance: f64) {
         self.whitening = inverse_root(Matrix2::identity() + self.measured.covariance / variance);
         let [by_turns, by_others] = &mut self.by_gamma;
@@ -54,6 +55,7 @@ impl MatchResidual {
 }
 
 /// A^(−½) of a positive definite matrix: √A = (A + √|A|·I)/√(tr A + 2·√|A|).
+#[inline(always)]
 fn inverse_root(matrix: Matrix2<f64>) -> Matrix2<f64> {
     let root = matrix.determinant().max(0.0).sqrt();
     let length = (matrix.trace() + 2.0 * root).sqrt();
@@ -68,12 +70,14 @@ impl Evaluator<'_> {
     }
 
     /// Exposure times in blocks of both points of a match.
+    #[inline(always)]
     pub fn blocks(&self, stamps: [f64; 2], m: &Match) -> [f64; 2] {
         let places = [m.from, m.to].map(|point| self.shutter.scan_axis.place(point));
         [0, 1].map(|end| self.trajectory.block(self.shutter.exposure(stamps[end], places[end])))
     }
 
     /// The residual of a match, not yet whitened; `None` without a path.
+    #[inline(always)]
     pub fn match_residual(&self, stamps: [f64; 2], m: &Match, prior: f64) -> Option<MatchResidual> {
         let blocks = self.blocks(stamps, m);
         let homographies = &self.trajectory.homographies;

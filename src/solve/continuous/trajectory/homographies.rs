@@ -40,32 +40,38 @@ pub struct PathState<'a> {
 
 impl PathState<'_> {
     /// H, from the first instant to this one.
+    #[inline(always)]
     fn until(self) -> Matrix3<f64> {
         hermite(&self.nodes[0].forward, &self.nodes[1].forward, self.step)
     }
 
     /// H⁻¹, from this instant to the first.
+    #[inline(always)]
     fn back(self) -> Matrix3<f64> {
         hermite(&self.nodes[0].back, &self.nodes[1].back, self.step)
     }
 
     /// Where a point seen at this instant is at another.
+    #[inline(always)]
     pub fn carry(self, point: Vector2<f64>, to: Self) -> Vector2<f64> {
         let seen = to.until() * (self.back() * point.push(1.0));
         seen.xy() / seen.z
     }
 
     /// Rates of the generators in pixels a block.
+    #[inline(always)]
     pub fn rates(self) -> [f64; GENERATORS] {
         self.linear(|node| &node.rates)
     }
 
     /// Paths of the generators in pixels, up to constants.
+    #[inline(always)]
     pub fn values(self) -> [f64; GENERATORS] {
         self.linear(|node| &node.values)
     }
 
     /// Linear interpolation between the nodes.
+    #[inline(always)]
     fn linear(self, of: impl Fn(&Node) -> &[f64; GENERATORS]) -> [f64; GENERATORS] {
         let [a, b] = [of(&self.nodes[0]), of(&self.nodes[1])];
         std::array::from_fn(|j| a[j] + (b[j] - a[j]) * self.step)
@@ -111,6 +117,7 @@ impl Homographies {
     }
 
     /// The path at a block; `None` before any integration.
+    #[inline(always)]
     pub fn at(&self, block: f64) -> Option<PathState<'_>> {
         let at = block / STEP - self.first;
         let last = self.nodes.len().checked_sub(2)?;
@@ -136,6 +143,7 @@ impl Homographies {
 }
 
 /// The cubic with these values and slopes at 0 and 1.
+#[inline(always)]
 fn hermite(a: &[Matrix3<f64>; 2], b: &[Matrix3<f64>; 2], s: f64) -> Matrix3<f64> {
     let (s2, s3) = (s * s, s * s * s);
     let weights = [1.0 - 3.0 * s2 + 2.0 * s3, s - 2.0 * s2 + s3, 3.0 * s2 - 2.0 * s3, s3 - s2];

@@ -14,6 +14,7 @@ pub enum KnotDensity {
 
 impl KnotDensity {
     /// Blocks to a frame period.
+    #[inline(always)]
     pub const fn blocks(self) -> f64 {
         match self {
             Self::Usual => 1.0,

@@ -26,6 +26,7 @@ impl Trajectory {
     }
 
     /// Block of an instant in frame periods.
+    #[inline(always)]
     pub fn block(&self, instant: f64) -> f64 {
         self.density.blocks() * instant
     }
