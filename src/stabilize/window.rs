@@ -172,7 +172,7 @@ mod tests {
             assert!((still.inside_by(&nearest) - 0.1).abs() < 0.02, "{}", still.inside_by(&nearest));
             // No farther away than what is left by scaling.
             let scaled = (1..100).map(|k| offset * (f64::from(k) / 100.0));
-            let scaled = scaled.filter(|scaled| still.inside_by(scaled) <= 0.1).next_back().unwrap();
+            let scaled = scaled.rev().find(|scaled| still.inside_by(scaled) <= 0.1).unwrap();
             assert!((nearest - offset).norm() < (scaled - offset).norm());
             let small = offset * 0.05;
             assert_eq!(still.nearest(&small, 0.1), small);
