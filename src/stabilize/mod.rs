@@ -33,11 +33,13 @@ const LEAST_DEVIATION: f64 = 1e-4;
 pub const SUPPORT: f64 = 2.65;
 /// Share of the margin up to which the planned path may go: the rest is for what differs from the plan.
 pub const PLANNED_SHARE: f64 = 0.9;
-/// Plans for the first frame of a scene, each with the holds by the one before. Later frames take one: their holds are those of
-/// the plan for the frame before.
+/// Plans for a frame, and for the first one of a scene, each with the holds by the one before.
+const PLANS: usize = 2;
 const FIRST_PLANS: usize = 16;
-/// Strains below this, in radii, are none.
-const LEAST_STRAIN: f64 = 1e-9;
+/// Factor of the strength of a hold from plan to plan, its least and its largest.
+const TIGHTER: f64 = 2.0;
+const LEAST_HOLD: f64 = 16.0;
+const MAX_WEIGHT: f64 = 1e6;
 /// Halvings with which the share of an offset that keeps the window inside the picture is found.
 const HALVINGS: usize = 8;
 
@@ -62,18 +64,9 @@ struct Frame<T> {
     content: Option<T>,
     /// Offset of the planned path, once it is given out.
     offset: Coordinates,
-    /// Where the planned path is held so that the window stays inside the picture: what is left of the offset there and what that
-    /// takes, the sum over the plans of what was beyond.
-    held: Option<Hold>,
-}
-
-/// Where the planned path meets the limit of the window.
-#[derive(Clone, Copy, Debug)]
-struct Hold {
-    /// The offset at the limit.
-    limit: Coordinates,
-    /// The sum over the plans so far of how far beyond it they went: what holds the path there.
-    strain: Coordinates,
+    /// Where the planned path is held, so that the window stays inside the picture: the offset, and how strongly.
+    held: Coordinates,
+    weight: f64,
 }
 
 /// The motion of the scene from a frame to the next one, in radii.
@@ -214,7 +207,8 @@ impl<T> Stabilizer<T> {
             edges: Edges::new(frame.motion, self.radius),
             content: Some(frame.content),
             offset: Coordinates::zeros(),
-            held: None,
+            held: Coordinates::zeros(),
+            weight: 1.0,
         });
     }
 
@@ -282,11 +276,8 @@ impl<T> Stabilizer<T> {
     fn offset(&mut self, own: usize) -> Coordinates {
         let before = self.before(own);
         self.collect(own);
-        let plans = if before[0].is_some() { 1 } else { FIRST_PLANS };
+        let plans = if before[0].is_some() { PLANS } else { FIRST_PLANS };
         for _ in 0..plans {
-            for (point, frame) in self.points.iter_mut().zip(self.frames.iter().skip(own)) {
-                point.held = frame.held.map(|held| held.limit - held.strain);
-            }
             self.planner.plan(&self.points, before, self.deviation, &mut self.places);
             self.hold(own);
         }
@@ -323,7 +314,8 @@ impl<T> Stabilizer<T> {
             if frame.time > until {
                 return;
             }
-            self.points.push(Point { time: frame.time, path, held: None });
+            let (held, weight) = (frame.held, frame.weight);
+            self.points.push(Point { time: frame.time, path, held, weight });
             beyond = frame.to_next;
             let Some(increment) = beyond else { break };
             path += increment.coordinates;
@@ -333,27 +325,29 @@ impl<T> Stabilizer<T> {
         let mut next = Some(first);
         let mut ahead = self.ahead.iter();
         while let Some(increment) = next.filter(|increment| increment.until <= until) {
-            self.points.push(Point { time: increment.until, path, held: None });
+            self.points.push(Point { time: increment.until, path, held: Coordinates::zeros(), weight: 1.0 });
             next = ahead.next().copied();
             path += next.map_or(Coordinates::zeros(), |increment| increment.coordinates);
         }
     }
 
-    /// Lets the next plan stay within what the margin allows where this one goes beyond, by the method of multipliers: what was
-    /// beyond adds up until it balances what draws the path there, and is let go of where the path turns away by itself.
-    ///
-    /// S. Boyd, N. Parikh, E. Chu, B. Peleato, J. Eckstein, *Distributed optimization and statistical learning via the alternating
-    /// direction method of multipliers*, Foundations and Trends in Machine Learning 3, 2011, equations 3.5 to 3.7.
+    /// Holds the plan at the edge of what the margin allows where it goes beyond, and lets go where that is needed no more.
     fn hold(&mut self, own: usize) {
         let most = PLANNED_SHARE * self.target.margin;
-        let planned = self.points.iter().zip(&self.places);
+        let planned = self.points.iter_mut().zip(&self.places);
         for ((point, place), frame) in planned.zip(self.frames.iter_mut().skip(own)) {
-            let strain = frame.held.map_or(Coordinates::zeros(), |held| held.strain);
-            let wanted = place - point.path + strain;
-            let limit = frame.edges.nearest(&wanted, most);
-            let strain = wanted - limit;
-            let is_held = strain.norm() > LEAST_STRAIN && strain.iter().all(|value| value.is_finite());
-            frame.held = is_held.then_some(Hold { limit, strain });
+            let offset = place - point.path;
+            let rest = frame.edges.rest;
+            let excess = (frame.edges.inside_by(&offset) - rest) / (most - rest);
+            let excess = if most > rest && excess.is_finite() { excess } else { f64::INFINITY };
+            if excess > 1.0 {
+                point.held = offset / excess;
+                point.weight = (point.weight * TIGHTER).clamp(LEAST_HOLD, MAX_WEIGHT);
+            } else {
+                point.weight = (point.weight / TIGHTER).max(1.0);
+                point.held = if point.weight > 1.0 { offset } else { Coordinates::zeros() };
+            }
+            (frame.held, frame.weight) = (point.held, point.weight);
         }
     }
 

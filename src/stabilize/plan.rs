@@ -4,11 +4,11 @@
 //!
 //! Over the frames that are known, with the scene's path p and the planned one V,
 //!
-//! > Σ |V − p|²·h + μ·Σ |V̈|²·h + Σ ρ·|V − p − b|²·h + (cost of what follows) → least,
+//! > Σ w·|V − p − b|²·h + μ·Σ |V̈|²·h + (cost of what follows) → least,
 //!
-//! h the interval between frames, given the places of the two frames before. Where V may go where it likes (ρ = 0), this is a
+//! h the interval between frames, given the places of the two frames before. Where V may go where it likes (w = 1, b = 0), this is a
 //! low-pass filter of the fourth order that follows a pan without lag: 1/(1 + μω⁴). Its deviation in time is that of a Gaussian
-//! which halves the same frequency, so μ = (σ/1.177)⁴. Where the window would leave the picture, V is held at an offset b.
+//! which halves the same frequency, so μ = (σ/1.177)⁴. Where the window would leave the picture, V is held at the offset b from where it does not.
 //!
 //! The cost of what follows the last frame is that of the optimal control of a double integrator, in closed form from the
 //! algebraic Riccati equation: with e = V − p and its rate v, √2·μ^¼·e² + 2·√μ·e·v + √2·μ^¾·v².
@@ -17,9 +17,6 @@ use super::logarithm::Coordinates;
 
 /// Product of the deviation of a Gaussian and the angular frequency that it halves: √(2·ln 2).
 const HALVING: f64 = 1.177_410_022_515_474_7;
-/// Strength ρ of a hold, as a multiple of that with which the path of the scene is followed. What a limit takes away is noticed
-/// at 2 cycles a second and above with σ = 0.5 s, where μω⁴ is about as large. From 100 to 1000 the path found is the same.
-const HOLD: f64 = 300.0;
 /// Least seconds between frames: times may repeat.
 const LEAST_INTERVAL: f64 = 1e-3;
 /// Share of the scene's mean velocity that is taken to go on after the last known frame: with all of it a shake is continued,
@@ -33,8 +30,9 @@ pub struct Point {
     pub time: f64,
     /// The path of the scene.
     pub path: Coordinates,
-    /// Offset b from it at which the virtual camera is held, where it is.
-    pub held: Option<Coordinates>,
+    /// Offset from it at which the virtual camera is held, and how strongly: none and 1 where the window is inside the picture.
+    pub held: Coordinates,
+    pub weight: f64,
 }
 
 /// A row of the lower half of a symmetric matrix with two diagonals beside the main one, and the right side.
@@ -77,9 +75,7 @@ impl Planner {
             let index = index as isize;
             let ends = [time(index - 1).unwrap_or(point.time), time(index + 1).unwrap_or(point.time)];
             let interval = ((ends[1] - ends[0]) / 2.0).max(LEAST_INTERVAL);
-            let (weight, pull) =
-                point.held.map_or((1.0, Coordinates::zeros()), |held| (1.0 + HOLD, held * HOLD));
-            self.add(&[(index, 1.0)], weight * interval, point.path + pull / weight, known);
+            self.add(&[(index, 1.0)], point.weight * interval, point.path + point.held, known);
         }
         for index in -1..last as isize {
             let triple = [index - 1, index, index + 1];
@@ -197,7 +193,7 @@ mod tests {
     fn points(count: i32, path: impl Fn(f64) -> f64) -> Vec<Point> {
         let point = |k: i32| {
             let time = f64::from(k) / 30.0;
-            Point { time, path: Coordinates::repeat(path(time)), held: None }
+            Point { time, path: Coordinates::repeat(path(time)), held: Coordinates::zeros(), weight: 1.0 }
         };
         (0..count).map(point).collect()
     }
@@ -234,19 +230,11 @@ mod tests {
     }
 
     #[test]
-    fn what_is_held_stays_near_its_offset() {
+    fn what_has_weight_is_followed() {
         let mut points = points(61, |t| if t > 1.0 { 10.0 } else { 0.0 });
-        let free = planned(&points, [None; 2], 0.5)[30];
-        points[30].held = Some(Coordinates::repeat(1.0));
-        let held = planned(&points, [None; 2], 0.5)[30];
-        // The hold of one frame stands against the path's stiffness, which is some hundred times the weight of a frame.
-        assert!(free > 3.0 && (held - 1.0).abs() < 0.5 * (free - 1.0), "{free} {held}");
-        for point in &mut points {
-            point.held = Some(Coordinates::repeat(1.0));
-        }
-        let all = planned(&points, [None; 2], 0.5);
-        assert!((all[15] - 1.0).abs() < 0.3 && (all[45] - 11.0).abs() < 0.3, "{} {}", all[15], all[45]);
-        points[0].held = None;
+        points[30].weight = 1e6;
+        let found = planned(&points, [None; 2], 0.5);
+        assert!(found[30].abs() < 0.01, "{}", found[30]);
         let solo = planned(&points[..1], [None; 2], 0.5);
         assert!(solo[0].abs() < 1e-12 && planned(&[], [None; 2], 0.5).is_empty());
     }
