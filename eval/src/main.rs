@@ -26,7 +26,7 @@ use render::stats::{self, Stats, distances};
 use rsrectify::rectifier::{Effort, Estimator, FrameSolution};
 use std::path::PathBuf;
 
-/// Renders rolling-shutter sequences with exact truth and judges rsrectify on them.
+/// Judges rsrectify on rendered sequences, whose truth is exact, and on clips.
 #[derive(Parser)]
 struct Cli {
     #[command(subcommand)]

@@ -37,7 +37,7 @@ pub struct Gyroscope {
 }
 
 impl Gyroscope {
-    /// The far points of a clip's frames: those whose motion in the picture is what the gyroscope says.
+    /// The far points of a clip's frames: those whose motion in the picture agrees with the gyroscope.
     ///
     /// # Errors
     /// If a file cannot be read, or there are fewer times than frames.

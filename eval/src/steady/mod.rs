@@ -30,7 +30,7 @@ use render::stats::Stats;
 use render::video;
 use rsrectify::motion::{FrameMotion, image_centre};
 use rsrectify::readout::{Readout, ReadoutTime};
-use rsrectify::rectifier::{Estimator, Settings};
+use rsrectify::rectifier::{Estimator, FrameSolution, Settings};
 use std::path::Path;
 use tracks::Tracks;
 
@@ -51,14 +51,15 @@ pub struct Asked {
     pub zoom: Option<f64>,
 }
 
-/// A clip, and what is known of it.
+/// A clip, its shutter, and the far points in it.
 struct Given<'a> {
     name: String,
     clip: &'a Clip,
-    readout: Readout,
+    /// The true shutter; that which the library finds where there is no truth.
+    readout: Option<Readout>,
     /// How the library is to look at it.
     analysis: Settings,
-    /// None where places are not known.
+    /// Empty where the places of far points are not known.
     tracks: Tracks,
 }
 
@@ -82,7 +83,7 @@ pub fn row(footage: &Footage, asked: Asked, out: Option<&Path>) -> Result<String
     let given = Given {
         name: settings.name.clone(),
         clip: &clip,
-        readout: footage.readout(),
+        readout: Some(footage.readout()),
         analysis: product::settings(settings, Delay::Unknown, Estimator::Continuous, LOOKAHEAD),
         tracks,
     };
@@ -102,27 +103,32 @@ pub fn row_of_clip(
     let clip = media::decode(file)?;
     let mut analysis = Settings::default();
     analysis.lookahead = LOOKAHEAD;
-    let solutions = solve(&clip, analysis)?;
-    let readout = *solutions.last().context("a clip without frames")?.motion.readout();
     let name = file.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
     let tracks = gyroscope.map_or_else(|| Ok(Tracks::default()), |gyroscope| gyroscope.tracks(&clip))?;
-    Given { name, clip: &clip, readout, analysis, tracks }.row(asked, out)
+    Given { name, clip: &clip, readout: None, analysis, tracks }.row(asked, out)
 }
 
 impl Given<'_> {
     fn row(&self, asked: Asked, out: Option<&Path>) -> Result<String> {
         let clip = self.clip;
+        let mut analysis = self.analysis;
+        analysis.stabilization = asked.deviation;
+        // As `fix` does, which looks for the readout beforehand.
+        let search = solve(clip, analysis)?;
+        let found = search.last().context("a clip without frames")?;
+        let readout = self.readout.unwrap_or(*found.motion.readout());
         let input: Corrections =
             clip.frames.iter().map(|_| Box::new(|pixel| pixel) as Box<dyn Correction>).collect();
-        let original = self.judged("measuring the input", &input, &mut clip.frames.iter().map(as_it_is))?;
+        let original =
+            self.judged(readout, "measuring the input", &input, &mut clip.frames.iter().map(as_it_is))?;
         let [stabilised, shaken] = [vid_stab(clip)?, deshake(clip)?];
         let [theirs, simple] = [(&stabilised, "measuring vid.stab's"), (&shaken, "measuring deshake's")]
-            .map(|(other, message)| self.judged_other(other, message));
+            .map(|(other, message)| self.judged_other(readout, other, message));
         let [theirs, simple] = [theirs?, simple?];
         let zoom = asked.zoom.unwrap_or(stabilised.zoom).max(1.0);
-        let shown = self.steadied(asked, zoom)?;
+        let shown = self.steadied(analysis, found, zoom)?;
         let pictures = || clip.frames.iter().zip(&shown).map(|(frame, shown)| rectified(frame, &**shown));
-        let ours = self.judged("measuring the output", &shown, &mut pictures())?;
+        let ours = self.judged(readout, "measuring the output", &shown, &mut pictures())?;
         if let Some(folder) = out {
             std::fs::create_dir_all(folder)?;
             let write = |kind: &str, frames: &mut dyn Iterator<Item = Frame>| {
@@ -151,33 +157,34 @@ impl Given<'_> {
         ))
     }
 
-    fn judged_other(&self, other: &Stabilised, message: &'static str) -> Result<Steadiness> {
-        self.judged(message, &other.shown, &mut other.clip.frames.iter().map(as_it_is))
+    fn judged_other(
+        &self,
+        readout: Readout,
+        other: &Stabilised,
+        message: &'static str,
+    ) -> Result<Steadiness> {
+        self.judged(readout, message, &other.shown, &mut other.clip.frames.iter().map(as_it_is))
     }
 
     /// From where far points are shown, or from the pictures where that is not known.
     fn judged(
         &self,
+        readout: Readout,
         message: &'static str,
         shown: &[Box<dyn Correction>],
         pictures: &mut dyn Iterator<Item = Rectified>,
     ) -> Result<Steadiness> {
         if !self.tracks.is_empty() {
-            return Ok(self.tracks.steadiness(shown, &self.readout));
+            return Ok(self.tracks.steadiness(shown, &readout));
         }
-        let seen = seen(self.clip, self.readout, message, pictures)?;
+        let seen = seen(self.clip, readout, message, pictures)?;
         let jitter = jitter::content([self.clip.width, self.clip.height], &seen.motions).rms;
         Ok(Steadiness { jitter, wobble: Stats::of(seen.wobble).rms })
     }
 
-    /// Where the library shows the pixels of each frame.
-    fn steadied(&self, asked: Asked, zoom: f64) -> Result<Corrections> {
-        let mut analysis = self.analysis;
-        analysis.stabilization = asked.deviation;
+    /// Where the library shows the pixels of each frame, given what its search found at the end.
+    fn steadied(&self, mut analysis: Settings, found: &FrameSolution, zoom: f64) -> Result<Corrections> {
         analysis.margin = (1.0 - 1.0 / zoom) / 2.0;
-        // As `fix` does, which looks for the readout beforehand.
-        let first = solve(self.clip, analysis)?;
-        let found = first.last().context("a clip without frames")?;
         if found.readout_deviation < 0.1 {
             analysis.readout_time = ReadoutTime::Seconds(found.motion.readout().time());
             analysis.direction = Some(found.motion.readout().direction());
@@ -194,9 +201,8 @@ impl Given<'_> {
 fn borderless(clip: &Clip, shown: &[Box<dyn Correction>], zoom: f64) -> f64 {
     let size = [clip.width, clip.height].map(|length| length as f64 - 1.0);
     let half = Vector2::from(size) / 2.0;
-    let along = |share: f64| [[share, 0.0], [share, 1.0], [0.0, share], [1.0, share]];
-    let edges = (0..=16).flat_map(|index| along(f64::from(index) / 16.0)).map(|at| Vector2::from(at) * 2.0);
-    let edges: Vec<_> = edges.map(|at| at - Vector2::new(1.0, 1.0)).collect();
+    let along = |at: f64| [[at, -1.0], [at, 1.0], [-1.0, at], [1.0, at]].map(Vector2::from);
+    let edges: Vec<_> = (0..=16).flat_map(|index| along(f64::from(index) / 8.0 - 1.0)).collect();
     let outside = |correction: &dyn Correction, at: &Vector2<f64>| {
         let place = (correction.correct(half + at.component_mul(&half)) - half).component_div(&half);
         // Across the edge on which the point lies; a corner lies on two, and the farther one counts.

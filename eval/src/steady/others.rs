@@ -5,9 +5,10 @@
 //! What vid.stab makes of a frame does not depend on what is in it, once the motions are written: two clips of ramps, along x and
 //! along y, tell where it takes each pixel from. deshake writes what it does into a log.
 
+use crate::metrics::homography::Homography;
 use anyhow::{Context, Result, ensure};
 use baselines::methods::{Correction, Corrections};
-use nalgebra::{Matrix3, Vector2, Vector3};
+use nalgebra::{Matrix3, Vector3};
 use render::media::{self, Clip};
 use render::scene::Frame;
 use render::video;
@@ -27,14 +28,10 @@ pub struct Stabilised {
     pub zoom: f64,
 }
 
-/// A homography from pixels of the frame to those of the output.
-struct Placed(Matrix3<f64>);
-
-impl Correction for Placed {
-    fn correct(&self, pixel: Vector2<f64>) -> Vector2<f64> {
-        let shown = self.0 * pixel.push(1.0);
-        shown.xy() / shown.z
-    }
+/// Where pixels are shown, given from where the pixels of the output come.
+fn placed(source: &Matrix3<f64>) -> Result<Box<dyn Correction>> {
+    let to = Homography(source.try_inverse().context("a frame is shown as a line")?);
+    Ok(Box::new(move |pixel| to.apply(pixel)))
 }
 
 /// vid.stab in two passes at its defaults.
@@ -59,12 +56,11 @@ pub fn vid_stab(clip: &Clip) -> Result<Stabilised> {
         sources.push(moved.frames.iter().map(|frame| source(frame, clip, axis)).collect::<Result<Vec<_>>>()?);
     }
     let [along, across] = sources.as_slice() else { unreachable!("two ramps") };
-    let placed = |(x, y): (&[f64; 3], &[f64; 3])| {
-        let source = Matrix3::new(x[0], x[1], x[2], y[0], y[1], y[2], 0.0, 0.0, 1.0);
-        let to = source.try_inverse().context("vid.stab shows a frame as a line")?;
-        Ok(Box::new(Placed(to)) as Box<dyn Correction>)
-    };
-    let shown = along.iter().zip(across).map(placed).collect::<Result<_>>()?;
+    let shown = along
+        .iter()
+        .zip(across)
+        .map(|(x, y)| placed(&Matrix3::new(x[0], x[1], x[2], y[0], y[1], y[2], 0.0, 0.0, 1.0)));
+    let shown = shown.collect::<Result<_>>()?;
     Ok(Stabilised { clip: media::decode(&folder.join("out.y4m"))?, shown, zoom })
 }
 
@@ -81,17 +77,15 @@ pub fn deshake(clip: &Clip) -> Result<Stabilised> {
     // A frame a line after the heading: found, averaged and final shift in x and in y, turn and zoom (%), each since the frame
     // before. They add up and shrink by a tenth with each frame.
     let mut sum = Vector3::zeros();
-    let mut placed = |line: &str| {
+    let mut shown_by = |line: &str| {
         let values: Vec<f64> = line.split(',').filter_map(|value| value.trim().parse().ok()).collect();
         let since = |which: usize| values.get(3 * which + 2).copied().context("deshake's log is another one");
         sum = (sum + Vector3::new(since(0)?, since(1)?, since(2)?)) * 0.9;
         let (sin, cos) = sum.z.sin_cos();
         let scale = 1.0 + since(3)? / 100.0;
-        let source = Matrix3::new(scale * cos, -sin, sum.x, sin, scale * cos, sum.y, 0.0, 0.0, 1.0);
-        let to = source.try_inverse().context("deshake shows a frame as a line")?;
-        Ok(Box::new(Placed(to)) as Box<dyn Correction>)
+        placed(&Matrix3::new(scale * cos, -sin, sum.x, sin, scale * cos, sum.y, 0.0, 0.0, 1.0))
     };
-    let shown: Corrections = log.lines().skip(1).map(&mut placed).collect::<Result<_>>()?;
+    let shown: Corrections = log.lines().skip(1).map(&mut shown_by).collect::<Result<_>>()?;
     ensure!(
         shown.len() == clip.frames.len(),
         "deshake's log has {} of {} frames",
