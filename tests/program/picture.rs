@@ -2,18 +2,8 @@
 
 //! `rsrectify fix`: what the pictures of a clip stand for, how they are stored and scanned, stays what it was.
 
-use crate::shared::{Folder, buffers, rsrectify, size};
+use crate::shared::{Folder, buffers, fix, size};
 use std::path::{Path, PathBuf};
-
-/// Rectifies a clip, nothing of it but what the options say; what it warns of.
-fn fix(input: &Path, output: &Path, options: &[&str]) -> String {
-    let mut command = rsrectify("fix");
-    command.arg(input).arg("--output").arg(output).args(["--readout-time", "0", "--overwrite"]).args(options);
-    let result = command.output().unwrap();
-    let said = String::from_utf8(result.stderr).unwrap();
-    assert!(result.status.success(), "{said}");
-    said
-}
 
 fn text(frame: &gst::Sample, field: &str) -> Option<String> {
     frame.caps()?.structure(0)?.get(field).ok()

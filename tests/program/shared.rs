@@ -104,3 +104,13 @@ pub fn rsrectify(subcommand: &str) -> Command {
     command.env_remove("GST_PLUGIN_PATH").arg(subcommand);
     command
 }
+
+/// Rectifies a clip, nothing of it but what the options say: no readout is sought. What it warns of.
+pub fn fix(input: &Path, output: &Path, options: &[&str]) -> String {
+    let mut command = rsrectify("fix");
+    command.arg(input).arg("--output").arg(output).args(["--readout-time", "0", "--overwrite"]).args(options);
+    let result = command.output().unwrap();
+    let said = String::from_utf8(result.stderr).unwrap();
+    assert!(result.status.success(), "{said}");
+    said
+}

@@ -2,20 +2,9 @@
 
 //! `rsrectify fix`: what is encoded, and what is kept beside the video.
 
-use crate::shared::{CLIP, Folder, TONE, buffers, rsrectify};
+use crate::shared::{CLIP, Folder, TONE, buffers, fix, rsrectify};
 use gst::prelude::*;
 use std::path::Path;
-
-/// Rectifies a clip; what it warns of.
-fn fix(input: &Path, output: &Path, options: &[&str]) -> String {
-    let mut command = rsrectify("fix");
-    // The readout is beside the point here.
-    command.arg(input).arg("--output").arg(output).args(["--readout-time", "0", "--overwrite"]).args(options);
-    let result = command.output().unwrap();
-    let said = String::from_utf8(result.stderr).unwrap();
-    assert!(result.status.success(), "{said}");
-    said
-}
 
 /// Plays a clip from its demuxer on: the types of its streams, sorted, and all tables of contents.
 fn contents(path: &Path) -> (Vec<String>, Vec<gst::Toc>) {
