@@ -11,7 +11,7 @@ use crate::readout::{Readout, ReadoutDirection, ReadoutHypothesis, ReadoutPoster
 use crate::solve::continuous::camera::{Break, Camera, CameraPosterior, Hypothesis, READOUT_BELIEF};
 use crate::solve::continuous::data::{FramePair, PairWindow, StaticOverlay};
 use crate::solve::continuous::output::{Expected, FittedPair};
-use crate::solve::continuous::timing::{Lean, Timing};
+use crate::solve::continuous::timing::Timing;
 use crate::solve::continuous::trajectory::FramePath;
 use crate::solve::frame_timing::{FrameTiming, Timeline};
 use crate::solve::residual::{LocalMotion, LocalMotions, Region};
@@ -283,7 +283,7 @@ impl Continuous {
     pub fn posterior(&self) -> Option<ReadoutPosterior> {
         let period = self.period().filter(|_| !self.camera.is_known())?;
         let [width, height] = self.size;
-        let least = self.least_deviation(self.timing.found());
+        let least = self.least_deviation(self.last_index());
         let hypotheses = self.posterior.hypotheses().map(|(probability, hypothesis)| ReadoutHypothesis {
             readout: self.readout(hypothesis),
             deviation: hypothesis.setup.camera.gamma_deviation().hypot(self.excess(hypothesis)).max(least)
@@ -350,7 +350,7 @@ impl Continuous {
             SampledPath::new(&homographies, readout.time).ok().map(MotionPath::from)
         };
         let (path, expected) = if let Some(lean) = lean {
-            let path = sampled(&|place| self.leaning(&lean, place))?;
+            let path = sampled(&|place| lean.to_middle(place, self.radius))?;
             (path, Expected::of_lean(&lean, self.size, self.radius / scale))
         } else {
             let path = sampled(&self.to_middle(leading, stamp))?;
@@ -370,7 +370,7 @@ impl Continuous {
             correspondences,
             inliers,
             residual: sigma,
-            readout_deviation: self.readout_deviation(timing),
+            readout_deviation: self.readout_deviation(index),
             timing,
             focal_length: focal_length.map(|(widths, deviation)| FocalLength { widths, deviation }),
             fitted: self.fitted(window, own),
@@ -390,14 +390,6 @@ impl Continuous {
         let unscale = Matrix3::new_nonuniform_scaling(&Vector2::new(1.0 / self.radius, 1.0 / self.radius));
         let middle = scale * homographies.until(posterior.block(stamp, 0.5));
         move |place| middle * homographies.back(posterior.block(stamp, place)) * unscale
-    }
-
-    /// The same of a frame that was moved after its readout: x − (p − ½)·l.
-    fn leaning(&self, lean: &Lean, place: f64) -> Matrix3<f64> {
-        let late = place - 0.5;
-        let shift = lean.at(Vector2::zeros()) * self.radius;
-        let turn = late * lean.roll.value;
-        Matrix3::new(1.0, turn, -late * shift.x, -turn, 1.0, -late * shift.y, 0.0, 0.0, 1.0)
     }
 
     /// The path about frame `own` of a window, and the seconds to the frames before and after on it.
@@ -442,13 +434,18 @@ impl Continuous {
 
     /// The likeliest shutter, and the standard deviation of its readout ratio.
     pub fn belief(&self) -> (Readout, f64) {
-        (self.readout(self.posterior.leading()), self.readout_deviation(self.timing.found()))
+        (self.readout(self.posterior.leading()), self.readout_deviation(self.last_index()))
     }
 
-    /// Standard deviation of the readout ratio, as frames of this timing tell it.
-    fn readout_deviation(&self, timing: FrameTiming) -> f64 {
+    /// Number of the last frame.
+    fn last_index(&self) -> usize {
+        self.frames.back().map_or(0, |last| last.index)
+    }
+
+    /// Standard deviation of the readout ratio, as the frame with this number tells it.
+    fn readout_deviation(&self, frame: usize) -> f64 {
         let deviation = self.posterior.readout_deviation();
-        deviation.hypot(self.excess(self.posterior.leading())).max(self.least_deviation(timing))
+        deviation.hypot(self.excess(self.posterior.leading())).max(self.least_deviation(frame))
     }
 
     /// By how much a γ that is estimated from the shifts is too long, where the frames may have been moved.
@@ -457,10 +454,10 @@ impl Continuous {
         if self.camera.is_known() { 0.0 } else { self.timing.excess(gamma, axis) }
     }
 
-    /// Least standard deviation of an estimated readout ratio: that of the prior where frames are stabilised or blends, as it
-    /// cannot be estimated from them.
-    fn least_deviation(&self, timing: FrameTiming) -> f64 {
-        let is_unseen = timing.is_stabilised() || timing.is_blended();
+    /// Least standard deviation of an estimated readout ratio: that of the prior where frames may be stabilised or blends, as
+    /// it cannot be estimated from them.
+    fn least_deviation(&self, frame: usize) -> f64 {
+        let is_unseen = self.timing.contradicts_path(frame) || self.timing.found_of(frame).is_blended();
         if is_unseen && !self.camera.is_known() { READOUT_BELIEF.1 } else { 0.0 }
     }
 

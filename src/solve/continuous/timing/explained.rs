@@ -59,14 +59,41 @@ impl Explained {
 /// The agreement of successive pairs whose frames have these stamps, one more than pairs; `noise` is the least variance
 /// of a change in squared radii. `None` if nothing is known.
 pub fn explained(pairs: &[LeanChange], stamps: &[f64], noise: f64) -> Option<Explained> {
-    let shifts: Vec<Vector2<f64>> = pairs.iter().map(|pair| pair.shift).collect();
-    let velocities = velocities(&shifts, stamps);
+    agreement(pairs, &velocities(&shifts(pairs), stamps), noise, Beside::Parallax)
+}
+
+/// The same of few pairs, three at least: the first and the last one are left out, as velocities are uncertain at the ends, and
+/// so is parallax, which so few pairs do not tell from γ.
+pub fn explained_by_few(pairs: &[LeanChange], stamps: &[f64], noise: f64) -> Option<Explained> {
+    let velocities = velocities(&shifts(pairs), stamps);
+    let (inner, frames) = (pairs.get(1..pairs.len() - 1)?, velocities.get(1..pairs.len())?);
+    agreement(inner, frames, noise, Beside::Nothing)
+}
+
+fn shifts(pairs: &[LeanChange]) -> Vec<Vector2<f64>> {
+    pairs.iter().map(|pair| pair.shift).collect()
+}
+
+/// What may explain changes beside γ.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Beside {
+    Parallax,
+    Nothing,
+}
+
+/// The agreement of pairs whose frames, one more, have these velocities.
+fn agreement(
+    pairs: &[LeanChange],
+    velocities: &[Vector2<f64>],
+    noise: f64,
+    beside: Beside,
+) -> Option<Explained> {
     let mut variances: Vec<f64> =
         pairs.iter().flat_map(|pair| [pair.variance.x, pair.variance.y]).filter(|v| v.is_finite()).collect();
     let usual = median(&mut variances).max(noise);
     let mut all = Sums::default();
     for coordinate in 0..2 {
-        all += coordinate_sums(pairs, &velocities, coordinate, usual)?;
+        all += coordinate_sums(pairs, velocities, coordinate, usual, beside)?;
     }
     let gamma = (all.cross / all.velocity).clamp(-1.0, 1.0);
     let rest = all.change - 2.0 * gamma * all.cross + gamma * gamma * all.velocity;
@@ -105,6 +132,7 @@ fn coordinate_sums(
     velocities: &[Vector2<f64>],
     coordinate: usize,
     usual: f64,
+    beside: Beside,
 ) -> Option<Sums> {
     let mut normal = Matrix4::zeros();
     let [mut by_change, mut by_velocity] = [Vector4::zeros(); 2];
@@ -123,6 +151,9 @@ fn coordinate_sums(
             cross: change * velocity * weight,
             velocity: velocity * velocity * weight,
         };
+    }
+    if beside == Beside::Nothing {
+        return Some(sums);
     }
     // A ridge, as of a still picture all terms but the first are 0.
     let ridge = f64::EPSILON * normal.trace();
@@ -195,6 +226,26 @@ mod tests {
     fn the_lean_of_steadied_frames_does_not() {
         let found = explained(&pairs(|t| swing(t) * 0.05, |t| swing(t) * 0.7), &stamps(), NOISE).unwrap();
         assert!(found.is_telling() && found.unexplained > 0.7, "{found:?}");
+    }
+
+    #[test]
+    fn few_pairs_say_so_too() {
+        let (recorded, steadied) =
+            (pairs(swing, |t| swing(t) * -0.7), pairs(|t| swing(t) * 0.05, |t| swing(t) * 0.7));
+        for first in 0..8 {
+            for count in 3..8 {
+                let of = |pairs: &[LeanChange]| {
+                    explained_by_few(&pairs[first..first + count], &stamps()[first..=first + count], NOISE)
+                };
+                let [recorded, steadied] = [of(&recorded).unwrap(), of(&steadied).unwrap()];
+                assert!(recorded.unexplained < 0.3, "{first}, {count}: {recorded:?}");
+                assert!(
+                    steadied.is_telling() && steadied.unexplained > 0.7,
+                    "{first}, {count}: {steadied:?}"
+                );
+            }
+        }
+        assert_eq!(explained_by_few(&recorded[..2], &stamps()[..3], NOISE), None);
     }
 
     #[test]

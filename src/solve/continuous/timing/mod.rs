@@ -34,27 +34,30 @@ use crate::solve::continuous::data::{FramePair, ScanAxis};
 use crate::solve::frame_timing::{FrameTiming, Timeline};
 use blends::Blends;
 use curvature::Curvature;
-use explained::{Explained, explained};
+use explained::{Explained, explained, explained_by_few};
 use lean::LeanChange;
-use nalgebra::Vector2;
+use nalgebra::{Matrix3, Vector2};
 use smoothed::{Change, Component, smoothed};
 use std::collections::VecDeque;
 
 /// Pairs that are judged together, and fewest of them. At the ends of fewer the velocities are uncertain.
 const PAIRS: usize = 30;
 const MIN_PAIRS: usize = 16;
+/// Fewest pairs that raise doubts before there are enough for a verdict.
+const MIN_DOUBT: usize = 3;
 /// Fewest pairs from which the lean of a frame is told.
 const MIN_LEANS: usize = 8;
 /// Shares of the changes that the shifts leave unexplained: more from stabilised footage, less from other. Of rendered
 /// clips 0.01 to 0.5 are as recorded, the most where the camera shakes at 0.4 cycles a frame; 0.7 to 1 stabilised.
 const STABILISED: f64 = 0.62;
 const AS_RECORDED: f64 = 0.4;
-/// Another timeline is adopted if it leaves less than this unexplained, and for this log likelihood ratio in nats. On
-/// clips with true timestamps the ratio is 6 at most, with false ones 20 to 100.
+/// Another timeline is adopted if it leaves less than this unexplained, and none is tried where the present one leaves less.
 const EXPLAINED: f64 = 0.3;
-/// None is tried where the present one leaves less.
 const WELL_EXPLAINED: f64 = 0.1;
-const DECISIVE: f64 = 20.0;
+/// Log odds in nats of another timeline before anything is seen of it, and those with which it is adopted. On clips with true
+/// timestamps the log likelihood ratio is 6 at most, with false ones 20 to 100.
+const RETIMED_LOG_PRIOR: f64 = -10.0;
+const DECISIVE_LOG_ODDS: f64 = 10.0;
 /// Variance of the lean over that of a match, for 25 independent matches: Σ (p − ½)² is 25/12.
 const SLOPE_NOISE: f64 = 12.0 / 25.0;
 
@@ -78,6 +81,8 @@ pub struct Timing {
     before: FrameTiming,
     /// Whether it is given that frames are stabilised, or are not.
     is_given: bool,
+    /// Whether the first pairs contradict the path, while they are too few for a verdict.
+    is_doubtful: bool,
 }
 
 /// The lean of a frame that was moved after its readout: a point at the place p along the scan axis is displaced by p − ½
@@ -100,7 +105,16 @@ impl Lean {
         shift + Vector2::new(-point.y, point.x) * self.roll.value
     }
 
-    /// Variance of that, of both coordinates.
+    /// The homography in centred pixels from a place along the axis to the middle of the readout, x − (p − ½)·l; `radius` is half
+    /// the frame's width.
+    pub fn to_middle(&self, place: f64, radius: f64) -> Matrix3<f64> {
+        let late = place - 0.5;
+        let shift = self.at(Vector2::zeros()) * radius;
+        let turn = late * self.roll.value;
+        Matrix3::new(1.0, turn, -late * shift.x, -turn, 1.0, -late * shift.y, 0.0, 0.0, 1.0)
+    }
+
+    /// Variance of the displacement, of both coordinates.
     pub fn variance_at(&self, point: Vector2<f64>) -> f64 {
         self.across.variance + self.along.variance + self.roll.variance * point.norm_squared()
     }
@@ -114,6 +128,9 @@ impl Lean {
         if share.is_finite() { share.max(0.0) } else { 0.0 }
     }
 }
+
+/// How leans agree with the stamps of their frames, by all pairs or by few.
+type Agreement = fn(&[LeanChange], &[f64], f64) -> Option<Explained>;
 
 #[derive(Clone, Debug)]
 struct TimedPair {
@@ -137,6 +154,7 @@ impl Timing {
             first: 0,
             before: FrameTiming::default(),
             is_given: false,
+            is_doubtful: false,
         }
     }
 
@@ -155,9 +173,15 @@ impl Timing {
         if frame < self.first { self.before } else { self.found }
     }
 
-    /// The lean, along this axis, of a frame that was moved after its readout; `None` for other frames.
+    /// Whether a path does not tell how the frame with this number leans: it was moved after its readout, or may have been, or exposed
+    /// at another time.
+    pub fn contradicts_path(&self, frame: usize) -> bool {
+        self.found_of(frame).is_stabilised() || self.is_doubtful && frame >= self.first
+    }
+
+    /// The lean, along this axis, of a frame of which no path tells it; `None` for other frames.
     pub fn lean(&self, frame: usize, axis: ScanAxis) -> Option<Lean> {
-        if !self.found_of(frame).is_stabilised() {
+        if !self.contradicts_path(frame) {
             return None;
         }
         let first = self.pairs.front().map_or(0, |pair| pair.index);
@@ -196,6 +220,7 @@ impl Timing {
     /// Forgets the frames before a break.
     pub fn interrupt(&mut self) {
         self.pairs.clear();
+        self.is_doubtful = false;
         self.curvature = Curvature::default();
         self.blends.clear();
     }
@@ -235,6 +260,7 @@ impl Timing {
             self.pairs.pop_front();
         }
         self.pairs.push_back(TimedPair { lean: LeanChange::of(pair, axis, self.noise), index, stated });
+        self.doubt();
         let was_carried = self.carried.is_some_and(|_| self.found.is_stabilised());
         // Correspondences between blends are of no single exposure.
         let is_retimed = self.pairs.len() >= MIN_PAIRS && !self.found.is_blended() && self.judge(gamma);
@@ -255,9 +281,39 @@ impl Timing {
         }
     }
 
+    /// Looks whether the path may not hold, while there are too few pairs for a verdict, or for that of another shot to lapse:
+    /// frames look as if they had been moved, or as if another timeline were likelier.
+    fn doubt(&mut self) {
+        let is_open = !self.is_given && (self.carried.is_some() || self.found.stabilised.is_none());
+        self.is_doubtful = is_open && (MIN_DOUBT..MIN_PAIRS).contains(&self.pairs.len()) && {
+            let leans = self.leans();
+            let now = self.agreement(explained_by_few, &leans, self.found.timeline);
+            now.filter(Explained::is_telling).is_some_and(|now| {
+                let is_likelier =
+                    |other: Explained| other.log_likelihood_over(&now) + RETIMED_LOG_PRIOR > 0.0;
+                let other = self.likeliest_other(explained_by_few, &leans);
+                now.unexplained > STABILISED
+                    || now.unexplained > WELL_EXPLAINED && other.is_some_and(|(other, _)| is_likelier(other))
+            })
+        };
+    }
+
+    /// The timeline, but the present one, that leaves least unexplained.
+    fn likeliest_other(&self, explained: Agreement, leans: &[LeanChange]) -> Option<(Explained, Timeline)> {
+        let intervals: Vec<f64> = self.pairs.iter().map(|pair| pair.stated).collect();
+        let others = Timeline::candidates(&intervals).filter(|other| *other != self.found.timeline);
+        let tried = others.filter_map(|other| Some((self.agreement(explained, leans, other)?, other)));
+        tried.min_by(|a, b| a.0.unexplained.total_cmp(&b.0.unexplained))
+    }
+
+    fn leans(&self) -> Vec<LeanChange> {
+        self.pairs.iter().map(|pair| pair.lean).collect()
+    }
+
     fn judge(&mut self, gamma: f64) -> bool {
-        let leans: Vec<LeanChange> = self.pairs.iter().map(|pair| pair.lean).collect();
-        let Some(now) = self.explained(&leans, self.found.timeline).filter(Explained::is_telling) else {
+        let leans = self.leans();
+        let now = self.agreement(explained, &leans, self.found.timeline);
+        let Some(now) = now.filter(Explained::is_telling) else {
             return false;
         };
         let first = self.pairs.front().map_or(0, |pair| pair.index);
@@ -267,13 +323,9 @@ impl Timing {
             self.conclude_recorded(gamma);
             return false;
         }
-        let intervals: Vec<f64> = self.pairs.iter().map(|pair| pair.stated).collect();
-        let others = Timeline::candidates(&intervals).filter(|other| *other != self.found.timeline);
-        let tried = others.filter_map(|other| Some((self.explained(&leans, other)?, other)));
-        let best = tried.min_by(|a, b| a.0.unexplained.total_cmp(&b.0.unexplained));
-        if let Some((better, timeline)) = best
+        if let Some((better, timeline)) = self.likeliest_other(explained, &leans)
             && better.unexplained < EXPLAINED
-            && better.log_likelihood_over(&now) > DECISIVE
+            && better.log_likelihood_over(&now) + RETIMED_LOG_PRIOR > DECISIVE_LOG_ODDS
         {
             self.found.timeline = timeline;
             self.curvature = Curvature::default();
@@ -304,7 +356,7 @@ impl Timing {
         }
     }
 
-    fn explained(&self, leans: &[LeanChange], timeline: Timeline) -> Option<Explained> {
+    fn agreement(&self, explained: Agreement, leans: &[LeanChange], timeline: Timeline) -> Option<Explained> {
         explained(leans, &self.stamps(timeline), SLOPE_NOISE * self.noise)
     }
 
