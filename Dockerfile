@@ -9,7 +9,7 @@ ARG RUST=1.95
 
 FROM rust:${RUST}-slim-${DEBIAN} AS build
 RUN apt-get update && apt-get install -y --no-install-recommends \
-    libgstreamer-plugins-base1.0-dev libgstreamer1.0-dev pkg-config && \
+    libgstreamer-plugins-base1.0-dev libgstreamer1.0-dev pkg-config python3 && \
   rm -rf /var/lib/apt/lists/*
 WORKDIR /source
 COPY . .
@@ -20,6 +20,7 @@ RUN --mount=type=cache,target=/usr/local/cargo/registry --mount=type=cache,targe
   plugins=$(pkg-config --variable=pluginsdir gstreamer-1.0) && \
   install -D target/release/rsrectify -t /image/usr/bin && \
   install -D -m 644 target/release/libgstrsrectify.so -t "/image$plugins" && \
+  scripts/bill-of-materials /image/usr/share/doc/rsrectify && \
   install -D -m 644 gst-plugin/presets/GstRsRectify.prs -t /image/usr/share/gstreamer-1.0/presets && \
   install -D -m 644 LICENSE-* program/fonts/LICENSE* -t /image/usr/share/doc/rsrectify
 

@@ -9,7 +9,7 @@ use nalgebra::Translation2;
 use rsrectify::motion::{FrameMotion, MotionPath, ResidualField, ResidualMesh, SampledPath, Twist};
 use rsrectify::plane::{Plane, PlaneLayout, PlaneMut, SampleFormat};
 use rsrectify::readout::{Readout, ReadoutDirection, ReadoutTime};
-use rsrectify::warp::{CpuLevel, Interpolation, Placement, PreparedFrame, WarpSettings, Warper};
+use rsrectify::warp::{CpuLevel, Interpolation, PreparedFrame, SampleGrid, WarpSettings, Warper};
 use std::hint::black_box;
 
 /// A picture with detail everywhere.
@@ -20,21 +20,21 @@ fn samples(layout: &PlaneLayout) -> Vec<u8> {
 
 struct Image {
     layout: PlaneLayout,
-    placement: Placement,
+    grid: SampleGrid,
     source: Vec<u8>,
     target: Vec<u8>,
 }
 
 impl Image {
-    fn new(layout: PlaneLayout, placement: Placement) -> Self {
+    fn new(layout: PlaneLayout, grid: SampleGrid) -> Self {
         let source = samples(&layout);
-        Self { layout, placement, target: vec![0; source.len()], source }
+        Self { layout, grid, target: vec![0; source.len()], source }
     }
 
     fn warp(&mut self, frame: &PreparedFrame<'_>) {
         let source = Plane::new(&self.source, self.layout).expect("a plane");
         let mut target = PlaneMut::new(&mut self.target, self.layout).expect("a plane");
-        frame.warp(&source, &mut target, self.placement).expect("planes of one kind");
+        frame.warp(&source, &mut target, self.grid).expect("planes of one kind");
         black_box(&self.target);
     }
 }
@@ -46,23 +46,23 @@ fn one_channel(scale: usize, format: SampleFormat) -> PlaneLayout {
 fn formats() -> Vec<(&'static str, Vec<Image>)> {
     let planes = |format| {
         vec![
-            Image::new(one_channel(1, format), Placement::FULL),
-            Image::new(one_channel(2, format), Placement::CHROMA_420),
-            Image::new(one_channel(2, format), Placement::CHROMA_420),
+            Image::new(one_channel(1, format), SampleGrid::FULL),
+            Image::new(one_channel(2, format), SampleGrid::CHROMA_420),
+            Image::new(one_channel(2, format), SampleGrid::CHROMA_420),
         ]
     };
     let pairs = PlaneLayout { step: 2, channels: 2, stride: 1920, ..one_channel(2, SampleFormat::U8) };
     let rgbx = PlaneLayout { step: 4, channels: 4, stride: 7680, ..one_channel(1, SampleFormat::U8) };
     let nv12 = vec![
-        Image::new(one_channel(1, SampleFormat::U8), Placement::FULL),
-        Image::new(pairs, Placement::CHROMA_420),
+        Image::new(one_channel(1, SampleFormat::U8), SampleGrid::FULL),
+        Image::new(pairs, SampleGrid::CHROMA_420),
     ];
     vec![
-        ("y", vec![Image::new(one_channel(1, SampleFormat::U8), Placement::FULL)]),
+        ("y", vec![Image::new(one_channel(1, SampleFormat::U8), SampleGrid::FULL)]),
         ("i420", planes(SampleFormat::U8)),
         ("nv12", nv12),
         ("i420_10le", planes(SampleFormat::U10)),
-        ("rgba", vec![Image::new(rgbx, Placement::FULL)]),
+        ("rgba", vec![Image::new(rgbx, SampleGrid::FULL)]),
     ]
 }
 
@@ -122,8 +122,8 @@ fn prepare(criterion: &mut Criterion) {
     for direction in [ReadoutDirection::TopToBottom, ReadoutDirection::LeftToRight] {
         let readout = Readout::new(1920, 1080, direction, time, 1.0).expect("a readout");
         let mut group = criterion.benchmark_group(format!("prepare/{direction:?}"));
-        let mut rows = [(1, Placement::FULL), (2, Placement::CHROMA_420)].map(|(scale, placement)| {
-            Image::new(PlaneLayout { height: 1, ..one_channel(scale, SampleFormat::U8) }, placement)
+        let mut rows = [(1, SampleGrid::FULL), (2, SampleGrid::CHROMA_420)].map(|(scale, grid)| {
+            Image::new(PlaneLayout { height: 1, ..one_channel(scale, SampleFormat::U8) }, grid)
         });
         for (name, path) in &paths {
             let motion = FrameMotion::new(readout, path.clone());

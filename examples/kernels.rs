@@ -18,7 +18,7 @@ use rsrectify::motion::{FrameMotion, MotionPath, Twist};
 use rsrectify::plane::{Luma, Plane, PlaneLayout, PlaneMut, SampleFormat};
 use rsrectify::pyramid::{Pyramid, Reducer};
 use rsrectify::readout::{Readout, ReadoutDirection, ReadoutTime};
-use rsrectify::warp::{Placement, WarpSettings, Warper};
+use rsrectify::warp::{SampleGrid, WarpSettings, Warper};
 use std::error::Error;
 
 const WIDTH: usize = 640;
@@ -61,7 +61,7 @@ fn warp_interleaved(level: CpuLevel, rounds: usize) -> Result<(), Box<dyn Error>
     let mut target = data.clone();
     let source = Plane::new(&data, layout)?;
     for _ in 0..rounds {
-        frame.warp(&source, &mut PlaneMut::new(&mut target, layout)?, Placement::FULL)?;
+        frame.warp(&source, &mut PlaneMut::new(&mut target, layout)?, SampleGrid::FULL)?;
     }
     print_checksum(target.into_iter().map(u32::from));
     Ok(())
@@ -74,12 +74,11 @@ fn warp(level: CpuLevel, format: SampleFormat, rounds: usize) -> Result<(), Box<
     let source: Vec<u8> = (0..2 * WIDTH * HEIGHT).map(|i| (i % 4) as u8).collect();
     let mut target = source.clone();
     for _ in 0..rounds {
-        for (share, placement) in
-            [(1, Placement::FULL), (2, Placement::CHROMA_420), (2, Placement::CHROMA_420)]
+        for (share, grid) in [(1, SampleGrid::FULL), (2, SampleGrid::CHROMA_420), (2, SampleGrid::CHROMA_420)]
         {
             let layout = PlaneLayout::packed(WIDTH / share, HEIGHT / share, format);
             let (source, mut target) = (Plane::new(&source, layout)?, PlaneMut::new(&mut target, layout)?);
-            frame.warp(&source, &mut target, placement)?;
+            frame.warp(&source, &mut target, grid)?;
         }
     }
     print_checksum(target.into_iter().map(u32::from));

@@ -5,7 +5,7 @@
 use rayon::ThreadPoolBuilder;
 use rsrectify::plane::{Luma, Plane, PlaneLayout, PlaneMut, SampleFormat};
 use rsrectify::rectifier::{Duplicate, Settings};
-use rsrectify::warp::{Placement, WarpSettings};
+use rsrectify::warp::{SampleGrid, WarpSettings};
 use rsrectify::{Rectifier, Warper};
 
 const SIZE: [usize; 2] = [640, 480];
@@ -54,7 +54,7 @@ fn a_frame_of_a_running_stream_takes_little_memory() {
             let source = Plane::new(&frames[given_out], layout).unwrap();
             let mut target = PlaneMut::new(&mut rectified, layout).unwrap();
             let prepared = warper.prepare(&solution.motion, &WarpSettings::default());
-            prepared.warp(&source, &mut target, Placement::FULL).unwrap();
+            prepared.warp(&source, &mut target, SampleGrid::FULL).unwrap();
             given_out += 1;
         }
     };

@@ -10,7 +10,7 @@ use rsrectify::flow::FlowField;
 use rsrectify::motion::{FrameMotion, MotionPath, Twist};
 use rsrectify::plane::{Luma, Plane, PlaneLayout, PlaneMut, SampleFormat};
 use rsrectify::readout::{Readout, ReadoutDirection, ReadoutTime};
-use rsrectify::warp::{BorderMode, CpuLevel, Fill, Interpolation, Placement, WarpSettings, Warper};
+use rsrectify::warp::{BorderMode, CpuLevel, Fill, Interpolation, SampleGrid, WarpSettings, Warper};
 use rustix::mm::{MapFlags, MprotectFlags, ProtFlags, mmap_anonymous, mprotect, munmap};
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -203,7 +203,7 @@ fn the_warp_stays_within_its_planes() {
                     let rectified = |source: &[u8], target: &mut [u8]| {
                         let source = Plane::new(source, from).unwrap();
                         let mut target = PlaneMut::new(target, to).unwrap();
-                        frame.warp(&source, &mut target, Placement::FULL).unwrap();
+                        frame.warp(&source, &mut target, SampleGrid::FULL).unwrap();
                     };
                     let len = to.required_bytes().unwrap();
                     // With other samples before and behind, which must not matter.

@@ -8,7 +8,7 @@ use rsrectify::motion::file::{Clip, MotionRecord, MotionWriter};
 use rsrectify::motion::{FrameMotion, MotionPath, Twist};
 use rsrectify::plane::{Plane, PlaneLayout, PlaneMut, SampleFormat};
 use rsrectify::readout::{Readout, ReadoutDirection, ReadoutTime};
-use rsrectify::warp::{Placement, WarpSettings};
+use rsrectify::warp::{SampleGrid, WarpSettings};
 use std::path::PathBuf;
 
 const SIZE: [usize; 2] = [64, 48];
@@ -65,7 +65,7 @@ fn rectified(frame: i64, settings: &WarpSettings) -> Vec<u8> {
     let (source, mut target) =
         (Plane::new(&input, layout).unwrap(), PlaneMut::new(&mut output, layout).unwrap());
     let mut warper = Warper::new();
-    warper.prepare(&motion(frame), settings).warp(&source, &mut target, Placement::FULL).unwrap();
+    warper.prepare(&motion(frame), settings).warp(&source, &mut target, SampleGrid::FULL).unwrap();
     output
 }
 

@@ -8,7 +8,7 @@ use rsrectify::Warper;
 use rsrectify::motion::FrameMotion;
 use rsrectify::motion::file::MotionFile;
 use rsrectify::plane::{Plane, PlaneLayout, PlaneMut, SampleFormat};
-use rsrectify::warp::Placement;
+use rsrectify::warp::SampleGrid;
 use std::ffi::{CStr, CString};
 use std::path::PathBuf;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -146,7 +146,7 @@ impl Filter {
         };
         let (source, mut target) = (Plane::new(input, layout).ok()?, PlaneMut::new(output, layout).ok()?);
         let mut warper = lock(&self.warpers).pop().unwrap_or_default();
-        let warped = warper.prepare(motion, settings).warp(&source, &mut target, Placement::FULL);
+        let warped = warper.prepare(motion, settings).warp(&source, &mut target, SampleGrid::FULL);
         lock(&self.warpers).push(warper);
         warped.ok()
     }

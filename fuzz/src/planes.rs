@@ -8,7 +8,7 @@ use nalgebra::Matrix3;
 use rsrectify::motion::{FrameMotion, MotionPath, ResidualField, ResidualMesh, SampledPath, Twist};
 use rsrectify::plane::{Plane, PlaneLayout, PlaneMut};
 use rsrectify::readout::Readout;
-use rsrectify::warp::{BorderMode, CpuLevel, Fill, Interpolation, Placement, WarpSettings, Warper};
+use rsrectify::warp::{BorderMode, CpuLevel, Fill, Interpolation, SampleGrid, WarpSettings, Warper};
 
 const INTERPOLATIONS: [Interpolation; 4] =
     [Interpolation::Cubic, Interpolation::Nearest, Interpolation::Linear, Interpolation::Lanczos];
@@ -53,7 +53,7 @@ fn layouts(u: &mut Unstructured<'_>) -> Result<()> {
         let still = FrameMotion::new(Readout::global_shutter(layout.width, layout.height), MotionPath::STILL);
         let mut warper = Warper::new();
         let frame = warper.prepare(&still, &WarpSettings::default());
-        let copied = source.map(|source| frame.warp(&source, &mut plane, Placement::FULL));
+        let copied = source.map(|source| frame.warp(&source, &mut plane, SampleGrid::FULL));
         assert_eq!(copied, Ok(Ok(())), "{layout:?}");
     }
     Ok(())
@@ -88,10 +88,10 @@ fn rectified(u: &mut Unstructured<'_>) -> Result<()> {
     settings.reference_row = real(u, 1.0)?;
     settings.strength = real(u, 1.0)?;
     settings.zoom = real(u, 4.0)?;
-    let placement = match u.int_in_range(0..=3u8)? {
-        0 | 1 => Placement::FULL,
-        2 => Placement::CHROMA_420,
-        _ => Placement { scale: [real(u, 4.0)?, real(u, 4.0)?], offset: [real(u, 9.0)?, real(u, 9.0)?] },
+    let grid = match u.int_in_range(0..=3u8)? {
+        0 | 1 => SampleGrid::FULL,
+        2 => SampleGrid::CHROMA_420,
+        _ => SampleGrid { scale: [real(u, 4.0)?, real(u, 4.0)?], offset: [real(u, 9.0)?, real(u, 9.0)?] },
     };
     // Views of packed pictures start anywhere.
     let offset = u.int_in_range(0..=8usize)?;
@@ -114,14 +114,14 @@ fn rectified(u: &mut Unstructured<'_>) -> Result<()> {
         let frame = warper.prepare(&motion, &settings);
         let mut bytes = vec![UNTOUCHED; offset + to.required_bytes().unwrap_or(0) + 5];
         let Ok(mut target) = PlaneMut::new(&mut bytes[offset..], to) else { panic!("{to:?} is a layout") };
-        if frame.warp(&source, &mut target, placement).is_err() {
+        if frame.warp(&source, &mut target, grid).is_err() {
             return Ok(());
         }
         verify(&bytes, &to, offset, plain);
         match &reference {
             Some(reference) => {
                 let differs = reference.iter().zip(&bytes).position(|(a, b)| a != b);
-                assert_eq!(differs, None, "{level} rectifies {from:?} differently at {placement:?}");
+                assert_eq!(differs, None, "{level} rectifies {from:?} differently at {grid:?}");
             }
             None => reference = Some(bytes),
         }

@@ -9,7 +9,7 @@ use rsrectify::correspond::{Pyramid, Sampler};
 use rsrectify::motion::image_centre;
 use rsrectify::plane::{Luma, Plane, PlaneLayout, PlaneMut, SampleFormat};
 use rsrectify::rectifier::{Duplicate, FrameSolution, Rectifier};
-use rsrectify::warp::{CpuLevel, Placement, WarpSettings, Warper};
+use rsrectify::warp::{CpuLevel, SampleGrid, WarpSettings, Warper};
 
 /// Calls in a stream, at most.
 const CALLS: usize = 12;
@@ -219,7 +219,7 @@ fn verify(solution: &FrameSolution, [width, height]: [usize; 2]) {
     let mut warper = Warper::new();
     let frame = warper.prepare(motion, &WarpSettings::default());
     if let (Ok(source), Ok(mut target)) = (source, target) {
-        assert_eq!(frame.warp(&source, &mut target, Placement::FULL), Ok(()));
+        assert_eq!(frame.warp(&source, &mut target, SampleGrid::FULL), Ok(()));
     }
     assert_eq!(rectified, plain);
 }

@@ -6,6 +6,7 @@
 //! before what parsers and decoders find, so that they are read here without them, and fill only what is left open.
 
 use crate::colour::{Colour, UNSPECIFIED};
+use crate::decoder;
 use crate::elements::{self, NO_VIDEO};
 use crate::input::{Clip, Opening};
 use crate::times::{Delay, Watch};
@@ -50,21 +51,18 @@ impl Picture {
     /// Those of a clip's first video stream, from its first frame.
     pub fn of(clip: &Clip) -> Result<Self> {
         let pipeline = gst::Pipeline::new();
-        let decoder = clip.open(&pipeline, Opening::Look)?;
+        let opened = clip.open(&pipeline, Opening::Look)?;
         let demuxed = hide_what_files_state(&pipeline);
         let watch = Watch::of(&pipeline);
         let (found, first_frame) = channel();
         // Only video is decoded.
-        decoder.connect("autoplug-continue", false, |values| {
+        opened.connect("autoplug-continue", false, |values| {
             let caps = values.get(2).and_then(|value| value.get::<gst::Caps>().ok());
-            let kind = caps.and_then(|caps| Some(caps.structure(0)?.name().to_string()));
-            let is_other = kind
-                .is_some_and(|kind| ["audio/", "text/", "subpicture/"].iter().any(|k| kind.starts_with(k)));
-            Some((!is_other).to_value())
+            Some(caps.is_none_or(|caps| !decoder::is_beside_video(&caps)).to_value())
         });
         let (on_frame, videos) = (found.clone(), Arc::new(AtomicU32::new(0)));
         let counted = videos.clone();
-        decoder.connect_pad_added(move |_, pad| {
+        opened.connect_pad_added(move |_, pad| {
             let caps = pad.current_caps().unwrap_or_else(|| pad.query_caps(None));
             if is_of(&caps, "video/x-raw") {
                 counted.fetch_add(1, Ordering::Relaxed);
@@ -80,7 +78,7 @@ impl Picture {
                 elements::drop_all(pad);
             }
         });
-        decoder.connect_no_more_pads(move |_| {
+        opened.connect_no_more_pads(move |_| {
             if videos.load(Ordering::Relaxed) == 0 {
                 let _ = found.send(None);
             }

@@ -193,24 +193,24 @@ impl fmt::Display for Found {
     }
 }
 
-/// Sums up what the frames say.
+/// Collects what is found in each frame.
 #[derive(Debug, Default)]
-pub struct Summary {
+struct Collector {
     last: Option<FrameSolution>,
     /// The last that is known of the focal length.
     focal_length: Option<FocalLength>,
     frames: u32,
     followed: u32,
-    /// Frames that are said to be stabilised, and not to be.
+    /// Frames that were found to be stabilised, and not to be.
     stabilised: [u32; 2],
     /// The last timeline other than the stated one.
     timeline: Timeline,
     cuts: Vec<usize>,
 }
 
-impl Summary {
+impl Collector {
     /// Adds a frame.
-    pub fn add(&mut self, frame: &Frame) {
+    fn add(&mut self, frame: &Frame) {
         if frame.solution.begins_shot {
             self.cuts.push(self.frames as usize);
         }
@@ -299,10 +299,10 @@ pub fn find(
     let mut analysis = Analysis::open(clip, settings, interruption)?;
     let expected = expect(&mut analysis, camera)?;
     let bar = progress::spinner()?;
-    let mut summary = Summary::default();
+    let mut collector = Collector::default();
     let mut note = |frame: Frame| {
-        summary.add(&frame);
-        bar.set_message(format!("looking for the readout time, {} frames", summary.frames));
+        collector.add(&frame);
+        bar.set_message(format!("looking for the readout time, {} frames", collector.frames));
         bar.tick();
         Ok(())
     };
@@ -328,10 +328,10 @@ pub fn find(
     }
     bar.finish_and_clear();
     if let Some(reason) = analysis.ended_early() {
-        let frames = summary.frames;
+        let frames = collector.frames;
         log::warn!("{}: {reason}; the readout is that of the {frames} frames before", clip.display());
     }
-    let found = summary.found(&analysis);
+    let found = collector.found(&analysis);
     Ok(found.map(|found| Found { expected, ..found }))
 }
 

@@ -29,8 +29,8 @@ use std::io::{self, BufWriter};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, SystemTime};
 
-/// To be raised whenever the same settings give other pictures or another truth than before.
-const RENDERER: u32 = 1;
+/// A hash of this crate's sources, the versions of its dependencies and the compiler: see `build.rs`.
+const RENDERER: &str = env!("RENDERER");
 
 /// How many bytes are kept by default: 5 GB.
 const LIMIT: u64 = 5_000_000_000;
@@ -189,10 +189,10 @@ impl Cache {
     }
 }
 
-/// The name of an entry: a hash of the settings, the version of the renderer and the textures' files.
+/// The name of an entry: a hash of the settings, the renderer and the textures' files.
 fn name(settings: &Settings, textures: Option<&Path>) -> Result<String> {
     let mut hasher = blake3::Hasher::new();
-    hasher.update(&RENDERER.to_le_bytes());
+    hasher.update(RENDERER.as_bytes());
     hasher.update(&serde_json::to_vec(settings)?);
     for path in textures.map(files).transpose()?.unwrap_or_default() {
         let bytes = fs::read(&path).with_context(|| format!("cannot read {}", path.display()))?;

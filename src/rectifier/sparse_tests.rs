@@ -36,26 +36,30 @@ fn times(intervals: &[f64]) -> Vec<f64> {
     std::iter::once(0.0).chain(later).collect()
 }
 
-const READOUTS: [ReadoutTime; 2] = [ReadoutTime::Unknown, ReadoutTime::Seconds(0.02)];
+const NOMINAL: f64 = 1.0 / 30.0;
+const KNOWN: ReadoutTime = ReadoutTime::Seconds(0.02);
+/// What is stated of a stream: two of the four combinations of readout and frame period, so that successive streams have all four.
+const STATED: [[(ReadoutTime, Option<f64>); 2]; 2] = [
+    [(ReadoutTime::Unknown, Some(NOMINAL)), (KNOWN, None)],
+    [(ReadoutTime::Unknown, None), (KNOWN, Some(NOMINAL))],
+];
 
 #[test]
 fn sparse_frames_take_as_many_unknowns_as_with_their_true_rate() {
-    for interval in [0.1, 0.5, 5.0] {
-        for readout_time in READOUTS {
+    for (interval, stated) in [0.1, 0.5, 5.0].into_iter().zip(STATED.into_iter().cycle()) {
+        for (readout_time, claimed) in stated {
             let (expected, truth) = unknowns(&times(&[interval]), Some(interval), readout_time);
-            for claimed in [Some(1.0 / 30.0), None] {
-                let (found, solutions) = unknowns(&times(&[interval]), claimed, readout_time);
-                assert_eq!(solutions.len(), FRAMES);
-                // The first interval may be a hole among frames at the nominal rate.
-                let allowed = if interval > 0.5 { 0 } else { 16 * expected / 10 };
-                assert!(found <= expected + allowed, "{interval} s, {claimed:?}: {found} of {expected}");
-                // After the spacing is estimated, the motion is the same.
-                for (solution, truth) in solutions.iter().zip(&truth).skip(12) {
-                    let [found, expected] =
-                        [solution, truth].map(|one| one.motion.path().mean_twist().velocity * interval);
-                    assert!((found - expected).norm() < 0.1, "{interval} s: {found:?} {expected:?}");
-                    assert_eq!(solution.origin, truth.origin);
-                }
+            let (found, solutions) = unknowns(&times(&[interval]), claimed, readout_time);
+            assert_eq!(solutions.len(), FRAMES);
+            // The first interval may be a hole among frames at the nominal rate.
+            let allowed = if interval > 0.5 { 0 } else { 16 * expected / 10 };
+            assert!(found <= expected + allowed, "{interval} s, {claimed:?}: {found} of {expected}");
+            // After the spacing is estimated, the motion is the same.
+            for (solution, truth) in solutions.iter().zip(&truth).skip(12) {
+                let [found, expected] =
+                    [solution, truth].map(|one| one.motion.path().mean_twist().velocity * interval);
+                assert!((found - expected).norm() < 0.1, "{interval} s: {found:?} {expected:?}");
+                assert_eq!(solution.origin, truth.origin);
             }
         }
     }
@@ -63,34 +67,33 @@ fn sparse_frames_take_as_many_unknowns_as_with_their_true_rate() {
 
 #[test]
 fn uneven_frames_take_few_unknowns() {
-    let period = 1.0 / 30.0;
-    for readout_time in READOUTS {
-        let (even, _) = unknowns(&times(&[period]), Some(period), readout_time);
-        for intervals in [
-            &[0.1, 2.0, period][..],
-            &[period, 0.5],
-            &[period, period, 0.5],
-            &[0.4, period, 0.2, 1.0, 0.1, 3.0, period],
-            &[period, 4.0 * period, 4.0 * period],
-        ] {
-            for claimed in [Some(period), None] {
-                let (found, solutions) = unknowns(&times(intervals), claimed, readout_time);
-                assert_eq!(solutions.len(), FRAMES);
-                assert!(found <= 3 * even, "{intervals:?}: {found} beside {even}");
-            }
+    let evenly = |readout_time| (readout_time, unknowns(&times(&[NOMINAL]), Some(NOMINAL), readout_time).0);
+    let even = [ReadoutTime::Unknown, KNOWN].map(evenly);
+    let streams = [
+        &[0.1, 2.0, NOMINAL][..],
+        &[NOMINAL, 0.5],
+        &[NOMINAL, NOMINAL, 0.5],
+        &[0.4, NOMINAL, 0.2, 1.0, 0.1, 3.0, NOMINAL],
+        &[NOMINAL, 4.0 * NOMINAL, 4.0 * NOMINAL],
+    ];
+    for (intervals, stated) in streams.into_iter().zip(STATED.into_iter().cycle()) {
+        for ((readout_time, claimed), (of, even)) in stated.into_iter().zip(even) {
+            assert_eq!(readout_time, of);
+            let (found, solutions) = unknowns(&times(intervals), claimed, readout_time);
+            assert_eq!(solutions.len(), FRAMES);
+            assert!(found <= 3 * even, "{intervals:?}, {claimed:?}: {found} beside {even}");
         }
     }
 }
 
 #[test]
 fn frames_that_come_faster_again_take_few_unknowns() {
-    let period = 1.0 / 30.0;
     let slow = times(&[5.0]);
     let last = slow[FRAMES - 1];
-    let fast = (1..FRAMES).map(|k| last + k as f64 * period);
+    let fast = (1..FRAMES).map(|k| last + k as f64 * NOMINAL);
     let all: Vec<f64> = slow.iter().copied().chain(fast).collect();
-    let (even, _) = unknowns(&times(&[period]), Some(period), ReadoutTime::Seconds(0.02));
-    let (found, solutions) = unknowns(&all, Some(period), ReadoutTime::Seconds(0.02));
+    let (even, _) = unknowns(&times(&[NOMINAL]), Some(NOMINAL), KNOWN);
+    let (found, solutions) = unknowns(&all, Some(NOMINAL), KNOWN);
     assert_eq!(solutions.len(), all.len());
     assert!(found <= 3 * even, "{found} beside {even}");
     assert!(solutions[all.len() - 4..].iter().all(|solution| solution.confidence > 0.5));

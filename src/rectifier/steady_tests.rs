@@ -6,7 +6,7 @@ use super::tests::{HEIGHT, PERIOD, WIDTH, pops, push, texture};
 use super::*;
 use crate::plane::{Plane, PlaneLayout, PlaneMut, SampleFormat};
 use crate::readout::{ReadoutDirection, ReadoutTime};
-use crate::warp::{BorderMode, Fill, Placement, WarpSettings, Warper, least_zoom};
+use crate::warp::{BorderMode, Fill, SampleGrid, WarpSettings, Warper, least_zoom};
 use nalgebra::Vector2;
 use std::f64::consts::TAU;
 
@@ -87,7 +87,7 @@ fn a_shaken_picture_is_steady_and_shows_no_border() {
             let mut target = PlaneMut::new(&mut out, layout).unwrap();
             let source = Plane::new(frame, layout).unwrap();
             let prepared = warper.prepare(&solution.motion, &settings);
-            prepared.warp(&source, &mut target, Placement::FULL).unwrap();
+            prepared.warp(&source, &mut target, SampleGrid::FULL).unwrap();
             // Cubic interpolation may undershoot, but not to black.
             assert!(out.iter().all(|value| *value > 5), "frame {k} shows its border");
         }

@@ -2,7 +2,7 @@
 
 //! The layout of all planes of a frame.
 
-use super::placement::Placement;
+use super::sample_grid::SampleGrid;
 use crate::plane::{Luma, Plane, PlaneError, PlaneLayout, SampleFormat};
 
 /// The planes of a frame, the luma first: how each is stored and where its pixels lie in the frame.
@@ -17,19 +17,19 @@ use crate::plane::{Luma, Plane, PlaneError, PlaneLayout, SampleFormat};
 /// ```
 #[derive(Clone, Debug, PartialEq)]
 pub struct FrameLayout {
-    /// Layout and placement of each plane.
-    pub planes: Vec<(PlaneLayout, Placement)>,
+    /// How each plane is stored, and where its samples lie.
+    pub planes: Vec<(PlaneLayout, SampleGrid)>,
 }
 
 impl FrameLayout {
     /// Planar 4:2:0: luma and two planes of chroma with half the columns and rows, rounded up, at
-    /// [`Placement::CHROMA_420`]; without padding.
+    /// [`SampleGrid::CHROMA_420`]; without padding.
     #[must_use]
     pub fn yuv420(width: usize, height: usize, format: SampleFormat) -> Self {
         let luma = PlaneLayout::packed(width, height, format);
         let chroma = PlaneLayout::packed(width.div_ceil(2), height.div_ceil(2), format);
-        let chroma = (chroma, Placement::CHROMA_420);
-        Self { planes: vec![(luma, Placement::FULL), chroma, chroma] }
+        let chroma = (chroma, SampleGrid::CHROMA_420);
+        Self { planes: vec![(luma, SampleGrid::FULL), chroma, chroma] }
     }
 
     /// One plane of 1 to 4 interleaved channels, without padding: RGB, BGRA, grey.
@@ -37,7 +37,7 @@ impl FrameLayout {
     pub fn interleaved(width: usize, height: usize, channels: usize, format: SampleFormat) -> Self {
         let packed = PlaneLayout::packed(width, height, format);
         let stride = packed.stride.saturating_mul(channels);
-        Self { planes: vec![(PlaneLayout { stride, step: channels, channels, ..packed }, Placement::FULL)] }
+        Self { planes: vec![(PlaneLayout { stride, step: channels, channels, ..packed }, SampleGrid::FULL)] }
     }
 
     /// The first channel of the first plane, to be pushed to a [`Rectifier`](crate::Rectifier); see

@@ -5,7 +5,7 @@
 use super::blocks::{BLOCK, Block, KNOT};
 use super::inverse::{MapField, cubic};
 use super::kernels;
-use super::placement::Placement;
+use super::sample_grid::SampleGrid;
 use super::weights::ONE;
 use crate::cpu::{CpuLevel, for_each_cpu};
 
@@ -42,19 +42,19 @@ pub(super) struct KnotTable {
 impl KnotTable {
     /// Resamples `field` at knots that cover plane columns `from` to `to`; `axis` is the one along
     /// which the field displaces.
-    pub fn fill(&mut self, field: &MapField, placement: &Placement, axis: usize, from: isize, to: isize) {
-        let [scale_x, scale_y] = placement.scale;
+    pub fn fill(&mut self, field: &MapField, grid: &SampleGrid, axis: usize, from: isize, to: isize) {
+        let [scale_x, scale_y] = grid.scale;
         self.first = from.div_euclid(BLOCK as isize) * 2;
         self.columns = (to.div_euclid(BLOCK as isize) * 2 + 3 - self.first).max(3) as usize;
-        self.origin = (field.y.first - placement.offset[1]) / scale_y;
+        self.origin = (field.y.first - grid.offset[1]) / scale_y;
         self.spacing = field.y.spacing / scale_y;
         self.values.clear();
         self.values.resize(self.columns * field.y.count, 0.0);
         for index in 0..self.columns {
             let column = ((self.first + index as isize) * KNOT as isize) as f64;
-            let at = (scale_x * column + placement.offset[0] - field.x.first) / field.x.spacing;
+            let at = (scale_x * column + grid.offset[0] - field.x.first) / field.x.spacing;
             let (node, weights) = cubic(at, field.x.count);
-            let weights = weights.map(|weight| weight as f32 / placement.scale[axis] as f32);
+            let weights = weights.map(|weight| weight as f32 / grid.scale[axis] as f32);
             let nodes = field.values.chunks_exact(field.x.count.max(1));
             for (row, nodes) in self.values.chunks_exact_mut(self.columns).zip(nodes) {
                 let value = weights.iter().zip(&nodes[node..]).map(|(w, v)| w * v).sum();

@@ -21,8 +21,8 @@ mod inverse;
 mod kernels;
 mod knots;
 mod monotone;
-mod placement;
 mod rows;
+mod sample_grid;
 mod settings;
 #[cfg(test)]
 mod tests;
@@ -31,7 +31,7 @@ mod weights;
 pub use crate::cpu::CpuLevel;
 pub use borders::{UNBENT_SHARE, least_zoom};
 pub use frame::FrameLayout;
-pub use placement::Placement;
+pub use sample_grid::SampleGrid;
 pub use settings::{BorderMode, Fill, Interpolation, WarpSettings};
 
 use crate::motion::FrameMotion;
@@ -49,9 +49,9 @@ pub enum WarpError {
     /// Source and destination differ in size, channels or sample format.
     #[error("source and destination planes differ in size, channels or sample format")]
     Mismatch,
-    /// The placement is invalid: a scale that is not positive or a number that is not finite.
+    /// The sample grid is invalid: a scale that is not positive or a number that is not finite.
     #[error("a plane's scale must be positive and its offset finite")]
-    Placement,
+    SampleGrid,
     /// A frame has more or fewer planes than its layout.
     #[error("a frame has more or fewer planes than its layout")]
     Planes,
@@ -83,7 +83,7 @@ struct PlaneMap {
 
 #[derive(Debug, Default)]
 struct PlaneMaps {
-    used: Vec<(Placement, usize, Arc<PlaneMap>)>,
+    used: Vec<(SampleGrid, usize, Arc<PlaneMap>)>,
     spare: Vec<Arc<PlaneMap>>,
 }
 
@@ -138,15 +138,15 @@ impl Warper {
         &self,
         src: &Plane<'_>,
         dst: &mut PlaneMut<'_>,
-        placement: Placement,
+        grid: SampleGrid,
         index: usize,
     ) -> Result<(), WarpError> {
         let key = |layout: &PlaneLayout| (layout.width, layout.height, layout.channels, layout.format);
         if key(src.layout()) != key(dst.layout()) {
             return Err(WarpError::Mismatch);
         }
-        if !placement.is_valid() {
-            return Err(WarpError::Placement);
+        if !grid.is_valid() {
+            return Err(WarpError::SampleGrid);
         }
         if src.layout().width == 0 || src.layout().height == 0 {
             return Ok(());
@@ -155,7 +155,7 @@ impl Warper {
             rows::copy(src, dst);
             return Ok(());
         }
-        let map = self.plane_map(placement, src.layout().width);
+        let map = self.plane_map(grid, src.layout().width);
         let task = rows::PlaneTask {
             level: self.level,
             interpolation: self.settings.interpolation,
@@ -168,16 +168,16 @@ impl Warper {
         Ok(())
     }
 
-    /// The knots of planes of this placement and width, computed on first use.
-    fn plane_map(&self, placement: Placement, width: usize) -> Arc<PlaneMap> {
+    /// The knots of planes of this sample grid and width, computed on first use.
+    fn plane_map(&self, grid: SampleGrid, width: usize) -> Arc<PlaneMap> {
         let mut planes = self.planes.lock().unwrap_or_else(PoisonError::into_inner);
-        let cached = planes.used.iter().find(|(at, columns, _)| *at == placement && *columns == width);
+        let cached = planes.used.iter().find(|(at, columns, _)| *at == grid && *columns == width);
         if let Some((_, _, map)) = cached {
             return map.clone();
         }
         let mut map = planes.spare.pop().unwrap_or_default();
-        Arc::make_mut(&mut map).fill(&self.map, &placement, width);
-        planes.used.push((placement, width, map.clone()));
+        Arc::make_mut(&mut map).fill(&self.map, &grid, width);
+        planes.used.push((grid, width, map.clone()));
         map
     }
 }
@@ -195,13 +195,8 @@ impl PreparedFrame<'_> {
     ///
     /// # Errors
     /// As [`warp_plane`](Self::warp_plane).
-    pub fn warp(
-        &self,
-        src: &Plane<'_>,
-        dst: &mut PlaneMut<'_>,
-        placement: Placement,
-    ) -> Result<(), WarpError> {
-        self.warp_plane(0, src, dst, placement)
+    pub fn warp(&self, src: &Plane<'_>, dst: &mut PlaneMut<'_>, grid: SampleGrid) -> Result<(), WarpError> {
+        self.warp_plane(0, src, dst, grid)
     }
 
     /// Fills `dst` with the rectified `src`, plane `index` of the frame, counted from 0. The index
@@ -211,16 +206,16 @@ impl PreparedFrame<'_> {
     /// not written.
     ///
     /// # Errors
-    /// If the planes differ in size, channels or sample format, or the placement is invalid; see
+    /// If the planes differ in size, channels or sample format, or the grid is invalid; see
     /// [`WarpError`].
     pub fn warp_plane(
         &self,
         index: usize,
         src: &Plane<'_>,
         dst: &mut PlaneMut<'_>,
-        placement: Placement,
+        grid: SampleGrid,
     ) -> Result<(), WarpError> {
-        self.warper.warp(src, dst, placement, index)
+        self.warper.warp(src, dst, grid, index)
     }
 
     /// Fills the planes `dst` with those of the rectified frame, whose planes are `src`; both have this
@@ -239,22 +234,22 @@ impl PreparedFrame<'_> {
             return Err(WarpError::Planes);
         }
         let planes = layout.planes.iter().zip(src).zip(dst).enumerate();
-        for (index, ((&(layout, placement), src), dst)) in planes {
+        for (index, ((&(layout, grid), src), dst)) in planes {
             let (src, mut dst) = (Plane::new(src.as_ref(), layout)?, PlaneMut::new(dst.as_mut(), layout)?);
-            self.warp_plane(index, &src, &mut dst, placement)?;
+            self.warp_plane(index, &src, &mut dst, grid)?;
         }
         Ok(())
     }
 }
 
 impl PlaneMap {
-    fn fill(&mut self, map: &InverseMap, placement: &Placement, width: usize) {
+    fn fill(&mut self, map: &InverseMap, grid: &SampleGrid, width: usize) {
         let last = width as isize - 1;
-        self.across.fill(&map.across, placement, 0, 0, last);
+        self.across.fill(&map.across, grid, 0, 0, last);
         let down = &map.down;
-        let column = |x: f64| ((x - placement.offset[0]) / placement.scale[0]) as isize;
+        let column = |x: f64| ((x - grid.offset[0]) / grid.scale[0]) as isize;
         let from = column(down.x.first).clamp(-2 * last - 2, 0);
         let to = column(down.x.at(down.x.count)).clamp(last, 3 * last + 3);
-        self.down.fill(down, placement, 1, from, to);
+        self.down.fill(down, grid, 1, from, to);
     }
 }

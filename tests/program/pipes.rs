@@ -128,6 +128,14 @@ fn matroska_goes_through_pipes_with_its_sound() {
 }
 
 #[test]
+fn a_readout_time_of_0_is_found_and_not_reported_as_given() {
+    let folder = Folder::new("piped-unknown");
+    let input = film(&folder, "yuv420p");
+    let (_, said) = succeeds("fix", &["-", "--output", "-", "--readout-time", "0"], &input);
+    assert!(said.contains("readout: sought while") && !said.contains("as given"), "{said}");
+}
+
+#[test]
 fn a_reader_that_has_gone_ends_the_program() {
     let folder = Folder::new("closed");
     let input = film(&folder, "yuv420p");

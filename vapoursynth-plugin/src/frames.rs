@@ -6,7 +6,7 @@ use rsrectify::Warper;
 use rsrectify::motion::FrameMotion;
 use rsrectify::motion::file::MotionFile;
 use rsrectify::plane::{Plane, PlaneLayout, PlaneMut, SampleFormat};
-use rsrectify::warp::{BorderMode, Fill, Interpolation, Placement, WarpSettings};
+use rsrectify::warp::{BorderMode, Fill, Interpolation, SampleGrid, WarpSettings};
 use std::path::Path;
 use std::slice;
 use std::sync::{Mutex, PoisonError};
@@ -136,9 +136,9 @@ impl Rectifier {
             let to = unsafe { slice::from_raw_parts_mut(target.plane_mut(index), target_bytes) };
             let from = Plane::new(from, layout).map_err(|error| error.to_string())?;
             let mut to = PlaneMut::new(to, target_layout).map_err(|error| error.to_string())?;
-            let placement = if index > 0 { chroma(format, &source) } else { Placement::FULL };
+            let grid = if index > 0 { chroma(format, &source) } else { SampleGrid::FULL };
             let index = usize::try_from(index).unwrap_or(0);
-            prepared.warp_plane(index, &from, &mut to, placement).map_err(|error| error.to_string())?;
+            prepared.warp_plane(index, &from, &mut to, grid).map_err(|error| error.to_string())?;
         }
         self.warpers.lock().unwrap_or_else(PoisonError::into_inner).push(warper);
         Ok(target)
@@ -187,9 +187,9 @@ fn layout(frame: &VideoFrame, plane: i32) -> Result<PlaneLayout, String> {
 }
 
 /// Where the chroma samples lie: between two luma samples, or on the first of them.
-fn chroma(format: &VideoFormat, frame: &VideoFrame) -> Placement {
+fn chroma(format: &VideoFormat, frame: &VideoFrame) -> SampleGrid {
     if format.color_family != VSColorFamily::YUV {
-        return Placement::FULL;
+        return SampleGrid::FULL;
     }
     // As ITU-T H.273 counts: left, centre, top left, top, bottom left, bottom.
     let location = property(frame, "_ChromaLocation", |map, key| map.get_int(key, 0).ok()).unwrap_or(0);
@@ -201,7 +201,7 @@ fn chroma(format: &VideoFormat, frame: &VideoFrame) -> Placement {
         4 | 5 => 1.0,
         _ => 0.5,
     };
-    Placement { scale, offset: [across * (scale[0] - 1.0), down * (scale[1] - 1.0)] }
+    SampleGrid { scale, offset: [across * (scale[0] - 1.0), down * (scale[1] - 1.0)] }
 }
 
 /// Black.

@@ -12,7 +12,7 @@ use gst_video::{
     VideoCapsBuilder, VideoFormat, VideoFrameRef, VideoInfo, VideoMeta, VideoOverlayCompositionMeta,
 };
 use rsrectify::plane::{Luma, Plane, PlaneLayout, PlaneMut, SampleFormat};
-use rsrectify::warp::{Fill, Placement};
+use rsrectify::warp::{Fill, SampleGrid};
 
 /// The formats that can be rectified, the most usual first.
 pub const FORMATS: [VideoFormat; 64] = [
@@ -154,22 +154,22 @@ pub struct View {
     /// The samples; the stride is that of the buffer at hand.
     layout: PlaneLayout,
     /// Where the samples lie in the frame.
-    pub placement: Placement,
+    pub grid: SampleGrid,
     /// The component in each channel; `None` for padding.
     components: [Option<usize>; COMPONENTS],
 }
 
 /// How a stream's frames are cut into views.
 #[derive(Clone, Debug)]
-pub struct FrameLayout {
+pub struct FrameViews {
     info: VideoInfo,
     views: Vec<View>,
     luma: View,
     luma_weights: [f32; COMPONENTS],
 }
 
-impl FrameLayout {
-    /// The layout of frames described by `info`.
+impl FrameViews {
+    /// The views of frames described by `info`.
     pub fn new(info: &VideoInfo) -> Option<Self> {
         let views: Vec<View> = (0..info.n_planes()).flat_map(|plane| plane_views(info, plane)).collect();
         let brightest = if info.is_rgb() { GREEN } else { 0 };
@@ -189,7 +189,7 @@ impl FrameLayout {
     }
 
     /// The views that together make the whole frame.
-    pub fn views(&self) -> &[View] {
+    pub fn all(&self) -> &[View] {
         &self.views
     }
 
@@ -332,7 +332,7 @@ fn view(info: &VideoInfo, plane: u32, components: &[u8], offset: usize, channels
         let byte = offset + channel * format.bytes();
         components.iter().find(|&&c| self::offset(info, c) == byte).map(|&c| usize::from(c))
     };
-    View { plane, offset, layout, placement: placement(info, first), components: std::array::from_fn(at) }
+    View { plane, offset, layout, grid: grid(info, first), components: std::array::from_fn(at) }
 }
 
 /// Byte of a component's first sample in its plane.
@@ -375,7 +375,7 @@ fn subsampling(info: &VideoInfo, component: u8) -> [u32; 2] {
 
 /// Where a component's samples lie. Chroma that says nothing of its siting has MPEG-2's: on the
 /// luma column, between two luma rows.
-fn placement(info: &VideoInfo, component: u8) -> Placement {
+fn grid(info: &VideoInfo, component: u8) -> SampleGrid {
     use gst_video::VideoChromaSite;
     let site = match info.chroma_site() {
         site if site.is_empty() => VideoChromaSite::MPEG2,
@@ -384,7 +384,7 @@ fn placement(info: &VideoInfo, component: u8) -> Placement {
     let cosited = [site.contains(VideoChromaSite::H_COSITED), site.contains(VideoChromaSite::V_COSITED)];
     let scale = subsampling(info, component).map(|sub| f64::from(1 << sub));
     let offset = std::array::from_fn(|axis| if cosited[axis] { 0.0 } else { (scale[axis] - 1.0) / 2.0 });
-    Placement { scale, offset }
+    SampleGrid { scale, offset }
 }
 
 #[cfg(test)]

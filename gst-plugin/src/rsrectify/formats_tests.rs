@@ -4,9 +4,9 @@
 
 use super::*;
 
-fn layout(format: VideoFormat, width: u32, height: u32) -> FrameLayout {
+fn layout(format: VideoFormat, width: u32, height: u32) -> FrameViews {
     gst::init().unwrap();
-    FrameLayout::new(&VideoInfo::builder(format, width, height).build().unwrap()).unwrap()
+    FrameViews::new(&VideoInfo::builder(format, width, height).build().unwrap()).unwrap()
 }
 
 /// (plane, offset, width, height, step, channels, bits, shift) of each view of a 5 × 3 frame.
@@ -17,7 +17,7 @@ fn shapes(format: VideoFormat) -> Vec<Shape> {
         let l = view.layout;
         (view.plane, view.offset, l.width, l.height, l.step, l.channels, l.format.bits(), l.format.shift())
     };
-    layout(format, 5, 3).views().iter().map(shape).collect()
+    layout(format, 5, 3).all().iter().map(shape).collect()
 }
 
 fn planar(chroma: (usize, usize), bits: u32) -> Vec<Shape> {
@@ -129,8 +129,8 @@ fn chroma_lies_where_its_site_says() {
     gst::init().unwrap();
     let chroma = |format, site| {
         let info = VideoInfo::builder(format, 8, 8).chroma_site(site).build().unwrap();
-        let placement = FrameLayout::new(&info).unwrap().views()[1].placement;
-        (placement.scale, placement.offset)
+        let grid = FrameViews::new(&info).unwrap().all()[1].grid;
+        (grid.scale, grid.offset)
     };
     assert_eq!(chroma(VideoFormat::I420, Site::JPEG), ([2.0, 2.0], [0.5, 0.5]));
     assert_eq!(chroma(VideoFormat::I420, Site::MPEG2), ([2.0, 2.0], [0.0, 0.5]));
@@ -138,8 +138,8 @@ fn chroma_lies_where_its_site_says() {
     assert_eq!(chroma(VideoFormat::I420, Site::empty()), ([2.0, 2.0], [0.0, 0.5]));
     assert_eq!(chroma(VideoFormat::Yuy2, Site::MPEG2), ([2.0, 1.0], [0.0, 0.0]));
     assert_eq!(chroma(VideoFormat::Y444, Site::JPEG), ([1.0, 1.0], [0.0, 0.0]));
-    let luma = layout(VideoFormat::I420, 8, 8).views()[0].placement;
-    assert_eq!(luma, Placement::FULL);
+    let luma = layout(VideoFormat::I420, 8, 8).all()[0].grid;
+    assert_eq!(luma, SampleGrid::FULL);
 }
 
 #[test]
@@ -148,8 +148,8 @@ fn border_colour_in_every_colour_space() {
         gst::init().unwrap();
         let colorimetry: gst_video::VideoColorimetry = colorimetry.parse().unwrap();
         let info = VideoInfo::builder(format, 8, 8).colorimetry(&colorimetry).build().unwrap();
-        let layout = FrameLayout::new(&info).unwrap();
-        layout.fill(argb).0[..layout.views().len()].to_vec()
+        let layout = FrameViews::new(&info).unwrap();
+        layout.fill(argb).0[..layout.all().len()].to_vec()
     };
     let first = |fills: Vec<[u16; 4]>| fills.iter().map(|fill| fill[0]).collect::<Vec<_>>();
     assert_eq!(first(fill(VideoFormat::I420, "bt601", 0xff00_0000)), [16, 128, 128]);

@@ -5,7 +5,7 @@
 //! They are cleared in every frame that is made here: what was in that memory before would go into files that hold frames as
 //! they lie in memory.
 
-use super::formats::FrameLayout;
+use super::formats::FrameViews;
 use gst_video::{VideoInfo, VideoMeta};
 use std::ops::Range;
 
@@ -29,15 +29,15 @@ impl Padding {
     ///
     /// Where a row ends with samples that no pixel has, as packed 4:2:2 of odd width does, the pixel beside them is cleared,
     /// too.
-    pub fn clear(&mut self, layout: &FrameLayout, frame: &mut gst::BufferRef) -> Result<(), &'static str> {
-        let info = layout.info();
+    pub fn clear(&mut self, views: &FrameViews, frame: &mut gst::BufferRef) -> Result<(), &'static str> {
+        let info = views.info();
         if !Places::read(info, frame, |offsets, strides| self.places.are(offsets, strides, frame.size())) {
             self.places = Places::read(info, frame, |offsets, strides| Places {
                 offsets: offsets.to_vec(),
                 strides: strides.to_vec(),
                 size: frame.size(),
             });
-            self.gaps = self.places.gaps(layout);
+            self.gaps = self.places.gaps(views);
         }
         if self.gaps.is_empty() {
             return Ok(());
@@ -71,14 +71,14 @@ impl Places {
     }
 
     /// The bytes that no row takes, in order.
-    fn gaps(&self, layout: &FrameLayout) -> Vec<Range<usize>> {
+    fn gaps(&self, views: &FrameViews) -> Vec<Range<usize>> {
         let mut rows: Vec<Range<usize>> = Vec::new();
-        for plane in 0..layout.info().n_planes() {
+        for plane in 0..views.info().n_planes() {
             let index = plane as usize;
             let Some((offset, stride)) = self.offsets.get(index).zip(self.strides.get(index)) else {
                 continue;
             };
-            let Some((height, (_, bytes))) = layout.plane_height(plane).zip(layout.row_bytes(plane)) else {
+            let Some((height, (_, bytes))) = views.plane_height(plane).zip(views.row_bytes(plane)) else {
                 continue;
             };
             let Ok(stride) = usize::try_from(*stride) else { continue };

@@ -3,7 +3,7 @@
 //! What lives as long as one set of caps: the queue, the rectifier, the warper.
 
 use super::ffi;
-use super::formats::FrameLayout;
+use super::formats::FrameViews;
 use super::load::Effort;
 use super::padding::Padding;
 use super::picture;
@@ -41,7 +41,7 @@ pub struct Frame {
 /// The streaming state for one set of caps. Used by the thread that holds the sink pad's stream lock.
 pub struct State {
     caps: gst::Caps,
-    layout: FrameLayout,
+    views: FrameViews,
     /// `None` for a stream that is passed through, or whose motions come from elsewhere.
     rectifier: Option<Rectifier>,
     has_source: bool,
@@ -61,14 +61,14 @@ pub struct State {
 impl State {
     /// The state for frames of `caps`, whose motions may come from elsewhere; `None` for a format without a luma.
     pub fn new(caps: &gst::Caps, info: &VideoInfo, settings: &Settings, has_source: bool) -> Option<Self> {
-        let layout = FrameLayout::new(info)?;
+        let views = FrameViews::new(info)?;
         let analysis = settings.analysis();
         let has_source = has_source && is_progressive(info);
         let is_analysed = is_progressive(info) && !has_source;
         let rectifier = is_analysed.then(|| new_rectifier(analysis, info)).flatten();
         Some(Self {
             caps: caps.clone(),
-            layout,
+            views,
             rectifier,
             has_source,
             timed: Timings::default(),
@@ -90,7 +90,7 @@ impl State {
 
     /// Width and height of the frames.
     pub fn size(&self) -> [usize; 2] {
-        let info = self.layout.info();
+        let info = self.views.info();
         [info.width() as usize, info.height() as usize]
     }
 
@@ -106,14 +106,14 @@ impl State {
 
     /// The frame rate of the caps, as a fraction; `None` where it varies.
     pub fn rate(&self) -> Option<(u64, u64)> {
-        let fps = self.layout.info().fps();
+        let fps = self.views.info().fps();
         let parts = [fps.numer(), fps.denom()].map(|part| u64::try_from(part).ok().filter(|&part| part > 0));
         parts[0].zip(parts[1])
     }
 
     /// The nominal frame duration; 0 where the rate varies.
     fn period(&self) -> gst::ClockTime {
-        period(self.layout.info()).map_or(gst::ClockTime::ZERO, gst::ClockTime::from_seconds_f64)
+        period(self.views.info()).map_or(gst::ClockTime::ZERO, gst::ClockTime::from_seconds_f64)
     }
 
     /// Notes whether downstream understands frames with strides of their own.
@@ -173,7 +173,7 @@ impl State {
     /// drained.
     pub fn forget_camera(&mut self) {
         if let Some(rectifier) = &mut self.rectifier
-            && let Some(new) = new_rectifier(self.analysis, self.layout.info())
+            && let Some(new) = new_rectifier(self.analysis, self.views.info())
         {
             *rectifier = new;
             self.timed = Timings::default();
@@ -186,8 +186,8 @@ impl State {
         self.last_pts = buffer.pts();
         if let Some(rectifier) = &mut self.rectifier {
             // All of it, so that no frame that was taken in can fail later, with others behind it.
-            let mapped = picture::map_readable(buffer, self.layout.info())?;
-            let luma = self.layout.luma(&mapped).filter(|_| self.layout.is_whole(&mapped));
+            let mapped = picture::map_readable(buffer, self.views.info())?;
+            let luma = self.views.luma(&mapped).filter(|_| self.views.is_whole(&mapped));
             let luma = luma.ok_or("the buffer does not hold a whole frame")?;
             match frame.effort {
                 Effort::Full(_) => {
@@ -289,7 +289,7 @@ impl State {
             config.is_some_and(|(_, _, _, most)| frames > 0 && most > 0 && most <= frames + OUTSIDE)
         };
         let is_needed = could_empty_pool() || !self.is_passthrough() && picture::is_bottom_up(frame);
-        if is_needed { self.copies.buffer(&self.caps, self.layout.info()) } else { None }
+        if is_needed { self.copies.buffer(&self.caps, self.views.info()) } else { None }
     }
 
     /// The motion of a frame that is not analysed.
@@ -300,7 +300,7 @@ impl State {
 
     /// Whether downstream would take the padding of a frame for picture.
     pub fn must_repack(&self, frame: &gst::BufferRef) -> bool {
-        let info = self.layout.info();
+        let info = self.views.info();
         let is_padded = |meta: gst::MetaRef<'_, VideoMeta>| {
             let planes = info.n_planes() as usize;
             meta.n_planes() as usize != planes
@@ -314,8 +314,8 @@ impl State {
 
     /// Copies the picture of one buffer into another; `Err` says why it cannot be done.
     pub fn copy(&mut self, input: &gst::BufferRef, output: &mut gst::BufferRef) -> Result<(), &'static str> {
-        self.padding.clear(&self.layout, output)?;
-        picture::copy(&self.layout, input, output)
+        self.padding.clear(&self.views, output)?;
+        picture::copy(&self.views, input, output)
     }
 
     /// Rectifies `input` into `output`, applying a `share` of the correction; `Err` says why it cannot be done.
@@ -327,20 +327,20 @@ impl State {
         share: f64,
         settings: &Settings,
     ) -> Result<(), &'static str> {
-        let info = self.layout.info();
+        let info = self.views.info();
         let input = picture::map_readable(input, info)?;
-        self.padding.clear(&self.layout, output)?;
+        self.padding.clear(&self.views, output)?;
         let mut output = VideoFrameRef::from_buffer_ref_writable(output, info)
             .map_err(|_| "cannot map the output frame for writing")?;
         let mut warp = settings.warp();
-        warp.border = settings.border_mode.filled_with(self.layout.fill(settings.border_color));
+        warp.border = settings.border_mode.filled_with(self.views.fill(settings.border_color));
         warp.strength *= share;
         let frame = self.workers.run(|| self.warper.prepare(motion, &warp));
-        for (index, view) in self.layout.views().iter().enumerate() {
+        for (index, view) in self.views.all().iter().enumerate() {
             let source = view.plane(&input).ok_or("the buffer does not hold a whole frame")?;
             let mut target = view.plane_mut(&mut output).ok_or("the output buffer is too small")?;
             self.workers
-                .run(|| frame.warp_plane(index, &source, &mut target, view.placement))
+                .run(|| frame.warp_plane(index, &source, &mut target, view.grid))
                 .map_err(|_| "input and output frames differ")?;
         }
         Ok(())

@@ -127,7 +127,7 @@ fn one(job: &Job, options: &FixOptions, report: &mut Report, interruption: &Inte
         source = Source::MotionFile;
     } else if job.input.is_pipe() {
         // It is read once, so that the readout is found on the way.
-        if analysis.wants_readout() {
+        if analysis.leaves_readout_open() {
             source = Source::Sought(None);
             log::info!(target: RESULT, "readout: sought while the clip is rectified, as the standard input is read once");
         }

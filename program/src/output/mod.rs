@@ -50,8 +50,19 @@ pub fn of_one(clip: &Clip, output: Option<&Path>, ending: &str) -> Result<PathBu
     }
 }
 
+/// Begins the file that a command writes for one clip: refuses one that is there or cannot be written, and makes its folder if the
+/// user named that only.
+pub fn begin(clip: &Clip, file: &Path, output: Option<&Path>, is_overwritten: bool) -> Result<Unfinished> {
+    clip.begin()?;
+    check(clip.path(), file, is_overwritten)?;
+    make_folder(file, output)?;
+    let unfinished = Unfinished::beside(file);
+    check_writable(unfinished.path())?;
+    Ok(unfinished)
+}
+
 /// Makes the folder of a file if the user named the folder only.
-pub fn make_folder(file: &Path, output: Option<&Path>) -> Result<()> {
+fn make_folder(file: &Path, output: Option<&Path>) -> Result<()> {
     match file.parent().filter(|_| output.is_some_and(is_folder)) {
         Some(folder) => {
             std::fs::create_dir_all(folder).with_context(|| format!("cannot make {}", folder.display()))

@@ -11,7 +11,7 @@ use crate::clips;
 use crate::drawing::Renderer;
 use crate::input::{Clip, InputOptions};
 use crate::interruption::Interruption;
-use crate::output::{self, Unfinished};
+use crate::output;
 use crate::progress;
 use crate::readout;
 use crate::rectifier_options::AnalysisOptions;
@@ -80,11 +80,7 @@ fn plot(
     kind: Kind,
     interruption: &Interruption,
 ) -> Result<()> {
-    clip.begin()?;
-    output::check(clip.path(), file, options.overwrite)?;
-    output::make_folder(file, options.output.as_deref())?;
-    let unfinished = Unfinished::beside(file);
-    output::check_writable(unfinished.path())?;
+    let unfinished = output::begin(clip, file, options.output.as_deref(), options.overwrite)?;
     let mut analysis = Analysis::open(clip, options.analysis.settings(), interruption)?;
     if options.analysis.wants_readout() {
         let camera = options.analysis.camera.of(clip.path())?;

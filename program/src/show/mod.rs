@@ -15,7 +15,7 @@ use crate::input::{Clip, InputOptions};
 use crate::interruption::Interruption;
 use crate::output::container::Container;
 use crate::output::encoding::EncodingOptions;
-use crate::output::{self, Unfinished, choice};
+use crate::output::{self, choice};
 use crate::picture::Picture;
 use crate::progress;
 use crate::readout;
@@ -78,13 +78,9 @@ fn show(
     container: Container,
     interruption: &Interruption,
 ) -> Result<()> {
-    clip.begin()?;
-    output::check(clip.path(), file, options.overwrite)?;
     options.encoding.check(container)?;
     let Some(muxer) = container.muxer() else { bail!("what is shown is written as MP4, MOV or MKV") };
-    output::make_folder(file, options.output.as_deref())?;
-    let unfinished = Unfinished::beside(file);
-    output::check_writable(unfinished.path())?;
+    let unfinished = output::begin(clip, file, options.output.as_deref(), options.overwrite)?;
     let picture = Picture::of(clip)?;
     let chosen = choice::choose(&options.encoding, &picture, container)?;
     let mut told = options.analysis.clone();

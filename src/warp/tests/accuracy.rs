@@ -85,11 +85,11 @@ fn position(blocks: &[Block], from: isize, at: isize) -> f64 {
 }
 
 /// The largest error in plane pixels over a sample of rows and columns.
-fn largest_error(truth: &Truth, path: &MotionPath, placement: Placement) -> f64 {
+fn largest_error(truth: &Truth, path: &MotionPath, grid: SampleGrid) -> f64 {
     let mut worst: f64 = 0.0;
-    for_each_sample(truth, path, placement, |shown, [x, y]| {
+    for_each_sample(truth, path, grid, |shown, [x, y]| {
         let [u, v] = truth.inverse(shown[0], shown[1]);
-        worst = worst.max((x - u).hypot(y - v) / placement.scale[0]);
+        worst = worst.max((x - u).hypot(y - v) / grid.scale[0]);
     });
     worst
 }
@@ -98,13 +98,13 @@ fn largest_error(truth: &Truth, path: &MotionPath, placement: Placement) -> f64 
 pub(super) fn for_each_sample(
     truth: &Truth,
     path: &MotionPath,
-    placement: Placement,
+    grid: SampleGrid,
     mut check: impl FnMut([f64; 2], [f64; 2]),
 ) {
-    let width = (truth.size[0] / placement.scale[0]) as usize;
-    let height = (truth.size[1] / placement.scale[1]) as usize;
+    let width = (truth.size[0] / grid.scale[0]) as usize;
+    let height = (truth.size[1] / grid.scale[1]) as usize;
     let warper = truth.warper(path);
-    let map = warper.plane_map(placement, width);
+    let map = warper.plane_map(grid, width);
     let (mut knots, mut across, mut down) = (Vec::new(), Vec::new(), Vec::new());
     let from = -(width.next_multiple_of(16) as isize);
     for row in (0..height).step_by(13).chain([height - 1]) {
@@ -117,7 +117,7 @@ pub(super) fn for_each_sample(
             let left = x.floor();
             let height = |at: f64| position(&down, from, at as isize) - at + row as f64;
             let y = height(left) + (x - left) * (height(left + 1.0) - height(left));
-            let frame = |axis: usize, at: f64| placement.scale[axis] * at + placement.offset[axis];
+            let frame = |axis: usize, at: f64| grid.scale[axis] * at + grid.offset[axis];
             check([frame(0, column as f64), frame(1, row as f64)], [frame(0, x), frame(1, y)]);
         }
     }
@@ -146,7 +146,7 @@ fn positions_are_accurate_to_a_hundredth_of_a_pixel() {
                 let carry = turn(twist, gamma);
                 let truth = Truth { size: [1920.0, 1080.0], direction, settings, carry: &carry };
                 let path = MotionPath::uniform(twist, gamma);
-                let error = largest_error(&truth, &path, Placement::FULL);
+                let error = largest_error(&truth, &path, SampleGrid::FULL);
                 assert!(error < 0.01, "{direction:?} {twist:?} {reference_row}: {error}");
                 worst = worst.max(error);
             }
@@ -163,7 +163,7 @@ fn strength_and_zoom_are_in_the_map() {
         let size = [1280.0, 720.0];
         let carry = turn(twist, 0.8);
         let truth = Truth { size, direction: ReadoutDirection::TopToBottom, settings, carry: &carry };
-        let error = largest_error(&truth, &MotionPath::uniform(twist, 0.8), Placement::FULL);
+        let error = largest_error(&truth, &MotionPath::uniform(twist, 0.8), SampleGrid::FULL);
         assert!(error < 0.01, "{strength} {zoom}: {error}");
     }
 }
@@ -177,7 +177,7 @@ fn chroma_planes_follow_the_same_map() {
         let carry = turn(twist, 1.0);
         let truth = Truth { size, direction: ReadoutDirection::BottomToTop, settings, carry: &carry };
         let path = MotionPath::uniform(twist, 1.0);
-        let error = largest_error(&truth, &path, Placement { scale: [2.0, 2.0], offset });
+        let error = largest_error(&truth, &path, SampleGrid { scale: [2.0, 2.0], offset });
         assert!(error < 0.01, "{offset:?}: {error}");
     }
 }
@@ -188,7 +188,7 @@ fn the_row_at_the_reference_stays() {
     let mut warper = Warper::new();
     let settings = WarpSettings { reference_row: 100.5 / 480.0, ..WarpSettings::default() };
     warper.solve(&FrameMotion::new(readout, path(&readout, 0.1, 50.0, 0.0)), &settings);
-    let map = warper.plane_map(Placement::FULL, 640);
+    let map = warper.plane_map(SampleGrid::FULL, 640);
     let (mut knots, mut blocks) = (Vec::new(), Vec::new());
     for table in [&map.across, &map.down] {
         table.row(CpuLevel::Scalar, 100, 0, &mut knots);

@@ -49,7 +49,7 @@ fn no_border_is_seen_with_any_settings() {
         let layout = PlaneLayout::packed(width, height, SampleFormat::U8);
         let white = vec![255; width * height];
         warper.solve(&motion, &settings);
-        let shown = rectify(&warper, &white, layout, Placement::FULL);
+        let shown = rectify(&warper, &white, layout, SampleGrid::FULL);
         let seen: Vec<_> = (0..shown.len()).filter(|index| shown[*index] < 255).collect();
         assert!(
             seen.is_empty(),

@@ -79,7 +79,7 @@ fn levels_agree_and_only_own_samples_are_written() {
                 let mut out = vec![0xa5; to.required_bytes().unwrap() + 7];
                 let mut dst = PlaneMut::new(&mut out, to).unwrap();
                 let src = Plane::new(&data, from).unwrap();
-                warper.warp(&src, &mut dst, Placement::FULL, 0).unwrap();
+                warper.warp(&src, &mut dst, SampleGrid::FULL, 0).unwrap();
                 out
             })
             .collect();
@@ -108,7 +108,7 @@ fn constant_pictures_stay_constant() {
                     let stored = (value << format.shift()).to_le_bytes();
                     let data = stored[..format.bytes()].repeat(50 * 40);
                     let layout = PlaneLayout::packed(50, 40, format);
-                    let out = rectify(&warper, &data, layout, Placement::FULL);
+                    let out = rectify(&warper, &data, layout, SampleGrid::FULL);
                     assert_eq!(out, data, "{format:?} {interpolation:?} {border:?} {value}");
                 }
             }
@@ -130,7 +130,7 @@ fn words_keep_their_shift_and_range() {
             let settings = WarpSettings { interpolation, ..WarpSettings::default() };
             warper.solve(&FrameMotion::new(readout, path(&readout, 0.1, 5.0, 3.3)), &settings);
             let layout = PlaneLayout::packed(64, 48, format);
-            for word in rectify(&warper, &data, layout, Placement::FULL).chunks(2) {
+            for word in rectify(&warper, &data, layout, SampleGrid::FULL).chunks(2) {
                 let word = u16::from_le_bytes([word[0], word[1]]);
                 assert!(word >> format.shift() <= format.max_value());
                 assert_eq!(word % (1 << format.shift()), 0);
@@ -151,8 +151,8 @@ fn hostile_motion_ends_and_stays_inside() {
                 let settings = WarpSettings { border, zoom: other, ..WarpSettings::default() };
                 warper.solve(&FrameMotion::new(readout, path.clone()), &settings);
                 let layout = PlaneLayout::packed(70, 33, SampleFormat::U8);
-                rectify(&warper, &[9; 70 * 33], layout, Placement::FULL);
-                let far = Placement { scale: [3.0, 1e-3], offset: [1e5, -1e5] };
+                rectify(&warper, &[9; 70 * 33], layout, SampleGrid::FULL);
+                let far = SampleGrid { scale: [3.0, 1e-3], offset: [1e5, -1e5] };
                 rectify(&warper, &[9; 70 * 33], layout, far);
             }
         }
@@ -176,7 +176,7 @@ fn planes_of_a_scale_near_zero_agree_at_all_levels() {
             .map(|level| {
                 let mut warper = Warper::with_cpu(level);
                 warper.solve(&motion, &WarpSettings::default());
-                rectify(&warper, &data, layout, Placement { scale, offset })
+                rectify(&warper, &data, layout, SampleGrid { scale, offset })
             })
             .collect();
         assert!(shown.windows(2).all(|pair| pair[0] == pair[1]), "{scale:?}");
@@ -184,7 +184,7 @@ fn planes_of_a_scale_near_zero_agree_at_all_levels() {
 }
 
 #[test]
-fn an_invalid_placement_is_refused() {
+fn an_invalid_sample_grid_is_refused() {
     let layout = PlaneLayout::packed(70, 33, SampleFormat::U8);
     let (source, mut target) = ([9; 70 * 33], [0; 70 * 33]);
     for (scale, offset) in [
@@ -195,7 +195,7 @@ fn an_invalid_placement_is_refused() {
     ] {
         let (source, mut target) =
             (Plane::new(&source, layout).unwrap(), PlaneMut::new(&mut target, layout).unwrap());
-        let refused = Warper::new().warp(&source, &mut target, Placement { scale, offset }, 0);
-        assert_eq!(refused, Err(WarpError::Placement));
+        let refused = Warper::new().warp(&source, &mut target, SampleGrid { scale, offset }, 0);
+        assert_eq!(refused, Err(WarpError::SampleGrid));
     }
 }

@@ -22,10 +22,10 @@ fn path(readout: &Readout, omega: f64, vx: f64, vy: f64) -> MotionPath {
 }
 
 /// Rectifies packed samples of a full-size plane.
-fn rectify(warper: &Warper, data: &[u8], layout: PlaneLayout, placement: Placement) -> Vec<u8> {
+fn rectify(warper: &Warper, data: &[u8], layout: PlaneLayout, grid: SampleGrid) -> Vec<u8> {
     let mut out = vec![0; data.len()];
     let mut dst = PlaneMut::new(&mut out, layout).unwrap();
-    warper.warp(&Plane::new(data, layout).unwrap(), &mut dst, placement, 0).unwrap();
+    warper.warp(&Plane::new(data, layout).unwrap(), &mut dst, grid, 0).unwrap();
     out
 }
 

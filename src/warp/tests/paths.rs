@@ -61,7 +61,7 @@ pub(super) fn field(size: [f64; 2], spacing: f64, velocity: impl Fn(f64, f64) ->
 fn largest_error(truth: &Truth, path: &MotionPath) -> f64 {
     let mut worst: f64 = 0.0;
     let within = |at: f64, axis: usize| (0.0..=truth.size[axis] - 1.0).contains(&at);
-    for_each_sample(truth, path, Placement::FULL, |shown, [x, y]| {
+    for_each_sample(truth, path, SampleGrid::FULL, |shown, [x, y]| {
         if within(x, 0) && within(y, 1) {
             let [u, v] = truth.inverse(shown[0], shown[1]);
             worst = worst.max((x - u).hypot(y - v));
@@ -175,7 +175,7 @@ fn both_sides_of_a_depth_edge_are_accurate() {
         };
         let truth = Truth { size, direction, settings: WarpSettings::default(), carry: &carry };
         let mut checked = 0;
-        for_each_sample(&truth, &path, Placement::FULL, |[x, y], [u, v]| {
+        for_each_sample(&truth, &path, SampleGrid::FULL, |[x, y], [u, v]| {
             // Within half of 40 px of the depth edge, before or after the correction, any position is
             // accepted.
             if (x - 319.5).abs() > 50.0 {
@@ -202,7 +202,7 @@ fn a_depth_edge_neither_tears_nor_folds_the_picture() {
         let settings = WarpSettings { interpolation: Interpolation::Linear, ..WarpSettings::default() };
         warper.solve(&FrameMotion::new(readout, path), &settings);
         // Both frame coordinates; displacements are 30 px at most, less at the border.
-        let [across, down] = picture::positions(&warper, layout, Placement::FULL);
+        let [across, down] = picture::positions(&warper, layout, SampleGrid::FULL);
         let at = |plane: &[f64], x: usize, y: usize| plane[y * size[0] + x];
         for (x, y) in (40..600).flat_map(|x| (40..440).map(move |y| (x, y))) {
             let (u, v) = (at(&across, x, y), at(&down, x, y));
@@ -227,7 +227,7 @@ fn strength_fades_in_proportion() {
         let direction = ReadoutDirection::TopToBottom;
         let truth = Truth { size, direction, settings, carry: &carry };
         let mut moved = Vec::new();
-        for_each_sample(&truth, &vibration.path(), Placement::FULL, |[x, _], [u, _]| moved.push(u - x));
+        for_each_sample(&truth, &vibration.path(), SampleGrid::FULL, |[x, _], [u, _]| moved.push(u - x));
         moved
     };
     // Translations along the rows: rows are unchanged, and displacements are scaled by the strength.
@@ -266,7 +266,7 @@ fn extreme_motions_give_a_picture() {
     for path in paths {
         let mut warper = Warper::new();
         warper.solve(&FrameMotion::new(readout, path), &WarpSettings::default());
-        let out = rectify(&warper, &vec![77; 320 * 240], layout, Placement::FULL);
+        let out = rectify(&warper, &vec![77; 320 * 240], layout, SampleGrid::FULL);
         assert!(out.iter().all(|&sample| sample == 77));
     }
 }

@@ -48,7 +48,7 @@ fn rectified(
     let mut warper = Warper::new();
     warper
         .solve(&FrameMotion::new(readout, path), &WarpSettings { interpolation, ..WarpSettings::default() });
-    rectify(&warper, &data, PlaneLayout::packed(SIZE.0, SIZE.1, SampleFormat::U8), Placement::FULL)
+    rectify(&warper, &data, PlaneLayout::packed(SIZE.0, SIZE.1, SampleFormat::U8), SampleGrid::FULL)
 }
 
 #[test]
@@ -81,20 +81,20 @@ fn better_kernels_keep_more_of_fine_detail() {
 }
 
 /// 16-bit ramps, so that rounding to grey levels does not mask an error in position.
-fn ramp(layout: PlaneLayout, placement: Placement, axis: usize) -> Vec<u8> {
+fn ramp(layout: PlaneLayout, grid: SampleGrid, axis: usize) -> Vec<u8> {
     (0..layout.width * layout.height)
         .flat_map(|index| {
             let at = [index % layout.width, index / layout.width][axis] as f64;
-            let frame = placement.scale[axis] * at + placement.offset[axis];
+            let frame = grid.scale[axis] * at + grid.offset[axis];
             ((2000.0 + 100.0 * frame).round() as u16).to_le_bytes()
         })
         .collect()
 }
 
 /// Frame positions of the pixels of the rectified plane, from a ramp along each axis.
-pub(super) fn positions(warper: &Warper, layout: PlaneLayout, placement: Placement) -> [Vec<f64>; 2] {
+pub(super) fn positions(warper: &Warper, layout: PlaneLayout, grid: SampleGrid) -> [Vec<f64>; 2] {
     [0, 1].map(|axis| {
-        rectify(warper, &ramp(layout, placement, axis), layout, placement)
+        rectify(warper, &ramp(layout, grid, axis), layout, grid)
             .chunks(2)
             .map(|word| (f64::from(u16::from_le_bytes([word[0], word[1]])) - 2000.0) / 100.0)
             .collect()
@@ -110,8 +110,8 @@ fn luma_and_chroma_agree() {
         let mut warper = Warper::new();
         let settings = WarpSettings { interpolation, ..WarpSettings::default() };
         warper.solve(&FrameMotion::new(readout, path(&readout, 0.05, 12.0, -6.0)), &settings);
-        let luma = positions(&warper, luma_layout, Placement::FULL);
-        let chroma = positions(&warper, chroma_layout, Placement { scale: [2.0; 2], offset: [0.5; 2] });
+        let luma = positions(&warper, luma_layout, SampleGrid::FULL);
+        let chroma = positions(&warper, chroma_layout, SampleGrid { scale: [2.0; 2], offset: [0.5; 2] });
         for (row, column) in (10..110).flat_map(|row| (10..150).map(move |column| (row, column))) {
             for axis in [0, 1] {
                 let at = |dy: usize, dx: usize| luma[axis][(2 * row + dy) * 320 + 2 * column + dx];
@@ -132,7 +132,7 @@ fn a_translation_moves_each_row_to_the_reference() {
     let settings = WarpSettings { interpolation: Interpolation::Linear, ..WarpSettings::default() };
     warper.solve(&FrameMotion::new(readout, path(&readout, 0.0, 64.0, 0.0)), &settings);
     let data = picture(256, 64, |x, _| x);
-    let out = rectify(&warper, &data, layout, Placement::FULL);
+    let out = rectify(&warper, &data, layout, SampleGrid::FULL);
     for row in 0..64 {
         for column in 40..216 {
             let truth = column as f64 - (32.0 - (row as f64 + 0.5));
@@ -152,7 +152,7 @@ fn a_weight_of_half_halves_the_correction() {
         let mut warper = Warper::new();
         let interpolation = Interpolation::Linear;
         warper.solve(&motion, &WarpSettings { interpolation, strength, ..WarpSettings::default() });
-        let out = rectify(&warper, &data, layout, Placement::FULL);
+        let out = rectify(&warper, &data, layout, SampleGrid::FULL);
         for (row, column) in (0..64).flat_map(|row| (40..216).map(move |column| (row, column))) {
             let truth = column as f64 - weight * strength * (32.0 - (row as f64 + 0.5));
             assert!((f64::from(out[row * 256 + column]) - truth).abs() <= 0.51, "{weight}: {column} {row}");
@@ -171,7 +171,7 @@ fn without_motion_the_result_is_an_exact_copy() {
         let mut warper = Warper::new();
         warper.solve(&FrameMotion::new(readout, path), &settings);
         for format in [SampleFormat::U10_HIGH, SampleFormat::U16] {
-            let out = rectify(&warper, &data, PlaneLayout::packed(33, 21, format), Placement::FULL);
+            let out = rectify(&warper, &data, PlaneLayout::packed(33, 21, format), SampleGrid::FULL);
             assert_eq!(out, data);
         }
     }
@@ -193,7 +193,7 @@ fn borders_follow_their_mode() {
             ..WarpSettings::default()
         };
         warper.solve(&FrameMotion::new(readout, motion.clone()), &settings);
-        rectify(&warper, &data, layout, Placement::FULL)[..64].to_vec()
+        rectify(&warper, &data, layout, SampleGrid::FULL)[..64].to_vec()
     };
     // Row 0 was read at share 1/16 and moves by 15/16 · 40 = 37.5 px: pixel X shows X − 37.5.
     assert_eq!(first(BorderMode::Replicate)[..37], [10; 37]);
@@ -203,7 +203,7 @@ fn borders_follow_their_mode() {
 }
 
 #[test]
-fn a_frame_is_its_planes_each_with_its_placement_and_fill() {
+fn a_frame_is_its_planes_each_with_its_grid_and_fill() {
     let (width, height) = (64, 48);
     let layout = FrameLayout::yuv420(width, height, SampleFormat::U8);
     let [y, u, v] = [0, 1, 2].map(|plane| {
@@ -223,11 +223,11 @@ fn a_frame_is_its_planes_each_with_its_placement_and_fill() {
     prepared.warp_frame(&layout, &[&y, &u, &v], &mut shown).unwrap();
     assert_eq!([0, 1, 2].map(|plane| shown[plane][0]), [16, 128, 129]);
     for (index, source) in [&y, &u, &v].into_iter().enumerate() {
-        let (plane_layout, placement) = layout.planes[index];
+        let (plane_layout, grid) = layout.planes[index];
         let mut alone = vec![0; source.len()];
         let mut dst = PlaneMut::new(&mut alone, plane_layout).unwrap();
         let src = Plane::new(source, plane_layout).unwrap();
-        prepared.warp_plane(index, &src, &mut dst, placement).unwrap();
+        prepared.warp_plane(index, &src, &mut dst, grid).unwrap();
         assert_eq!(shown[index], alone);
     }
     assert_eq!(prepared.warp_frame(&layout, &[&y, &u], &mut shown), Err(WarpError::Planes));
@@ -244,6 +244,6 @@ fn planes_that_differ_are_refused() {
     for other in [PlaneLayout::packed(4, 3, SampleFormat::U8), PlaneLayout::packed(4, 4, SampleFormat::U10)] {
         let mut out = vec![0; 64];
         let mut dst = PlaneMut::new(&mut out, other).unwrap();
-        assert_eq!(Warper::new().warp(&src, &mut dst, Placement::FULL, 0), Err(WarpError::Mismatch));
+        assert_eq!(Warper::new().warp(&src, &mut dst, SampleGrid::FULL, 0), Err(WarpError::Mismatch));
     }
 }

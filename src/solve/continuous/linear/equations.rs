@@ -19,7 +19,7 @@ const SUPPORT: usize = 4 * GENERATORS;
 /// Those of the turns.
 const TURNS_SUPPORT: usize = 4 * TURNS;
 /// Two ends of a band, 0 being the start of the pair before, and the factors of the sums `own`, `across` and
-/// `before` in their tile of the matrix. Diagonal tiles are halved, as the transpose is added.
+/// `before` in their part of the matrix. Diagonal parts are halved, as the transpose is added.
 const END_PAIRS: [([usize; 2], [f64; 3]); 6] = [
     ([2, 2], [0.5, 0.0, 0.0]),
     ([2, 1], [-1.0, 1.0, 0.0]),
@@ -32,7 +32,7 @@ const END_PAIRS: [([usize; 2], [f64; 3]); 6] = [
 const SIDE_FACTORS: [[f64; 2]; 3] = [[0.0, -1.0], [-1.0, 1.0], [1.0, 0.0]];
 
 /// The entries of the matrix for the coefficients of two ends, row by row.
-type Tile = [[f64; SUPPORT]; SUPPORT];
+type EndsMatrix = [[f64; SUPPORT]; SUPPORT];
 
 /// An end of a band.
 #[derive(Clone, Copy, Debug)]
@@ -91,10 +91,10 @@ pub struct Equations {
     ends: Vec<[Option<End>; 3]>,
 }
 
-/// Adds a band's sums, times their factors, to the tile of two ends, or makes them the tile if it is the `first` band.
+/// Adds a band's sums, times their factors, to the matrix of two ends, or sets it to them for the `first` band.
 #[inline(always)]
 fn add_sums(
-    tile: &mut Tile,
+    part: &mut EndsMatrix,
     first: bool,
     band: &Band,
     [own, across, before]: [f64; 3],
@@ -113,7 +113,7 @@ fn add_sums(
         } else {
             (TURNS_SUPPORT + j - TURNS, NON_TURNS, rows.others)
         };
-        for (cells, weight) in tile[place..].iter_mut().step_by(step).zip(weights) {
+        for (cells, weight) in part[place..].iter_mut().step_by(step).zip(weights) {
             if first {
                 for (cell, value) in cells.iter_mut().zip(&wide) {
                     *cell = weight * value;
@@ -176,9 +176,9 @@ impl Equations {
         for (band, ends) in bands.iter().zip(&ends) {
             self.add_sides(band, ends);
         }
-        let mut tile = [[0.0; SUPPORT]; SUPPORT];
+        let mut part = [[0.0; SUPPORT]; SUPPORT];
         for (pair, factors) in END_PAIRS {
-            self.add_tiles(bands, &ends, pair, factors, &mut tile);
+            self.add_matrices(bands, &ends, pair, factors, &mut part);
         }
         self.ends = ends;
         self.add_transposed();
@@ -227,36 +227,36 @@ impl Equations {
         }
     }
 
-    /// Adds the tiles of two ends of all bands. Successive bands with the same support are summed before.
+    /// Adds the matrices of two ends of all bands. Successive bands with the same support are summed before.
     #[inline(always)]
-    fn add_tiles(
+    fn add_matrices(
         &mut self,
         bands: &[Band],
         ends: &[[Option<End>; 3]],
         [row, column]: [usize; 2],
         factors: [f64; 3],
-        tile: &mut Tile,
+        part: &mut EndsMatrix,
     ) {
         let mut last: Option<[&End; 2]> = None;
         for (band, ends) in bands.iter().zip(ends) {
             let (Some(rows), Some(columns)) = (&ends[row], &ends[column]) else { continue };
             let is_other = |last: &[&End; 2]| last.map(|end| end.places) != [rows.places, columns.places];
             if let Some(last) = last.take_if(|last| is_other(last)) {
-                self.add_tile(tile, last);
+                self.add_matrix(part, last);
             }
-            add_sums(tile, last.is_none(), band, factors, rows, columns);
+            add_sums(part, last.is_none(), band, factors, rows, columns);
             last = Some([rows, columns]);
         }
-        last.into_iter().for_each(|last| self.add_tile(tile, last));
+        last.into_iter().for_each(|last| self.add_matrix(part, last));
     }
 
     #[inline(always)]
-    fn add_tile(&mut self, tile: &Tile, [rows, columns]: [&End; 2]) {
+    fn add_matrix(&mut self, part: &EndsMatrix, [rows, columns]: [&End; 2]) {
         let size = self.places.len();
-        let (turns, others) = tile.split_at(TURNS_SUPPORT);
-        for (place, tile) in rows.places.into_iter().zip([turns, others]) {
+        let (turns, others) = part.split_at(TURNS_SUPPORT);
+        for (place, part) in rows.places.into_iter().zip([turns, others]) {
             let cells = self.matrix[place * size..].chunks_exact_mut(size);
-            for (cells, values) in cells.zip(tile) {
+            for (cells, values) in cells.zip(part) {
                 columns.add(cells, values);
             }
         }

@@ -1,20 +1,20 @@
 // SPDX-License-Identifier: MIT OR Apache-2.0
 
-//! The position of a plane's pixels in the frame.
+//! Where the samples of a plane lie in the frame.
 
-/// The position of a plane's pixels in the frame: frame pixel = scale · plane pixel + offset, per axis,
+/// Where the samples of a plane lie in the frame: frame pixel = scale · plane pixel + offset, per axis,
 /// pixel centres at integers.
 ///
 /// Chroma of 4:2:0 has scale 2, and offset 0 if sited on the luma pixel, ½ if sited between two.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Placement {
+pub struct SampleGrid {
     /// Frame pixels from one plane pixel to the next, in x and y.
     pub scale: [f64; 2],
     /// Frame pixel of plane pixel (0, 0).
     pub offset: [f64; 2],
 }
 
-impl Placement {
+impl SampleGrid {
     /// A plane of the frame's own size.
     pub const FULL: Self = Self { scale: [1.0, 1.0], offset: [0.0, 0.0] };
 
