@@ -14,7 +14,7 @@ use super::level::{CELL, Mean};
 use super::patch::AREA;
 use super::rows::{RowKernel, fill};
 use crate::cpu::CpuLevel;
-use crate::lanes::Cpu;
+use crate::lanes::WordCpu;
 
 /// Forward–backward error, in pixels of the level, at which the confidence is halved: consistent
 /// displacements agree to some tenths, wrong ones differ by pixels.
@@ -59,7 +59,7 @@ struct CellKernel<'a> {
 
 impl RowKernel<Cell> for CellKernel<'_> {
     #[inline(always)]
-    fn fill<C: Cpu>(&self, _: C, row: usize, out: &mut [Cell]) {
+    fn fill<C: WordCpu>(&self, _: C, row: usize, out: &mut [Cell]) {
         let LevelScale { size, side, noise } = self.scale;
         let pixels = (side / CELL as f64) as f32;
         let means = self.own.means.iter().skip(row * self.own.columns);

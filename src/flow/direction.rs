@@ -3,13 +3,13 @@
 //! The flow in one direction, from the coarsest level to the finest.
 
 use super::consensus::Consensus;
-use super::level::{CELL, LevelPair, Mean, PatchFlow, cells, find, overlap};
-use super::patch::PatchTemplate;
+use super::level::{CELL, LevelPair, Mean, PatchFlow, cells, find, first_bits, overlap};
+use super::patch::{GROUP, PatchGroup};
 use super::prediction::FlowPrediction;
 use super::rows::{RowKernel, fill};
 use super::search::exhaustive;
 use crate::cpu::CpuLevel;
-use crate::lanes::Cpu;
+use crate::lanes::WordCpu;
 
 /// Gauss–Newton steps from the best candidate: on the coarse levels, where steps are long, and on the finest.
 const COARSE_STEPS: usize = 3;
@@ -165,7 +165,7 @@ impl FlowDirection {
 
 impl RowKernel<PatchFlow> for CoarseToFine<'_> {
     #[inline(always)]
-    fn fill<C: Cpu>(&self, cpu: C, row: usize, out: &mut [PatchFlow]) {
+    fn fill<C: WordCpu>(&self, cpu: C, row: usize, out: &mut [PatchFlow]) {
         let Stage { pair, is_coarsest, is_finest, .. } = self.stage;
         let found = if is_coarsest {
             self.search(cpu, row, out)
@@ -188,7 +188,7 @@ struct Propagation<'a> {
 
 impl RowKernel<PatchFlow> for Propagation<'_> {
     #[inline(always)]
-    fn fill<C: Cpu>(&self, cpu: C, row: usize, out: &mut [PatchFlow]) {
+    fn fill<C: WordCpu>(&self, cpu: C, row: usize, out: &mut [PatchFlow]) {
         let across = out.len();
         let at = |row: usize, column: usize| {
             let found = (column < across).then(|| self.patches.get(row * across + column)).flatten();
@@ -223,33 +223,71 @@ struct ConsensusTrial<'a> {
 
 impl RowKernel<PatchFlow> for ConsensusTrial<'_> {
     #[inline(always)]
-    fn fill<C: Cpu>(&self, cpu: C, row: usize, out: &mut [PatchFlow]) {
-        let pair = self.stage.pair;
-        let mut template = PatchTemplate::new(cpu);
+    fn fill<C: WordCpu>(&self, cpu: C, row: usize, out: &mut [PatchFlow]) {
         let across = out.len();
-        for (column, (out, own)) in out.iter_mut().zip(self.patches.iter().skip(row * across)).enumerate() {
-            *out = *own;
+        let own = self.patches.get(row * across..).unwrap_or_default();
+        out.iter_mut().zip(own).for_each(|(out, own)| *out = *own);
+        let mut group = PatchGroup::new(cpu);
+        let (mut columns, mut count) = ([0; GROUP], 0);
+        let mut shifts = [[[0.0; GROUP]; 2]; 2];
+        for column in 0..across {
             let (x, y) = (column * CELL, row * CELL);
+            let [own_x, own_y] = out[column].mean.shift();
             let is_apart = |other: [f32; 2]| {
-                let [x, y] = own.mean.shift();
-                let (dx, dy) = (x - other[0], y - other[1]);
+                let (dx, dy) = (own_x - other[0], own_y - other[1]);
                 dx * dx + dy * dy > MIN_CONSENSUS_DISTANCE * MIN_CONSENSUS_DISTANCE
             };
             let shared = self.consensus.of_patch(x, y);
-            if !is_apart(shared) {
-                continue;
+            if is_apart(shared) {
+                let predicted = self.prediction.of_patch(self.stage.depth, x, y);
+                if is_apart(predicted) {
+                    for (shifts, shift) in shifts.iter_mut().zip([predicted, shared]) {
+                        (shifts[0][count], shifts[1][count]) = (shift[0], shift[1]);
+                    }
+                    columns[count] = column;
+                    count += 1;
+                }
             }
-            let predicted = self.prediction.of_patch(self.stage.depth, x, y);
-            if !is_apart(predicted) {
-                continue;
-            }
-            let found = pair.best_of_two(&mut template, [x, y], CONSENSUS_STEPS, |_| [predicted, shared]);
-            let limit =
-                CONSENSUS_RESIDUAL_RATIO * own.mean.residual() + INTERPOLATION_RESIDUAL * own.mean.energy();
-            if let Some(found) = found.filter(|found| found.mean.residual() < limit) {
-                *out = found.with_scaled_tensor(CONSENSUS_TEXTURE_FACTOR);
+            if count == GROUP || column + 1 == across {
+                let _ = self.replace(&mut group, row, &columns[..count], &shifts, out);
+                count = 0;
             }
         }
+    }
+}
+
+impl ConsensusTrial<'_> {
+    /// Replaces the patches of some columns, as many as a group holds, from two displacements each.
+    #[inline(always)]
+    fn replace<C: WordCpu>(
+        &self,
+        group: &mut PatchGroup<C>,
+        row: usize,
+        columns: &[usize],
+        shifts: &[[[f32; GROUP]; 2]; 2],
+        out: &mut [PatchFlow],
+    ) -> Option<()> {
+        if columns.is_empty() {
+            return None;
+        }
+        let (pair, cpu) = (self.stage.pair, group.cpu);
+        let mut corners = [[0; 2]; GROUP];
+        for (corner, column) in corners.iter_mut().zip(columns) {
+            *corner = [column * CELL, row * CELL];
+        }
+        group.take(pair.first, pair.noise, corners.get(..columns.len())?)?;
+        let [[a, b], [c, d]] = shifts;
+        let from = [[cpu.load(a), cpu.load(b)], [cpu.load(c), cpu.load(d)]];
+        let best = group.best_of_two(pair, from, CONSENSUS_STEPS, first_bits(columns.len()))?;
+        for (column, found) in columns.iter().zip(group.found(&best)) {
+            let own = out.get_mut(*column)?;
+            let limit =
+                CONSENSUS_RESIDUAL_RATIO * own.mean.residual() + INTERPOLATION_RESIDUAL * own.mean.energy();
+            if found.mean.residual() < limit {
+                *own = found.with_scaled_tensor(CONSENSUS_TEXTURE_FACTOR);
+            }
+        }
+        Some(())
     }
 }
 
@@ -262,7 +300,7 @@ struct Overlap<'a> {
 
 impl RowKernel<Mean> for Overlap<'_> {
     #[inline(always)]
-    fn fill<C: Cpu>(&self, cpu: C, row: usize, out: &mut [Mean]) {
+    fn fill<C: WordCpu>(&self, cpu: C, row: usize, out: &mut [Mean]) {
         overlap(cpu, self.patches, self.across, row, self.noise, out);
     }
 }
@@ -271,15 +309,29 @@ impl CoarseToFine<'_> {
     /// Patches of the coarsest level. Prediction and search result are compared after the steps only: at half
     /// a pixel of error on this level, residuals do not discriminate.
     #[inline(always)]
-    fn search<C: Cpu>(&self, cpu: C, row: usize, out: &mut [PatchFlow]) -> Option<()> {
-        let mut template = PatchTemplate::new(cpu);
-        for (column, out) in out.iter_mut().enumerate() {
-            let at = [column * CELL, row * CELL];
-            let predicted = self.prediction.of_patch(self.stage.depth, at[0], at[1]);
-            *out = self
-                .stage
-                .pair
-                .best_of_two(&mut template, at, COARSE_STEPS, |search| [predicted, exhaustive(search)])?;
+    fn search<C: WordCpu>(&self, cpu: C, row: usize, out: &mut [PatchFlow]) -> Option<()> {
+        let mut group = PatchGroup::new(cpu);
+        let pair = self.stage.pair;
+        for (index, out) in out.chunks_mut(GROUP).enumerate() {
+            let corner = |k: usize| [(index * GROUP + k) * CELL, row * CELL];
+            let corners: [[usize; 2]; GROUP] = std::array::from_fn(corner);
+            let corners = corners.get(..out.len())?;
+            group.take(pair.first, pair.noise, corners)?;
+            let mut shifts = [[[0.0; GROUP]; 2]; 2];
+            for (k, corner) in corners.iter().enumerate() {
+                let predicted = self.prediction.of_patch(self.stage.depth, corner[0], corner[1]);
+                for (shifts, shift) in
+                    shifts.iter_mut().zip([predicted, exhaustive(&group, k, pair, *corner)])
+                {
+                    (shifts[0][k], shifts[1][k]) = (shift[0], shift[1]);
+                }
+            }
+            let [[a, b], [c, d]] = &shifts;
+            let from = [[cpu.load(a), cpu.load(b)], [cpu.load(c), cpu.load(d)]];
+            let best = group.best_of_two(pair, from, COARSE_STEPS, first_bits(out.len()))?;
+            for (out, found) in out.iter_mut().zip(group.found(&best)) {
+                *out = found;
+            }
         }
         Some(())
     }

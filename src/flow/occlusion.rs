@@ -17,11 +17,11 @@
 
 use super::direction::FlowDirection;
 use super::field::{Cell, FlowField};
-use super::level::{CELL, LevelPair, PatchSearch};
-use super::patch::{PatchTemplate, SIDE};
+use super::level::{CELL, LevelPair};
+use super::patch::{AREA, PatchGroup, SIDE};
 use super::rows::{RowKernel, fill};
 use crate::cpu::CpuLevel;
-use crate::lanes::Cpu;
+use crate::lanes::WordCpu;
 
 /// Least confidence at which a displacement is used, as for correspondences.
 const MIN_CONFIDENCE: f32 = 0.5;
@@ -141,10 +141,10 @@ struct OcclusionKernel<'a> {
 
 impl RowKernel<Option<[f32; 2]>> for OcclusionKernel<'_> {
     #[inline(always)]
-    fn fill<C: Cpu>(&self, cpu: C, row: usize, out: &mut [Option<[f32; 2]>]) {
-        let mut template = PatchTemplate::new(cpu);
+    fn fill<C: WordCpu>(&self, cpu: C, row: usize, out: &mut [Option<[f32; 2]>]) {
+        let mut group = PatchGroup::new(cpu);
         for (column, out) in out.iter_mut().enumerate() {
-            *out = self.displacement(&mut template, column, row);
+            *out = self.displacement(&mut group, column, row);
         }
     }
 }
@@ -153,9 +153,9 @@ impl OcclusionKernel<'_> {
     /// The displacement of an occluded cell, in pixels of the level; `None` if it is visible or its motion
     /// ambiguous.
     #[inline(always)]
-    fn displacement<C: Cpu>(
+    fn displacement<C: WordCpu>(
         &self,
-        template: &mut PatchTemplate<C>,
+        group: &mut PatchGroup<C>,
         column: usize,
         row: usize,
     ) -> Option<[f32; 2]> {
@@ -191,13 +191,15 @@ impl OcclusionKernel<'_> {
         if all().any(|(motion, is_behind)| is_behind && distance(motion) > SAME_MOTION * nearest) {
             return None;
         }
-        let [x, y] = [column * SIDE, row * SIDE];
-        template.take(self.frames.pair.first, self.frames.pair.noise, x, y)?;
-        let search = PatchSearch { template, pair: self.frames.pair, corner: [x as f32, y as f32] };
-        let is_unexplained = |(motion, _): ([f32; 2], bool)| {
-            let found = search.found(search.at(motion.map(|shift| 2.0 * shift))?).mean;
-            let noise = 2.0 * self.frames.pair.noise;
-            Some(found.residual() - noise > UNEXPLAINED_CONTRAST * (found.energy() + noise))
+        let (pair, cpu) = (self.frames.pair, group.cpu);
+        group.take(pair.first, pair.noise, &[[column * SIDE, row * SIDE]])?;
+        let [energy, ..] = cpu.store(group.energy);
+        let noise = 2.0 * pair.noise;
+        let mut is_unexplained = |([x, y], _): ([f32; 2], bool)| {
+            let found = group.compare(pair.second, [cpu.splat(2.0 * x), cpu.splat(2.0 * y)], 1)?;
+            let [residual, ..] = cpu.store(found.total);
+            let [residual, energy] = [residual, energy].map(|sum| sum * (1.0 / AREA));
+            Some(residual - noise > UNEXPLAINED_CONTRAST * (energy + noise))
         };
         all().all(|motion| is_unexplained(motion) == Some(true)).then_some(background)
     }

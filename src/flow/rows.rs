@@ -3,15 +3,15 @@
 //! Runs row kernels on all cores, with the instructions that the machine has.
 
 use crate::cpu::CpuLevel;
-use crate::lanes::Cpu;
 use crate::lanes::dispatch::with_word_cpu;
+use crate::lanes::{Cpu, WordCpu};
 use crate::parallel::*;
 
 /// A kernel that computes rows of results independently of each other.
 pub(super) trait RowKernel<T>: Sync {
     /// Fills a row. Must be `inline(always)` with everything it calls: functions that are not inlined are
     /// compiled for any CPU.
-    fn fill<C: Cpu>(&self, cpu: C, row: usize, out: &mut [T]);
+    fn fill<C: WordCpu>(&self, cpu: C, row: usize, out: &mut [T]);
 }
 
 /// Fills all rows of `across` results each.

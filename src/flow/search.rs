@@ -5,9 +5,9 @@
 //! It makes the flow independent of any prediction. The level is at most 48 pixels long, so that a quarter of
 //! the frame's width is 12 pixels at most and 25 × 25 displacements are compared for each of some 80 patches.
 
-use super::level::PatchSearch;
-use super::patch::{AREA, SIDE};
-use crate::lanes::Cpu;
+use super::level::LevelPair;
+use super::patch::{AREA, PatchGroup, SIDE};
+use crate::lanes::WordCpu;
 
 /// Largest displacement searched along each axis, as a share of the frame's width.
 const REACH: f32 = 0.25;
@@ -16,12 +16,16 @@ const REACH: f32 = 0.25;
 /// residuals only.
 const LENGTH_COST: f32 = 0.1;
 
-/// The displacement (pixels of the level) of the lowest cost; zero if the patch cannot be compared anywhere.
+/// The displacement (pixels of the level) of the lowest cost, for the patch in lane `k` of a group, whose top left pixel
+/// is (x, y); zero if the patch cannot be compared anywhere.
 #[inline(always)]
-pub(super) fn exhaustive<C: Cpu>(search: &PatchSearch<'_, C>) -> [f32; 2] {
-    let PatchSearch { template, corner, .. } = *search;
-    let [x, y] = corner.map(|at| at as usize);
-    let (second, noise) = (search.pair.second, search.pair.noise);
+pub(super) fn exhaustive<C: WordCpu>(
+    group: &PatchGroup<C>,
+    k: usize,
+    pair: LevelPair<'_>,
+    [x, y]: [usize; 2],
+) -> [f32; 2] {
+    let (second, noise) = (pair.second, pair.noise);
     let reach = (REACH * second.width() as f32).ceil() as i32;
     // At least half of the patch must lie in the second frame, along each axis.
     let half = SIDE as i32 / 2;
@@ -38,7 +42,7 @@ pub(super) fn exhaustive<C: Cpu>(search: &PatchSearch<'_, C>) -> [f32; 2] {
         for samples in (0..across.clone().count()).filter_map(|column| samples.get(column..)) {
             shift[0] += 1.0;
             let length = (shift[0] * shift[0] + shift[1] * shift[1]).sqrt();
-            let Some(residual) = template.residual_at(samples, second.stride()) else { continue };
+            let Some(residual) = group.residual_at(k, samples, second.stride()) else { continue };
             let cost = residual + AREA * LENGTH_COST * noise * length;
             if cost < best.1 {
                 best = (shift, cost);

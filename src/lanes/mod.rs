@@ -63,6 +63,15 @@ pub(crate) trait Cpu: Copy {
     /// Sums of the first four lanes of each of four vectors, then of the last four lanes of each.
     fn halves(self, four: [Self::Lanes; 4]) -> [f32; FLOATS];
 
+    /// The same of eight vectors: of their first four lanes, and of the last four.
+    fn halves_of_eight(self, eight: [Self::Lanes; 8]) -> [Self::Lanes; 2];
+
+    /// Eight vectors as the rows of a matrix, whose columns are the result.
+    fn transposed(self, rows: [Self::Lanes; FLOATS]) -> [Self::Lanes; FLOATS];
+
+    /// 1/a.
+    fn inverted(self, a: Self::Lanes) -> Self::Lanes;
+
     /// Sums of all lanes of each of four vectors.
     #[inline(always)]
     fn totals(self, four: [Self::Lanes; 4]) -> [f32; 4] {

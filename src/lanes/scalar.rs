@@ -54,6 +54,27 @@ impl Cpu for Scalar {
             (lanes[from] + lanes[from + 1]) + (lanes[from + 2] + lanes[from + 3])
         })
     }
+
+    #[inline(always)]
+    fn halves_of_eight(self, eight: [Array; 8]) -> [Array; 2] {
+        [0, 4].map(|from| {
+            Array(
+                eight.map(|Array(lanes)| {
+                    (lanes[from] + lanes[from + 1]) + (lanes[from + 2] + lanes[from + 3])
+                }),
+            )
+        })
+    }
+
+    #[inline(always)]
+    fn transposed(self, rows: [Array; FLOATS]) -> [Array; FLOATS] {
+        from_fn(|column| Array(rows.map(|Array(row)| row[column])))
+    }
+
+    #[inline(always)]
+    fn inverted(self, Array(a): Array) -> Array {
+        Array(a.map(|a| 1.0 / a))
+    }
 }
 
 /// Sixteen words.
