@@ -58,8 +58,12 @@ struct CellKernel<'a> {
 }
 
 impl RowKernel<Cell> for CellKernel<'_> {
+    type Scratch<C: WordCpu> = ();
+
+    fn scratch<C: WordCpu>(_: C) {}
+
     #[inline(always)]
-    fn fill<C: WordCpu>(&self, _: C, row: usize, out: &mut [Cell]) {
+    fn fill<C: WordCpu>(&self, _: C, (): &mut (), row: usize, out: &mut [Cell]) {
         let LevelScale { size, side, noise } = self.scale;
         let pixels = (side / CELL as f64) as f32;
         let means = self.own.means.iter().skip(row * self.own.columns);

@@ -7,7 +7,7 @@ use super::level::{CELL, LevelPair, Mean, PatchFlow, cells, find, first_bits, ov
 use super::patch::{GROUP, PatchGroup};
 use super::prediction::FlowPrediction;
 use super::rows::{RowKernel, fill};
-use super::search::exhaustive;
+use super::search::Spreads;
 use crate::cpu::CpuLevel;
 use crate::lanes::WordCpu;
 
@@ -73,6 +73,8 @@ pub(super) struct FlowDirection {
     pub(super) rows: usize,
     /// Per cell, the negated displacement of the opposite direction that ends there and its residual, if any.
     reversed: Vec<Option<([f32; 2], f32)>>,
+    /// Of the second frame's coarsest level.
+    spreads: Spreads,
 }
 
 /// Kernel that finds the patches of a level from the coarser level, the prediction and the opposite
@@ -84,6 +86,7 @@ struct CoarseToFine<'a> {
     /// The next coarser level's cells, in its pixels.
     coarse: &'a [Mean],
     reversed: &'a [Option<([f32; 2], f32)>],
+    spreads: &'a Spreads,
     columns: usize,
     rows: usize,
 }
@@ -91,6 +94,9 @@ struct CoarseToFine<'a> {
 impl FlowDirection {
     /// Runs one level, starting from the coarser ones.
     pub(super) fn run(&mut self, stage: &Stage<'_>) {
+        if stage.is_coarsest {
+            self.spreads.fill(stage.cpu, stage.pair.second);
+        }
         let (columns, rows) = cells(stage.pair.first);
         let (across, down) = (columns.saturating_sub(1).max(1), rows.saturating_sub(1).max(1));
         let kernel = CoarseToFine {
@@ -98,6 +104,7 @@ impl FlowDirection {
             prediction: &self.prediction,
             coarse: &self.means,
             reversed: &self.reversed,
+            spreads: &self.spreads,
             columns: self.columns,
             rows: self.rows,
         };
@@ -164,15 +171,21 @@ impl FlowDirection {
 }
 
 impl RowKernel<PatchFlow> for CoarseToFine<'_> {
+    type Scratch<C: WordCpu> = PatchGroup<C>;
+
+    fn scratch<C: WordCpu>(cpu: C) -> PatchGroup<C> {
+        PatchGroup::new(cpu)
+    }
+
     #[inline(always)]
-    fn fill<C: WordCpu>(&self, cpu: C, row: usize, out: &mut [PatchFlow]) {
+    fn fill<C: WordCpu>(&self, _: C, group: &mut PatchGroup<C>, row: usize, out: &mut [PatchFlow]) {
         let Stage { pair, is_coarsest, is_finest, .. } = self.stage;
         let found = if is_coarsest {
-            self.search(cpu, row, out)
+            self.search(group, row, out)
         } else if is_finest {
-            find(cpu, pair, row, FINE_STEPS, |column| self.fine_candidates(column, row), out)
+            find(group, pair, row, FINE_STEPS, |column| self.fine_candidates(column, row), out)
         } else {
-            find(cpu, pair, row, COARSE_STEPS, |column| self.candidates(column, row), out)
+            find(group, pair, row, COARSE_STEPS, |column| self.candidates(column, row), out)
         };
         if found.is_none() {
             out.fill(PatchFlow::default());
@@ -187,8 +200,14 @@ struct Propagation<'a> {
 }
 
 impl RowKernel<PatchFlow> for Propagation<'_> {
+    type Scratch<C: WordCpu> = PatchGroup<C>;
+
+    fn scratch<C: WordCpu>(cpu: C) -> PatchGroup<C> {
+        PatchGroup::new(cpu)
+    }
+
     #[inline(always)]
-    fn fill<C: WordCpu>(&self, cpu: C, row: usize, out: &mut [PatchFlow]) {
+    fn fill<C: WordCpu>(&self, _: C, group: &mut PatchGroup<C>, row: usize, out: &mut [PatchFlow]) {
         let across = out.len();
         let at = |row: usize, column: usize| {
             let found = (column < across).then(|| self.patches.get(row * across + column)).flatten();
@@ -206,7 +225,7 @@ impl RowKernel<PatchFlow> for Propagation<'_> {
             let [left, right, above, below] = neighbours.map(|neighbour| neighbour.unwrap_or(own));
             [own, left, right, above, below]
         };
-        if find(cpu, self.pair, row, PROPAGATION_STEPS, candidates, out).is_none() {
+        if find(group, self.pair, row, PROPAGATION_STEPS, candidates, out).is_none() {
             out.fill(PatchFlow::default());
         }
     }
@@ -222,12 +241,17 @@ struct ConsensusTrial<'a> {
 }
 
 impl RowKernel<PatchFlow> for ConsensusTrial<'_> {
+    type Scratch<C: WordCpu> = PatchGroup<C>;
+
+    fn scratch<C: WordCpu>(cpu: C) -> PatchGroup<C> {
+        PatchGroup::new(cpu)
+    }
+
     #[inline(always)]
-    fn fill<C: WordCpu>(&self, cpu: C, row: usize, out: &mut [PatchFlow]) {
+    fn fill<C: WordCpu>(&self, _: C, group: &mut PatchGroup<C>, row: usize, out: &mut [PatchFlow]) {
         let across = out.len();
         let own = self.patches.get(row * across..).unwrap_or_default();
         out.iter_mut().zip(own).for_each(|(out, own)| *out = *own);
-        let mut group = PatchGroup::new(cpu);
         let (mut columns, mut count) = ([0; GROUP], 0);
         let mut shifts = [[[0.0; GROUP]; 2]; 2];
         for column in 0..across {
@@ -249,7 +273,7 @@ impl RowKernel<PatchFlow> for ConsensusTrial<'_> {
                 }
             }
             if count == GROUP || column + 1 == across {
-                let _ = self.replace(&mut group, row, &columns[..count], &shifts, out);
+                let _ = self.replace(group, row, &columns[..count], &shifts, out);
                 count = 0;
             }
         }
@@ -299,8 +323,12 @@ struct Overlap<'a> {
 }
 
 impl RowKernel<Mean> for Overlap<'_> {
+    type Scratch<C: WordCpu> = ();
+
+    fn scratch<C: WordCpu>(_: C) {}
+
     #[inline(always)]
-    fn fill<C: WordCpu>(&self, cpu: C, row: usize, out: &mut [Mean]) {
+    fn fill<C: WordCpu>(&self, cpu: C, (): &mut (), row: usize, out: &mut [Mean]) {
         overlap(cpu, self.patches, self.across, row, self.noise, out);
     }
 }
@@ -309,8 +337,8 @@ impl CoarseToFine<'_> {
     /// Patches of the coarsest level. Prediction and search result are compared after the steps only: at half
     /// a pixel of error on this level, residuals do not discriminate.
     #[inline(always)]
-    fn search<C: WordCpu>(&self, cpu: C, row: usize, out: &mut [PatchFlow]) -> Option<()> {
-        let mut group = PatchGroup::new(cpu);
+    fn search<C: WordCpu>(&self, group: &mut PatchGroup<C>, row: usize, out: &mut [PatchFlow]) -> Option<()> {
+        let cpu = group.cpu;
         let pair = self.stage.pair;
         for (index, out) in out.chunks_mut(GROUP).enumerate() {
             let corner = |k: usize| [(index * GROUP + k) * CELL, row * CELL];
@@ -321,7 +349,7 @@ impl CoarseToFine<'_> {
             for (k, corner) in corners.iter().enumerate() {
                 let predicted = self.prediction.of_patch(self.stage.depth, corner[0], corner[1]);
                 for (shifts, shift) in
-                    shifts.iter_mut().zip([predicted, exhaustive(&group, k, pair, *corner)])
+                    shifts.iter_mut().zip([predicted, self.spreads.exhaustive(group, k, pair, *corner)])
                 {
                     (shifts[0][k], shifts[1][k]) = (shift[0], shift[1]);
                 }

@@ -206,14 +206,14 @@ impl LevelPair<'_> {
 /// must be clearly better than an earlier one.
 #[inline(always)]
 pub(super) fn find<C: WordCpu, const N: usize>(
-    cpu: C,
+    group: &mut PatchGroup<C>,
     pair: LevelPair<'_>,
     row: usize,
     steps: usize,
     candidates: impl Fn(usize) -> [[f32; 2]; N],
     out: &mut [PatchFlow],
 ) -> Option<()> {
-    let mut group = PatchGroup::new(cpu);
+    let cpu = group.cpu;
     for (index, out) in out.chunks_mut(GROUP).enumerate() {
         let all = first_bits(out.len());
         let mut corners = [[0; 2]; GROUP];

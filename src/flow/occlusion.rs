@@ -140,11 +140,16 @@ struct OcclusionKernel<'a> {
 }
 
 impl RowKernel<Option<[f32; 2]>> for OcclusionKernel<'_> {
+    type Scratch<C: WordCpu> = PatchGroup<C>;
+
+    fn scratch<C: WordCpu>(cpu: C) -> PatchGroup<C> {
+        PatchGroup::new(cpu)
+    }
+
     #[inline(always)]
-    fn fill<C: WordCpu>(&self, cpu: C, row: usize, out: &mut [Option<[f32; 2]>]) {
-        let mut group = PatchGroup::new(cpu);
+    fn fill<C: WordCpu>(&self, _: C, group: &mut PatchGroup<C>, row: usize, out: &mut [Option<[f32; 2]>]) {
         for (column, out) in out.iter_mut().enumerate() {
-            *out = self.displacement(&mut group, column, row);
+            *out = self.displacement(group, column, row);
         }
     }
 }

@@ -166,7 +166,7 @@ impl<C: WordCpu> PatchGroup<C> {
     #[inline(always)]
     fn halves<const N: usize>(&self) -> [C::Lanes; 2] {
         let [a, b, c, d, e, f, g, h] = &self.sums;
-        self.cpu.halves_of_eight([a[N], b[N], c[N], d[N], e[N], f[N], g[N], h[N]])
+        self.cpu.halves([a[N], b[N], c[N], d[N], e[N], f[N], g[N], h[N]])
     }
 
     /// Compares with the patches of `level` that are displaced by `shift`, sampled linearly, those whose bit in
@@ -237,24 +237,34 @@ impl<C: WordCpu> PatchGroup<C> {
         Difference { step: [a * x + b * y, b * x + c * y], squares, total }
     }
 
-    /// The residual of the patch in lane `k` at whole pixels, from samples `stride` apart from row to row: sum of
-    /// squared differences about their mean.
+    /// The patch in lane `k` less its mean.
     #[inline(always)]
-    pub(super) fn residual_at(&self, k: usize, samples: &[f32], stride: usize) -> Option<f32> {
-        let cpu = self.cpu;
-        let rows = SampleRows::<SIDE, SIDE>::new(samples, stride)?;
-        let mut sums = [cpu.splat(0.0); 2];
-        for (r, values) in self.blocks.get(k)?.values.iter().enumerate() {
-            let difference = *values - cpu.load(rows.at(r, 0));
-            if r == 0 {
-                sums = [difference, difference * difference];
-            } else {
-                sums = [sums[0] + difference, cpu.fused(difference, difference, sums[1])];
-            }
+    pub(super) fn centred(&self, k: usize) -> Option<[C::Lanes; SIDE]> {
+        let mean = self.cpu.splat(*self.cpu.store(self.means[0]).get(k)?);
+        let mut rows = self.blocks.get(k)?.values;
+        for row in &mut rows {
+            *row = *row - mean;
         }
-        let [sum, square, ..] = cpu.totals([sums[0], sums[1], sums[0], sums[1]]);
-        Some((square - sum * sum * (1.0 / AREA)).max(0.0))
+        Some(rows)
     }
+}
+
+/// The sums of products of a patch and those that begin at eight successive samples.
+#[inline(always)]
+pub(super) fn products<C: WordCpu>(
+    cpu: C,
+    patch: &[C::Lanes; SIDE],
+    rows: &SampleRows<'_, SIDE, { SIDE + GROUP }>,
+) -> C::Lanes {
+    let mut sums = [cpu.splat(0.0); GROUP];
+    for (c, sum) in sums.iter_mut().enumerate() {
+        *sum = patch[0] * cpu.load(rows.at(0, c));
+        for (r, values) in patch.iter().enumerate().skip(1) {
+            *sum = cpu.fused(*values, cpu.load(rows.at(r, c)), *sum);
+        }
+    }
+    let [low, high] = cpu.halves(sums);
+    low + high
 }
 
 /// The sum of squares of a quarter of a patch about the mean of the whole patch, from the sum and that about 0.

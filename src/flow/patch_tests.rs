@@ -22,6 +22,13 @@ fn level(seed: u64, width: usize, height: usize) -> Level {
 /// What is compared: energy, tensor, squares of the quarters, total, step, and the residual at whole pixels.
 type Compared = (f32, [f32; 3], [f32; 4], f32, [f32; 2], f32);
 
+/// Squared differences of a patch from its mean, summed.
+fn spread(level: &Level, x: i32, y: i32) -> f32 {
+    let pixels = (0..64).map(|i| f64::from(level.pixel(x + i % 8, y + i / 8)));
+    let mean = pixels.clone().sum::<f64>() / 64.0;
+    pixels.map(|pixel| (pixel - mean).powi(2)).sum::<f64>() as f32
+}
+
 /// With the patch in the last lane, beside seven others.
 #[inline(always)]
 fn compared<C: WordCpu>(cpu: C, [first, second]: [&Level; 2], noise: f32, corner: [f32; 2]) -> Compared {
@@ -34,10 +41,13 @@ fn compared<C: WordCpu>(cpu: C, [first, second]: [&Level; 2], noise: f32, corner
     let shift = [cpu.splat(x - 5.0), cpu.splat(y - 3.0)];
     let Difference { step: [a, b], squares: [p, q, r, s], total } =
         group.compare(second, shift, 1 << LAST).unwrap();
-    let whole = group.residual_at(LAST, second.from(x as i32, y as i32).unwrap(), second.stride()).unwrap();
+    let (x, y) = (x as i32, y as i32);
+    let rows = SampleRows::new(second.from(x, y).unwrap(), second.stride()).unwrap();
+    let [product, ..] = cpu.store(products(cpu, &group.centred(LAST).unwrap(), &rows));
     let last = |lanes: C::Lanes| cpu.store(lanes)[LAST];
     let [xx, xy, yy] = group.tensor;
     let (tensor, squares) = ([last(xx), last(xy), last(yy)], [last(p), last(q), last(r), last(s)]);
+    let whole = last(group.energy) + spread(second, x, y) - 2.0 * product;
     (last(group.energy), tensor, squares, last(total), [last(a), last(b)], whole)
 }
 

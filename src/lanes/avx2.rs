@@ -65,12 +65,7 @@ impl Cpu for Avx2 {
     }
 
     #[inline(always)]
-    fn halves(self, [a, b, c, d]: [Floats; 4]) -> [f32; FLOATS] {
-        self.store(Floats(avx2!(_mm256_hadd_ps(_mm256_hadd_ps(a.0, b.0), _mm256_hadd_ps(c.0, d.0)))))
-    }
-
-    #[inline(always)]
-    fn halves_of_eight(self, [a, b, c, d, e, f, g, h]: [Floats; 8]) -> [Floats; 2] {
+    fn halves(self, [a, b, c, d, e, f, g, h]: [Floats; 8]) -> [Floats; 2] {
         avx2!({
             let four = _mm256_hadd_ps(_mm256_hadd_ps(a.0, b.0), _mm256_hadd_ps(c.0, d.0));
             let others = _mm256_hadd_ps(_mm256_hadd_ps(e.0, f.0), _mm256_hadd_ps(g.0, h.0));

@@ -60,24 +60,14 @@ pub(crate) trait Cpu: Copy {
     /// c − a·b, rounded once (AVX2, NEON) or twice (plain Rust).
     fn fused_less(self, a: Self::Lanes, b: Self::Lanes, c: Self::Lanes) -> Self::Lanes;
 
-    /// Sums of the first four lanes of each of four vectors, then of the last four lanes of each.
-    fn halves(self, four: [Self::Lanes; 4]) -> [f32; FLOATS];
-
-    /// The same of eight vectors: of their first four lanes, and of the last four.
-    fn halves_of_eight(self, eight: [Self::Lanes; 8]) -> [Self::Lanes; 2];
+    /// Sums of the first four lanes of each of eight vectors, and of the last four lanes of each.
+    fn halves(self, eight: [Self::Lanes; 8]) -> [Self::Lanes; 2];
 
     /// Eight vectors as the rows of a matrix, whose columns are the result.
     fn transposed(self, rows: [Self::Lanes; FLOATS]) -> [Self::Lanes; FLOATS];
 
     /// 1/a.
     fn inverted(self, a: Self::Lanes) -> Self::Lanes;
-
-    /// Sums of all lanes of each of four vectors.
-    #[inline(always)]
-    fn totals(self, four: [Self::Lanes; 4]) -> [f32; 4] {
-        let [a, b, c, d, e, f, g, h] = self.halves(four);
-        [a + e, b + f, c + g, d + h]
-    }
 }
 
 /// Vectors of sixteen 16-bit integers besides, and what leads from them to floats and back.

@@ -67,15 +67,7 @@ impl Cpu for Neon {
     }
 
     #[inline(always)]
-    fn halves(self, [a, b, c, d]: [Floats; 4]) -> [f32; FLOATS] {
-        self.store(neon!(Floats(
-            vpaddq_f32(vpaddq_f32(a.0, b.0), vpaddq_f32(c.0, d.0)),
-            vpaddq_f32(vpaddq_f32(a.1, b.1), vpaddq_f32(c.1, d.1)),
-        )))
-    }
-
-    #[inline(always)]
-    fn halves_of_eight(self, [a, b, c, d, e, f, g, h]: [Floats; 8]) -> [Floats; 2] {
+    fn halves(self, [a, b, c, d, e, f, g, h]: [Floats; 8]) -> [Floats; 2] {
         neon!([
             Floats(
                 vpaddq_f32(vpaddq_f32(a.0, b.0), vpaddq_f32(c.0, d.0)),

@@ -48,15 +48,7 @@ impl Cpu for Scalar {
     }
 
     #[inline(always)]
-    fn halves(self, four: [Array; 4]) -> [f32; FLOATS] {
-        from_fn(|k| {
-            let (Array(lanes), from) = (four[k % 4], k / 4 * 4);
-            (lanes[from] + lanes[from + 1]) + (lanes[from + 2] + lanes[from + 3])
-        })
-    }
-
-    #[inline(always)]
-    fn halves_of_eight(self, eight: [Array; 8]) -> [Array; 2] {
+    fn halves(self, eight: [Array; 8]) -> [Array; 2] {
         [0, 4].map(|from| {
             Array(
                 eight.map(|Array(lanes)| {
