@@ -2,8 +2,10 @@
 
 //! The flow in one direction, from the coarsest level to the finest.
 
+use super::candidates::{Candidates, CoarserCells, twice};
 use super::consensus::Consensus;
-use super::level::{CELL, LevelPair, Mean, PatchFlow, cells, find, first_bits, overlap};
+use super::estimate::{Mean, PatchFlow};
+use super::level::{CELL, LevelPair, cells, find, first_bits, overlap};
 use super::patch::{GROUP, PatchGroup};
 use super::prediction::FlowPrediction;
 use super::rows::{RowKernel, fill};
@@ -83,12 +85,9 @@ pub(super) struct FlowDirection {
 struct CoarseToFine<'a> {
     stage: Stage<'a>,
     prediction: &'a FlowPrediction,
-    /// The next coarser level's cells, in its pixels.
-    coarse: &'a [Mean],
+    coarse: CoarserCells<'a>,
     reversed: &'a [Option<([f32; 2], f32)>],
     spreads: &'a Spreads,
-    columns: usize,
-    rows: usize,
 }
 
 impl FlowDirection {
@@ -102,11 +101,9 @@ impl FlowDirection {
         let kernel = CoarseToFine {
             stage: *stage,
             prediction: &self.prediction,
-            coarse: &self.means,
+            coarse: CoarserCells { means: &self.means, columns: self.columns, rows: self.rows },
             reversed: &self.reversed,
             spreads: &self.spreads,
-            columns: self.columns,
-            rows: self.rows,
         };
         let count = across * down;
         // All are written: none are cleared where the last level had more.
@@ -130,7 +127,7 @@ impl FlowDirection {
         }
         (self.columns, self.rows) = (columns, rows);
         self.means.resize(columns * rows, Mean::default());
-        let overlap = Overlap { patches, across, noise: stage.pair.noise };
+        let overlap = Overlap { patches, across };
         fill(stage.cpu, &overlap, columns, &mut self.means);
     }
 
@@ -162,12 +159,51 @@ impl FlowDirection {
         (self.columns, self.rows) = (0, 0);
     }
 
-    /// The displacement at a point, interpolated bilinearly; both in pixels of the level.
+    /// The displacements at eight points, interpolated bilinearly between cells and constant beyond the outermost; both
+    /// in pixels of the level.
     #[inline(always)]
-    pub(super) fn at(&self, x: f32, y: f32) -> [f32; 2] {
-        let place = |at: f32| (at + 0.5) / CELL as f32 - 0.5;
-        between(&self.means, self.columns, self.rows, place(x), place(y))
+    pub(super) fn at<C: WordCpu>(&self, cpu: C, [x, y]: [C::Lanes; 2]) -> [C::Lanes; 2] {
+        let last = [self.columns, self.rows].map(|count| count.saturating_sub(1));
+        let (x, y) = (place(cpu, x, last[0]), place(cpu, y, last[1]));
+        let (mut columns, mut rows) = ([0.0; GROUP], [0.0; GROUP]);
+        // Above left, above right, below left, below right; of each the axes.
+        let mut corners = [[[0.0; GROUP]; 2]; 4];
+        for (k, (x, y)) in cpu.store(x).into_iter().zip(cpu.store(y)).enumerate() {
+            let (column, row) = (x as usize, y as usize);
+            (columns[k], rows[k]) = (column as f32, row as f32);
+            let right = usize::from(column < last[0]);
+            let below = if row < last[1] { self.columns } else { 0 };
+            let first = row * self.columns + column;
+            for (corner, index) in corners.iter_mut().zip([0, right, below, below + right]) {
+                let [x, y] = self.means.get(first + index).map(Mean::shift).unwrap_or_default();
+                (corner[0][k], corner[1][k]) = (x, y);
+            }
+        }
+        let (across, down) = (x - cpu.load(&columns), y - cpu.load(&rows));
+        let [a, b, c, d] = &corners;
+        let mut out = [x, y];
+        for (axis, out) in out.iter_mut().enumerate() {
+            let above = blended(cpu, [&a[axis], &b[axis]], across);
+            let below = blended(cpu, [&c[axis], &d[axis]], across);
+            *out = above + down * (below - above);
+        }
+        out
     }
+}
+
+/// Positions in pixels as positions among cells, from the first to the last.
+#[inline(always)]
+fn place<C: WordCpu>(cpu: C, at: C::Lanes, last: usize) -> C::Lanes {
+    let (half, zero, most) = (cpu.splat(0.5), cpu.splat(0.0), cpu.splat(last as f32));
+    let at = cpu.splat(1.0 / CELL as f32) * (at + half) - half;
+    let at = cpu.above_floats(at, most, most, at);
+    cpu.above_floats(zero, at, zero, at)
+}
+
+#[inline(always)]
+fn blended<C: WordCpu>(cpu: C, [from, to]: [&[f32; GROUP]; 2], share: C::Lanes) -> C::Lanes {
+    let from = cpu.load(from);
+    from + share * (cpu.load(to) - from)
 }
 
 impl RowKernel<PatchFlow> for CoarseToFine<'_> {
@@ -178,14 +214,18 @@ impl RowKernel<PatchFlow> for CoarseToFine<'_> {
     }
 
     #[inline(always)]
-    fn fill<C: WordCpu>(&self, _: C, group: &mut PatchGroup<C>, row: usize, out: &mut [PatchFlow]) {
+    fn fill<C: WordCpu>(&self, cpu: C, group: &mut PatchGroup<C>, row: usize, out: &mut [PatchFlow]) {
         let Stage { pair, is_coarsest, is_finest, .. } = self.stage;
         let found = if is_coarsest {
             self.search(group, row, out)
         } else if is_finest {
-            find(group, pair, row, FINE_STEPS, |column| self.fine_candidates(column, row), out)
+            let candidates = |first: usize, _: usize| self.coarse.finest(cpu, first, row);
+            find(group, pair, row, FINE_STEPS, candidates, out)
         } else {
-            find(group, pair, row, COARSE_STEPS, |column| self.candidates(column, row), out)
+            let candidates = |first: usize, count: usize| {
+                Candidates::distinct(cpu, count, |k| self.candidates(first + k, row))
+            };
+            find(group, pair, row, COARSE_STEPS, candidates, out)
         };
         if found.is_none() {
             out.fill(PatchFlow::default());
@@ -207,7 +247,7 @@ impl RowKernel<PatchFlow> for Propagation<'_> {
     }
 
     #[inline(always)]
-    fn fill<C: WordCpu>(&self, _: C, group: &mut PatchGroup<C>, row: usize, out: &mut [PatchFlow]) {
+    fn fill<C: WordCpu>(&self, cpu: C, group: &mut PatchGroup<C>, row: usize, out: &mut [PatchFlow]) {
         let across = out.len();
         let at = |row: usize, column: usize| {
             let found = (column < across).then(|| self.patches.get(row * across + column)).flatten();
@@ -225,6 +265,8 @@ impl RowKernel<PatchFlow> for Propagation<'_> {
             let [left, right, above, below] = neighbours.map(|neighbour| neighbour.unwrap_or(own));
             [own, left, right, above, below]
         };
+        let candidates =
+            |first: usize, count: usize| Candidates::distinct(cpu, count, |k| candidates(first + k));
         if find(group, self.pair, row, PROPAGATION_STEPS, candidates, out).is_none() {
             out.fill(PatchFlow::default());
         }
@@ -303,7 +345,7 @@ impl ConsensusTrial<'_> {
         let [[a, b], [c, d]] = shifts;
         let from = [[cpu.load(a), cpu.load(b)], [cpu.load(c), cpu.load(d)]];
         let best = group.best_of_two(pair, from, CONSENSUS_STEPS, first_bits(columns.len()))?;
-        for (column, found) in columns.iter().zip(group.found(&best)) {
+        for (column, found) in columns.iter().zip(group.found(&best, pair.noise)) {
             let own = out.get_mut(*column)?;
             let limit =
                 CONSENSUS_RESIDUAL_RATIO * own.mean.residual() + INTERPOLATION_RESIDUAL * own.mean.energy();
@@ -319,7 +361,6 @@ impl ConsensusTrial<'_> {
 struct Overlap<'a> {
     patches: &'a [PatchFlow],
     across: usize,
-    noise: f32,
 }
 
 impl RowKernel<Mean> for Overlap<'_> {
@@ -329,7 +370,7 @@ impl RowKernel<Mean> for Overlap<'_> {
 
     #[inline(always)]
     fn fill<C: WordCpu>(&self, cpu: C, (): &mut (), row: usize, out: &mut [Mean]) {
-        overlap(cpu, self.patches, self.across, row, self.noise, out);
+        overlap(cpu, self.patches, self.across, row, out);
     }
 }
 
@@ -357,30 +398,11 @@ impl CoarseToFine<'_> {
             let [[a, b], [c, d]] = &shifts;
             let from = [[cpu.load(a), cpu.load(b)], [cpu.load(c), cpu.load(d)]];
             let best = group.best_of_two(pair, from, COARSE_STEPS, first_bits(out.len()))?;
-            for (out, found) in out.iter_mut().zip(group.found(&best)) {
+            for (out, found) in out.iter_mut().zip(group.found(&best, pair.noise)) {
                 *out = found;
             }
         }
         Some(())
-    }
-
-    /// The coarser level's displacement at a patch, and those of the four diagonal cells around it.
-    ///
-    /// In coarser cells the centre of a patch lies at half its index: on a cell, or between two.
-    #[inline(always)]
-    fn coarser(&self, column: usize, row: usize) -> ([f32; 2], [[f32; 2]; 4]) {
-        let at = |row: usize, column: usize| {
-            let index =
-                row.min(self.rows.wrapping_sub(1)) * self.columns + column.min(self.columns.wrapping_sub(1));
-            twice(self.coarse.get(index).map(Mean::shift).unwrap_or_default())
-        };
-        let around = |from: usize, to: usize, above: usize, below: usize| {
-            [at(above, from), at(above, to), at(below, from), at(below, to)]
-        };
-        let [a, b, c, d] = around(column / 2, column.div_ceil(2), row / 2, row.div_ceil(2));
-        let interpolated = [0, 1].map(|axis| 0.25 * ((a[axis] + b[axis]) + (c[axis] + d[axis])));
-        let before = |index: usize| index.saturating_sub(1) / 2;
-        (interpolated, around(before(column), column / 2 + 1, before(row), row / 2 + 1))
     }
 
     /// Candidate displacements. The prediction comes first and so is preferred on ambiguous, such as
@@ -388,47 +410,9 @@ impl CoarseToFine<'_> {
     #[inline(always)]
     fn candidates(&self, column: usize, row: usize) -> [[f32; 2]; 8] {
         let predicted = self.prediction.of_patch(self.stage.depth, column * CELL, row * CELL);
-        let (interpolated, [a, b, c, d]) = self.coarser(column, row);
-        let own = self.reversed.get((row / 2) * self.columns + column / 2);
+        let (interpolated, [a, b, c, d]) = self.coarse.around(column, row);
+        let own = self.reversed.get((row / 2) * self.coarse.columns + column / 2);
         let reversed = own.copied().flatten().map_or(interpolated, |(shift, _)| twice(shift));
         [predicted, interpolated, a, b, c, d, reversed, [0.0; 2]]
     }
-
-    /// Candidates of the finest level: of the surrounding cells only the one that differs most.
-    #[inline(always)]
-    fn fine_candidates(&self, column: usize, row: usize) -> [[f32; 2]; 2] {
-        let (interpolated, around) = self.coarser(column, row);
-        let mut furthest = (interpolated, 0.0);
-        for shift in around {
-            let (x, y) = (shift[0] - interpolated[0], shift[1] - interpolated[1]);
-            let distance = x * x + y * y;
-            if distance > furthest.1 {
-                furthest = (shift, distance);
-            }
-        }
-        [interpolated, furthest.0]
-    }
-}
-
-fn twice(shift: [f32; 2]) -> [f32; 2] {
-    shift.map(|value| 2.0 * value)
-}
-
-/// Bilinear interpolation of displacements between cells, whose centres are at integers; constant beyond the
-/// outermost.
-#[inline(always)]
-fn between(means: &[Mean], columns: usize, rows: usize, x: f32, y: f32) -> [f32; 2] {
-    let last = |count: usize| count.saturating_sub(1);
-    let (x, y) = (x.clamp(0.0, last(columns) as f32), y.clamp(0.0, last(rows) as f32));
-    let (column, row) = (x as usize, y as usize);
-    let at = |row: usize, column: usize| {
-        let index = row.min(last(rows)) * columns + column.min(last(columns));
-        means.get(index).map(Mean::shift).unwrap_or_default()
-    };
-    let blend =
-        |a: [f32; 2], b: [f32; 2], share: f32| [a[0] + share * (b[0] - a[0]), a[1] + share * (b[1] - a[1])];
-    let (across, down) = (x - column as f32, y - row as f32);
-    let above = blend(at(row, column), at(row, column + 1), across);
-    let below = blend(at(row + 1, column), at(row + 1, column + 1), across);
-    blend(above, below, down)
 }

@@ -5,10 +5,12 @@
 //!
 //! Patches of 8 × 8 pixels overlap by half, so that each cell of 4 × 4 pixels is covered by up to four.
 //! Candidates are compared by residual alone, whatever their source (the coarser level, neighbouring cells,
-//! the prediction, the opposite direction). Candidates closer than [`SAME_CANDIDATE`] are compared once.
+//! the prediction, the opposite direction). Candidates that hardly differ are compared once.
 
+use super::candidates::Candidates;
+use super::estimate::{Mean, PatchFlow};
 use super::patch::{AREA, Difference, GROUP, PatchGroup, SIDE};
-use crate::lanes::{Cpu, WordCpu};
+use crate::lanes::WordCpu;
 use crate::pyramid::Level;
 
 /// Side of a cell in pixels of the level.
@@ -17,53 +19,6 @@ pub(super) const CELL: usize = SIDE / 2;
 /// A candidate replaces an earlier one whose residual is more than this many times its own, plus the noise
 /// variance per pixel.
 const RESIDUAL_GAIN: f32 = 1.15;
-
-/// Candidates that differ by less than this along both axes, in pixels, converge to the same displacement.
-const SAME_CANDIDATE: f32 = 0.5;
-
-/// The estimate for a patch or a cell: displacement x and y in pixels of the level; then means over its
-/// pixels: squared difference; structure tensor xx, xy, yy; squared difference from the mean grey; and last
-/// 1, or 0 without an estimate.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub(super) struct Mean(pub(super) [f32; SIDE]);
-
-impl Mean {
-    #[inline(always)]
-    pub(super) fn shift(&self) -> [f32; 2] {
-        [self.0[0], self.0[1]]
-    }
-
-    #[inline(always)]
-    pub(super) fn residual(&self) -> f32 {
-        self.0[2]
-    }
-
-    #[inline(always)]
-    pub(super) fn tensor(&self) -> [f32; 3] {
-        [self.0[3], self.0[4], self.0[5]]
-    }
-
-    #[inline(always)]
-    pub(super) fn energy(&self) -> f32 {
-        self.0[6]
-    }
-}
-
-/// The result for one patch.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub(super) struct PatchFlow {
-    pub(super) mean: Mean,
-    /// Mean squared differences of the quarters: top left, bottom left, top right, bottom right.
-    pub(super) quarters: [f32; 4],
-}
-
-impl PatchFlow {
-    /// The same, with the structure tensor multiplied by `share`.
-    pub(super) fn with_scaled_tensor(mut self, share: f32) -> Self {
-        self.mean.0[3..6].iter_mut().for_each(|value| *value *= share);
-        self
-    }
-}
 
 /// Cells (columns, rows) of a level; the last ones may extend beyond it.
 pub(super) fn cells(level: &Level) -> (usize, usize) {
@@ -165,21 +120,33 @@ impl<C: WordCpu> PatchGroup<C> {
         Some(first.or(self.cpu, second, pair.noise))
     }
 
-    /// The results, one for each patch.
+    /// The results, one for each patch; `noise` is the noise variance of a pixel.
     #[inline(always)]
-    pub(super) fn found(&self, best: &Trial<C>) -> [PatchFlow; GROUP] {
+    pub(super) fn found(&self, best: &Trial<C>, noise: f32) -> [PatchFlow; GROUP] {
         let cpu = self.cpu;
         let Difference { squares: [p, q, r, s], total, .. } = best.difference;
         let ([x, y], [xx, xy, yy]) = (best.shift, self.tensor);
-        let (share, quarter, zero) = (cpu.splat(1.0 / AREA), cpu.splat(4.0 / AREA), cpu.splat(0.0));
-        let (xx, xy, yy) = (xx * share, xy * share, yy * share);
-        let means = cpu.transposed([x, y, total * share, xx, xy, yy, self.energy * share, cpu.splat(1.0)]);
+        let (share, quarter, one) = (cpu.splat(1.0 / AREA), cpu.splat(4.0 / AREA), cpu.splat(1.0));
+        let (xx, xy, yy, residual) = (xx * share, xy * share, yy * share, total * share);
+        let means = cpu.transposed([x, y, residual, xx, xy, yy, self.energy * share, one]);
         let (p, q, r, s) = (p * quarter, q * quarter, r * quarter, s * quarter);
-        let quarters = cpu.transposed([p, q, r, s, zero, zero, zero, zero]);
+        // Residuals below the noise of two frames are not distinguished.
+        let both = cpu.splat(2.0 * noise);
+        let whole = both + residual;
+        let quarters = cpu.transposed([
+            p,
+            q,
+            r,
+            s,
+            cpu.divided(one, (both + p) * whole),
+            cpu.divided(one, (both + q) * whole),
+            cpu.divided(one, (both + r) * whole),
+            cpu.divided(one, (both + s) * whole),
+        ]);
         let mut out = [PatchFlow::default(); GROUP];
         for ((out, mean), quarters) in out.iter_mut().zip(means).zip(quarters) {
-            let [p, q, r, s, ..] = cpu.store(quarters);
-            *out = PatchFlow { mean: Mean(cpu.store(mean)), quarters: [p, q, r, s] };
+            let [p, q, r, s, a, b, c, d] = cpu.store(quarters);
+            *out = PatchFlow { mean: Mean(cpu.store(mean)), quarters: [p, q, r, s], weights: [a, b, c, d] };
         }
         out
     }
@@ -202,79 +169,58 @@ impl LevelPair<'_> {
     }
 }
 
-/// Finds a row of patches, each from the best of its candidates (displacements in pixels); a later candidate
-/// must be clearly better than an earlier one.
+/// Finds a row of patches, each from the best of its candidates: those of the `count` patches from a column on.
+/// A later candidate must be clearly better than an earlier one.
 #[inline(always)]
 pub(super) fn find<C: WordCpu, const N: usize>(
     group: &mut PatchGroup<C>,
     pair: LevelPair<'_>,
     row: usize,
     steps: usize,
-    candidates: impl Fn(usize) -> [[f32; 2]; N],
+    candidates: impl Fn(usize, usize) -> Candidates<C, N>,
     out: &mut [PatchFlow],
 ) -> Option<()> {
     let cpu = group.cpu;
     for (index, out) in out.chunks_mut(GROUP).enumerate() {
-        let all = first_bits(out.len());
-        let mut corners = [[0; 2]; GROUP];
-        // Of each patch the candidates that differ, axis by axis, and a bit for each that there is.
-        let mut shifts = [[[0.0; GROUP]; 2]; N];
-        let mut active = [0; N];
-        for (k, corner) in corners.iter_mut().enumerate().take(out.len()) {
-            let column = index * GROUP + k;
-            *corner = [column * CELL, row * CELL];
-            let candidates = candidates(column);
-            let mut count = 0;
-            for (number, shift) in candidates.iter().enumerate() {
-                let is_same = |other: &[f32; 2]| {
-                    (other[0] - shift[0]).abs() < SAME_CANDIDATE
-                        && (other[1] - shift[1]).abs() < SAME_CANDIDATE
-                };
-                if !candidates.iter().take(number).any(is_same) {
-                    (shifts[count][0][k], shifts[count][1][k]) = (shift[0], shift[1]);
-                    active[count] |= 1 << k;
-                    count += 1;
-                }
-            }
-        }
+        let first = index * GROUP;
+        let corners: [[usize; 2]; GROUP] = std::array::from_fn(|k| [(first + k) * CELL, row * CELL]);
         group.take(pair.first, pair.noise, corners.get(..out.len())?)?;
+        let Candidates { shifts, active } = candidates(first, out.len());
+        let all = first_bits(out.len());
         let mut best: Option<Trial<C>> = None;
-        for ([x, y], active) in shifts.iter().zip(active) {
+        for (shift, active) in shifts.into_iter().zip(active) {
+            let active = active & all;
             if active == 0 {
                 break;
             }
-            let next = group.at(pair.second, [cpu.load(x), cpu.load(y)], active)?;
+            let next = group.at(pair.second, shift, active)?;
             best = Some(match best {
                 None => next,
                 Some(best) => {
                     let there: [f32; GROUP] = std::array::from_fn(|k| (active >> k & 1) as f32);
-                    let none = Trial {
-                        difference: Difference { total: cpu.splat(f32::INFINITY), ..next.difference },
-                        ..next
-                    };
-                    let next = none.or_where(cpu, [cpu.load(&there), cpu.splat(0.5)], next);
+                    let bounds = [cpu.load(&there), cpu.splat(0.5)];
+                    let none = Difference { total: cpu.splat(f32::INFINITY), ..next.difference };
+                    let next = Trial { difference: none, ..next }.or_where(cpu, bounds, next);
                     best.or(cpu, next, pair.noise)
                 }
             });
         }
         let mut best = best?;
         group.refine(pair.second, &mut best, steps, all)?;
-        for (out, found) in out.iter_mut().zip(group.found(&best)) {
+        for (out, found) in out.iter_mut().zip(group.found(&best, pair.noise)) {
             *out = found;
         }
     }
     Some(())
 }
 
-/// A row of cells, each the weighted mean of the patches that cover it. `patches` has `across` patches in a
-/// row; `noise` is the noise variance of a pixel.
+/// A row of cells, each the weighted mean of the patches that cover it. `patches` has `across` patches in a row.
 #[inline(always)]
-pub(super) fn overlap<C: Cpu>(
+pub(super) fn overlap<C: WordCpu>(
     cpu: C,
     patches: &[PatchFlow],
     across: usize,
     row: usize,
-    noise: f32,
     out: &mut [Mean],
 ) {
     let line = |row: usize| patches.chunks(across.max(1)).nth(row).unwrap_or_default();
@@ -286,11 +232,9 @@ pub(super) fn overlap<C: Cpu>(
             for i in 0..2 {
                 // The patch whose quarter (i, j) is this cell.
                 let Some(patch) = line.get(column.wrapping_sub(i)) else { continue };
-                let residual = patch.quarters[2 * i + j];
-                // Residuals below the noise of two frames are not distinguished.
-                let weight = 1.0 / ((2.0 * noise + residual) * (2.0 * noise + patch.mean.residual()));
+                let weight = patch.weights[2 * i + j];
                 sum = cpu.fused(cpu.splat(weight), cpu.load(&patch.mean.0), sum);
-                residuals += weight * residual;
+                residuals += weight * patch.quarters[2 * i + j];
             }
         }
         let [.., weights] = cpu.store(sum);

@@ -46,11 +46,14 @@ const OCCLUDED_CONFIDENCE: f32 = 0.1;
 /// Standard deviation of its displacement in pixels of the level.
 const OCCLUDED_DEVIATION: f32 = 2.0;
 
+/// An index that no cell has.
+const NOWHERE: u32 = u32::MAX;
+
 /// Finds occluded cells of one direction and their displacements.
 #[derive(Debug, Default)]
 pub(super) struct OcclusionFinder {
-    /// Of each cell the nearest confident cells to the left and right, above and below.
-    neighbours: Vec<[Option<u32>; 4]>,
+    /// Of each cell the nearest confident cells to the left and right, above and below, or [`NOWHERE`].
+    neighbours: Vec<[u32; 4]>,
     /// Of each occluded cell its displacement in pixels of the level.
     displacements: Vec<Option<[f32; 2]>>,
 }
@@ -90,27 +93,36 @@ impl OcclusionFinder {
     pub(super) fn find(&mut self, frames: FinerLevels<'_>, directions: DirectionPair<'_>) {
         let field = directions.own.1;
         let (columns, count) = (field.columns, field.cells.len());
-        self.neighbours.clear();
-        self.neighbours.resize(count, [None; 4]);
-        let mut sweep = |side: usize, line: &mut dyn Iterator<Item = usize>| {
-            let mut last = None;
-            for index in line {
-                let neighbours = self.neighbours.get_mut(index);
-                if let (Some(neighbours), Some(cell)) = (neighbours, field.cells.get(index)) {
-                    neighbours[side] = last;
-                    last = if cell.confidence >= MIN_CONFIDENCE { Some(index as u32) } else { last };
-                }
-            }
+        // All are written.
+        self.neighbours.resize(count, [NOWHERE; 4]);
+        let confident = |index: usize, otherwise: u32| {
+            let is = field.cells.get(index).is_some_and(|cell| cell.confidence >= MIN_CONFIDENCE);
+            if is { index as u32 } else { otherwise }
         };
+        let mut sweep =
+            |row: usize, line: &mut dyn Iterator<Item = usize>, side: usize, before: Option<usize>| {
+                let mut last = NOWHERE;
+                for column in line {
+                    let index = row * columns + column;
+                    // The cell above or below, in the row that was swept before.
+                    let there = before.map(|before| before * columns + column);
+                    let beyond =
+                        there.and_then(|there| self.neighbours.get(there)).map(|found| found[side + 2]);
+                    if let Some(neighbours) = self.neighbours.get_mut(index) {
+                        neighbours[side] = last;
+                        neighbours[side + 2] = NOWHERE;
+                        if let (Some(there), Some(beyond)) = (there, beyond) {
+                            neighbours[side + 2] = confident(there, beyond);
+                        }
+                    }
+                    last = confident(index, last);
+                }
+            };
         for row in 0..field.rows {
-            let line = row * columns..(row + 1) * columns;
-            sweep(0, &mut line.clone());
-            sweep(1, &mut line.rev());
+            sweep(row, &mut (0..columns), 0, row.checked_sub(1));
         }
-        for column in 0..columns {
-            let line = (column..count).step_by(columns);
-            sweep(2, &mut line.clone());
-            sweep(3, &mut line.rev());
+        for row in (0..field.rows).rev() {
+            sweep(row, &mut (0..columns).rev(), 1, Some(row + 1).filter(|below| *below < field.rows));
         }
         self.displacements.resize(count, None);
         let kernel = OcclusionKernel { frames, directions, neighbours: &self.neighbours };
@@ -136,7 +148,7 @@ impl OcclusionFinder {
 struct OcclusionKernel<'a> {
     frames: FinerLevels<'a>,
     directions: DirectionPair<'a>,
-    neighbours: &'a [[Option<u32>; 4]],
+    neighbours: &'a [[u32; 4]],
 }
 
 impl RowKernel<Option<[f32; 2]>> for OcclusionKernel<'_> {
@@ -175,8 +187,8 @@ impl OcclusionKernel<'_> {
         };
         // The motion of a neighbouring cell, plus the change of the predicted motion from there to here.
         let here = predicted(index);
-        let motion = |neighbour: &Option<u32>| {
-            let neighbour = (*neighbour)? as usize;
+        let motion = |neighbour: &u32| {
+            let neighbour = *neighbour as usize;
             let (shift, there) = (own.means.get(neighbour)?.shift(), predicted(neighbour));
             Some([shift[0] + here[0] - there[0], shift[1] + here[1] - there[1]])
         };

@@ -140,7 +140,7 @@ impl<C: WordCpu> PatchGroup<C> {
         let (xx, xy, yy) = (xx - mean_x * sum_x, xy - mean_x * sum_y, yy - mean_y * sum_y);
         let energy = positive(cpu, self.total::<6>() - mean * sum);
         let (x, y) = (x - mean_x * sum, y - mean_y * sum);
-        let share = cpu.inverted(energy + cpu.splat(f32::MIN_POSITIVE));
+        let share = cpu.divided(cpu.splat(1.0), energy + cpu.splat(f32::MIN_POSITIVE));
         let (a, b) = (x * share, y * share);
         self.shares = [cpu.splat(2.0) * a, cpu.splat(2.0) * b];
         self.energy = energy;
@@ -148,7 +148,7 @@ impl<C: WordCpu> PatchGroup<C> {
         self.tensor = [xx, xy, yy];
         let damping = cpu.splat(AREA * 0.5 * noise);
         let (a, d) = (xx + damping, yy + damping);
-        let share = half * cpu.inverted(a * d - xy * xy);
+        let share = half * cpu.divided(cpu.splat(1.0), a * d - xy * xy);
         let zero = cpu.splat(0.0);
         self.inverse = [(zero - d) * share, xy * share, (zero - a) * share];
         self.corners = [cpu.load(&at[0]), cpu.load(&at[1])];
@@ -257,9 +257,9 @@ pub(super) fn products<C: WordCpu>(
     rows: &SampleRows<'_, SIDE, { SIDE + GROUP }>,
 ) -> C::Lanes {
     let mut sums = [cpu.splat(0.0); GROUP];
-    for (c, sum) in sums.iter_mut().enumerate() {
-        *sum = patch[0] * cpu.load(rows.at(0, c));
-        for (r, values) in patch.iter().enumerate().skip(1) {
+    // Rows outside, so that the eight sums stay in registers.
+    for (r, values) in patch.iter().enumerate() {
+        for (c, sum) in sums.iter_mut().enumerate() {
             *sum = cpu.fused(*values, cpu.load(rows.at(r, c)), *sum);
         }
     }

@@ -92,8 +92,12 @@ impl Spreads {
             (at + OUTSIDE).saturating_sub(reach)..(at + OUTSIDE + reach).min(length) + 1
         };
         let (across, down) = (range(x, second.width()), range(y, second.height()));
-        let (unit, two) = (AREA * LENGTH_COST * pair.noise, cpu.splat(2.0));
-        let mut best = [cpu.splat(f32::INFINITY), cpu.splat(0.0), cpu.splat(0.0)];
+        let (unit, two) = (cpu.splat(AREA * LENGTH_COST * pair.noise), cpu.splat(2.0));
+        let numbers = cpu.load(&std::array::from_fn(|lane| lane as f32));
+        // Half a pixel more than the last displacement across.
+        let last = cpu.splat(across.end as f32 - (x + OUTSIDE) as f32 - 0.5);
+        let infinite = cpu.splat(f32::INFINITY);
+        let mut best = [infinite, cpu.splat(0.0), cpu.splat(0.0)];
         for to_y in down {
             let shift_y = to_y as f32 - (y + OUTSIDE) as f32;
             for to_x in across.clone().step_by(GROUP) {
@@ -101,18 +105,14 @@ impl Spreads {
                 let samples = second.from(to_x as i32 - OUTSIDE as i32, to_y as i32 - OUTSIDE as i32);
                 let (Some(spreads), Some(samples)) = (spreads, samples) else { continue };
                 let Some(rows) = SampleRows::new(samples, second.stride()) else { continue };
-                let first = to_x as f32 - (x + OUTSIDE) as f32;
-                let (mut shifts, mut costs) = ([0.0; GROUP], [f32::INFINITY; GROUP]);
-                for (lane, (shift, cost)) in shifts.iter_mut().zip(&mut costs).enumerate() {
-                    *shift = first + lane as f32;
-                    let length = (*shift * *shift + shift_y * shift_y).sqrt();
-                    *cost = if to_x + lane < across.end { unit * length } else { f32::INFINITY };
-                }
-                let cost = cpu.load(&costs) + (cpu.load(spreads) - two * products(cpu, &patch, &rows));
+                let shifts = cpu.splat(to_x as f32 - (x + OUTSIDE) as f32) + numbers;
+                let length = cpu.root(shifts * shifts + cpu.splat(shift_y * shift_y));
+                let spread = cpu.above_floats(shifts, last, infinite, cpu.load(spreads));
+                let cost = unit * length + (spread - two * products(cpu, &patch, &rows));
                 let [least, best_x, best_y] = best;
                 best = [
                     cpu.above_floats(least, cost, cost, least),
-                    cpu.above_floats(least, cost, cpu.load(&shifts), best_x),
+                    cpu.above_floats(least, cost, shifts, best_x),
                     cpu.above_floats(least, cost, cpu.splat(shift_y), best_y),
                 ];
             }

@@ -99,8 +99,13 @@ impl Cpu for Avx2 {
     }
 
     #[inline(always)]
-    fn inverted(self, a: Floats) -> Floats {
-        Floats(avx2!(_mm256_div_ps(_mm256_set1_ps(1.0), a.0)))
+    fn divided(self, a: Floats, b: Floats) -> Floats {
+        Floats(avx2!(_mm256_div_ps(a.0, b.0)))
+    }
+
+    #[inline(always)]
+    fn root(self, a: Floats) -> Floats {
+        Floats(avx2!(_mm256_sqrt_ps(a.0)))
     }
 }
 

@@ -66,8 +66,11 @@ pub(crate) trait Cpu: Copy {
     /// Eight vectors as the rows of a matrix, whose columns are the result.
     fn transposed(self, rows: [Self::Lanes; FLOATS]) -> [Self::Lanes; FLOATS];
 
-    /// 1/a.
-    fn inverted(self, a: Self::Lanes) -> Self::Lanes;
+    /// a/b.
+    fn divided(self, a: Self::Lanes, b: Self::Lanes) -> Self::Lanes;
+
+    /// √a.
+    fn root(self, a: Self::Lanes) -> Self::Lanes;
 }
 
 /// Vectors of sixteen 16-bit integers besides, and what leads from them to floats and back.

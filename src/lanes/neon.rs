@@ -99,8 +99,13 @@ impl Cpu for Neon {
     }
 
     #[inline(always)]
-    fn inverted(self, a: Floats) -> Floats {
-        neon!(Floats(vdivq_f32(vdupq_n_f32(1.0), a.0), vdivq_f32(vdupq_n_f32(1.0), a.1)))
+    fn divided(self, a: Floats, b: Floats) -> Floats {
+        neon!(Floats(vdivq_f32(a.0, b.0), vdivq_f32(a.1, b.1)))
+    }
+
+    #[inline(always)]
+    fn root(self, a: Floats) -> Floats {
+        neon!(Floats(vsqrtq_f32(a.0), vsqrtq_f32(a.1)))
     }
 }
 

@@ -64,8 +64,13 @@ impl Cpu for Scalar {
     }
 
     #[inline(always)]
-    fn inverted(self, Array(a): Array) -> Array {
-        Array(a.map(|a| 1.0 / a))
+    fn divided(self, Array(a): Array, Array(b): Array) -> Array {
+        Array(from_fn(|lane| a[lane] / b[lane]))
+    }
+
+    #[inline(always)]
+    fn root(self, Array(a): Array) -> Array {
+        Array(a.map(f32::sqrt))
     }
 }
 
