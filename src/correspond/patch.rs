@@ -222,17 +222,15 @@ fn hat(distance: f32) -> f32 {
     if weight > 0.0 { weight } else { 0.0 }
 }
 
-/// Sum over all columns, whose number is a power of two: pairwise, for a short dependency chain.
+/// Sum over all columns: pairwise, for a short dependency chain.
 #[inline(always)]
-fn total(mut sums: [f32; PATCH_SIDE]) -> f32 {
-    let mut half = PATCH_SIDE / 2;
-    while half > 0 {
-        for i in 0..half {
-            sums[i] += sums[i + half];
-        }
-        half /= 2;
+fn total(sums: [f32; PATCH_SIDE]) -> f32 {
+    let mut eight = [0.0; PATCH_SIDE / 2];
+    for (i, eight) in eight.iter_mut().enumerate() {
+        *eight = sums[i] + sums[i + PATCH_SIDE / 2];
     }
-    sums[0]
+    let [a, b, c, d, e, f, g, h] = eight;
+    ((a + e) + (c + g)) + ((b + f) + (d + h))
 }
 
 #[inline(always)]

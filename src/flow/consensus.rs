@@ -2,7 +2,8 @@
 
 //! The motion that most of a picture shares: an affine map, fitted robustly.
 
-use super::level::{CELL, PatchFlow};
+use super::estimate::PatchFlow;
+use super::level::CELL;
 use super::patch::SIDE;
 use crate::robust::loss::GemanMcClure;
 use crate::robust::motion::{Motion, Round, Sample, Scale, affine, fit};
@@ -85,7 +86,7 @@ impl Consensus {
 
 #[cfg(test)]
 mod tests {
-    use super::super::level::Mean;
+    use super::super::estimate::Mean;
     use super::*;
 
     fn patches(shift: impl Fn(f32, f32) -> [f32; 2]) -> Vec<PatchFlow> {

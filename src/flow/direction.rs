@@ -2,14 +2,16 @@
 
 //! The flow in one direction, from the coarsest level to the finest.
 
+use super::candidates::{Candidates, CoarserCells, twice};
 use super::consensus::Consensus;
-use super::level::{CELL, LevelPair, Mean, PatchFlow, cells, find, overlap};
-use super::patch::PatchTemplate;
+use super::estimate::{Mean, PatchFlow};
+use super::level::{CELL, LevelPair, cells, find, first_bits, overlap};
+use super::patch::{GROUP, PatchGroup};
 use super::prediction::FlowPrediction;
 use super::rows::{RowKernel, fill};
-use super::search::exhaustive;
+use super::search::Spreads;
 use crate::cpu::CpuLevel;
-use crate::lanes::Cpu;
+use crate::lanes::WordCpu;
 
 /// Gauss–Newton steps from the best candidate: on the coarse levels, where steps are long, and on the finest.
 const COARSE_STEPS: usize = 3;
@@ -73,6 +75,8 @@ pub(super) struct FlowDirection {
     pub(super) rows: usize,
     /// Per cell, the negated displacement of the opposite direction that ends there and its residual, if any.
     reversed: Vec<Option<([f32; 2], f32)>>,
+    /// Of the second frame's coarsest level.
+    spreads: Spreads,
 }
 
 /// Kernel that finds the patches of a level from the coarser level, the prediction and the opposite
@@ -81,25 +85,25 @@ pub(super) struct FlowDirection {
 struct CoarseToFine<'a> {
     stage: Stage<'a>,
     prediction: &'a FlowPrediction,
-    /// The next coarser level's cells, in its pixels.
-    coarse: &'a [Mean],
+    coarse: CoarserCells<'a>,
     reversed: &'a [Option<([f32; 2], f32)>],
-    columns: usize,
-    rows: usize,
+    spreads: &'a Spreads,
 }
 
 impl FlowDirection {
     /// Runs one level, starting from the coarser ones.
     pub(super) fn run(&mut self, stage: &Stage<'_>) {
+        if stage.is_coarsest {
+            self.spreads.fill(stage.cpu, stage.pair.second);
+        }
         let (columns, rows) = cells(stage.pair.first);
         let (across, down) = (columns.saturating_sub(1).max(1), rows.saturating_sub(1).max(1));
         let kernel = CoarseToFine {
             stage: *stage,
             prediction: &self.prediction,
-            coarse: &self.means,
+            coarse: CoarserCells { means: &self.means, columns: self.columns, rows: self.rows },
             reversed: &self.reversed,
-            columns: self.columns,
-            rows: self.rows,
+            spreads: &self.spreads,
         };
         let count = across * down;
         // All are written: none are cleared where the last level had more.
@@ -123,7 +127,7 @@ impl FlowDirection {
         }
         (self.columns, self.rows) = (columns, rows);
         self.means.resize(columns * rows, Mean::default());
-        let overlap = Overlap { patches, across, noise: stage.pair.noise };
+        let overlap = Overlap { patches, across };
         fill(stage.cpu, &overlap, columns, &mut self.means);
     }
 
@@ -155,24 +159,73 @@ impl FlowDirection {
         (self.columns, self.rows) = (0, 0);
     }
 
-    /// The displacement at a point, interpolated bilinearly; both in pixels of the level.
+    /// The displacements at eight points, interpolated bilinearly between cells and constant beyond the outermost; both
+    /// in pixels of the level.
     #[inline(always)]
-    pub(super) fn at(&self, x: f32, y: f32) -> [f32; 2] {
-        let place = |at: f32| (at + 0.5) / CELL as f32 - 0.5;
-        between(&self.means, self.columns, self.rows, place(x), place(y))
+    pub(super) fn at<C: WordCpu>(&self, cpu: C, [x, y]: [C::Lanes; 2]) -> [C::Lanes; 2] {
+        let last = [self.columns, self.rows].map(|count| count.saturating_sub(1));
+        let (x, y) = (place(cpu, x, last[0]), place(cpu, y, last[1]));
+        let (mut columns, mut rows) = ([0.0; GROUP], [0.0; GROUP]);
+        // Above left, above right, below left, below right; of each the axes.
+        let mut corners = [[[0.0; GROUP]; 2]; 4];
+        for (k, (x, y)) in cpu.store(x).into_iter().zip(cpu.store(y)).enumerate() {
+            let (column, row) = (x as usize, y as usize);
+            (columns[k], rows[k]) = (column as f32, row as f32);
+            let right = usize::from(column < last[0]);
+            let below = if row < last[1] { self.columns } else { 0 };
+            let first = row * self.columns + column;
+            for (corner, index) in corners.iter_mut().zip([0, right, below, below + right]) {
+                let [x, y] = self.means.get(first + index).map(Mean::shift).unwrap_or_default();
+                (corner[0][k], corner[1][k]) = (x, y);
+            }
+        }
+        let (across, down) = (x - cpu.load(&columns), y - cpu.load(&rows));
+        let [a, b, c, d] = &corners;
+        let mut out = [x, y];
+        for (axis, out) in out.iter_mut().enumerate() {
+            let above = blended(cpu, [&a[axis], &b[axis]], across);
+            let below = blended(cpu, [&c[axis], &d[axis]], across);
+            *out = above + down * (below - above);
+        }
+        out
     }
 }
 
+/// Positions in pixels as positions among cells, from the first to the last.
+#[inline(always)]
+fn place<C: WordCpu>(cpu: C, at: C::Lanes, last: usize) -> C::Lanes {
+    let (half, zero, most) = (cpu.splat(0.5), cpu.splat(0.0), cpu.splat(last as f32));
+    let at = cpu.splat(1.0 / CELL as f32) * (at + half) - half;
+    let at = cpu.above_floats(at, most, most, at);
+    cpu.above_floats(zero, at, zero, at)
+}
+
+#[inline(always)]
+fn blended<C: WordCpu>(cpu: C, [from, to]: [&[f32; GROUP]; 2], share: C::Lanes) -> C::Lanes {
+    let from = cpu.load(from);
+    from + share * (cpu.load(to) - from)
+}
+
 impl RowKernel<PatchFlow> for CoarseToFine<'_> {
+    type Scratch<C: WordCpu> = PatchGroup<C>;
+
+    fn scratch<C: WordCpu>(cpu: C) -> PatchGroup<C> {
+        PatchGroup::new(cpu)
+    }
+
     #[inline(always)]
-    fn fill<C: Cpu>(&self, cpu: C, row: usize, out: &mut [PatchFlow]) {
+    fn fill<C: WordCpu>(&self, cpu: C, group: &mut PatchGroup<C>, row: usize, out: &mut [PatchFlow]) {
         let Stage { pair, is_coarsest, is_finest, .. } = self.stage;
         let found = if is_coarsest {
-            self.search(cpu, row, out)
+            self.search(group, row, out)
         } else if is_finest {
-            find(cpu, pair, row, FINE_STEPS, |column| self.fine_candidates(column, row), out)
+            let candidates = |first: usize, _: usize| self.coarse.finest(cpu, first, row);
+            find(group, pair, row, FINE_STEPS, candidates, out)
         } else {
-            find(cpu, pair, row, COARSE_STEPS, |column| self.candidates(column, row), out)
+            let candidates = |first: usize, count: usize| {
+                Candidates::distinct(cpu, count, |k| self.candidates(first + k, row))
+            };
+            find(group, pair, row, COARSE_STEPS, candidates, out)
         };
         if found.is_none() {
             out.fill(PatchFlow::default());
@@ -187,8 +240,14 @@ struct Propagation<'a> {
 }
 
 impl RowKernel<PatchFlow> for Propagation<'_> {
+    type Scratch<C: WordCpu> = PatchGroup<C>;
+
+    fn scratch<C: WordCpu>(cpu: C) -> PatchGroup<C> {
+        PatchGroup::new(cpu)
+    }
+
     #[inline(always)]
-    fn fill<C: Cpu>(&self, cpu: C, row: usize, out: &mut [PatchFlow]) {
+    fn fill<C: WordCpu>(&self, cpu: C, group: &mut PatchGroup<C>, row: usize, out: &mut [PatchFlow]) {
         let across = out.len();
         let at = |row: usize, column: usize| {
             let found = (column < across).then(|| self.patches.get(row * across + column)).flatten();
@@ -206,7 +265,9 @@ impl RowKernel<PatchFlow> for Propagation<'_> {
             let [left, right, above, below] = neighbours.map(|neighbour| neighbour.unwrap_or(own));
             [own, left, right, above, below]
         };
-        if find(cpu, self.pair, row, PROPAGATION_STEPS, candidates, out).is_none() {
+        let candidates =
+            |first: usize, count: usize| Candidates::distinct(cpu, count, |k| candidates(first + k));
+        if find(group, self.pair, row, PROPAGATION_STEPS, candidates, out).is_none() {
             out.fill(PatchFlow::default());
         }
     }
@@ -222,34 +283,77 @@ struct ConsensusTrial<'a> {
 }
 
 impl RowKernel<PatchFlow> for ConsensusTrial<'_> {
+    type Scratch<C: WordCpu> = PatchGroup<C>;
+
+    fn scratch<C: WordCpu>(cpu: C) -> PatchGroup<C> {
+        PatchGroup::new(cpu)
+    }
+
     #[inline(always)]
-    fn fill<C: Cpu>(&self, cpu: C, row: usize, out: &mut [PatchFlow]) {
-        let pair = self.stage.pair;
-        let mut template = PatchTemplate::new(cpu);
+    fn fill<C: WordCpu>(&self, _: C, group: &mut PatchGroup<C>, row: usize, out: &mut [PatchFlow]) {
         let across = out.len();
-        for (column, (out, own)) in out.iter_mut().zip(self.patches.iter().skip(row * across)).enumerate() {
-            *out = *own;
+        let own = self.patches.get(row * across..).unwrap_or_default();
+        out.iter_mut().zip(own).for_each(|(out, own)| *out = *own);
+        let (mut columns, mut count) = ([0; GROUP], 0);
+        let mut shifts = [[[0.0; GROUP]; 2]; 2];
+        for column in 0..across {
             let (x, y) = (column * CELL, row * CELL);
+            let [own_x, own_y] = out[column].mean.shift();
             let is_apart = |other: [f32; 2]| {
-                let [x, y] = own.mean.shift();
-                let (dx, dy) = (x - other[0], y - other[1]);
+                let (dx, dy) = (own_x - other[0], own_y - other[1]);
                 dx * dx + dy * dy > MIN_CONSENSUS_DISTANCE * MIN_CONSENSUS_DISTANCE
             };
             let shared = self.consensus.of_patch(x, y);
-            if !is_apart(shared) {
-                continue;
+            if is_apart(shared) {
+                let predicted = self.prediction.of_patch(self.stage.depth, x, y);
+                if is_apart(predicted) {
+                    for (shifts, shift) in shifts.iter_mut().zip([predicted, shared]) {
+                        (shifts[0][count], shifts[1][count]) = (shift[0], shift[1]);
+                    }
+                    columns[count] = column;
+                    count += 1;
+                }
             }
-            let predicted = self.prediction.of_patch(self.stage.depth, x, y);
-            if !is_apart(predicted) {
-                continue;
-            }
-            let found = pair.best_of_two(&mut template, [x, y], CONSENSUS_STEPS, |_| [predicted, shared]);
-            let limit =
-                CONSENSUS_RESIDUAL_RATIO * own.mean.residual() + INTERPOLATION_RESIDUAL * own.mean.energy();
-            if let Some(found) = found.filter(|found| found.mean.residual() < limit) {
-                *out = found.with_scaled_tensor(CONSENSUS_TEXTURE_FACTOR);
+            if count == GROUP || column + 1 == across {
+                let _ = self.replace(group, row, &columns[..count], &shifts, out);
+                count = 0;
             }
         }
+    }
+}
+
+impl ConsensusTrial<'_> {
+    /// Replaces the patches of some columns, as many as a group holds, from two displacements each.
+    #[inline(always)]
+    fn replace<C: WordCpu>(
+        &self,
+        group: &mut PatchGroup<C>,
+        row: usize,
+        columns: &[usize],
+        shifts: &[[[f32; GROUP]; 2]; 2],
+        out: &mut [PatchFlow],
+    ) -> Option<()> {
+        if columns.is_empty() {
+            return None;
+        }
+        let (pair, cpu) = (self.stage.pair, group.cpu);
+        let mut corners = [[0; 2]; GROUP];
+        for (corner, column) in corners.iter_mut().zip(columns) {
+            *corner = [column * CELL, row * CELL];
+        }
+        group.take(pair.first, pair.noise, corners.get(..columns.len())?)?;
+        let [[a, b], [c, d]] = shifts;
+        let from = [[cpu.load(a), cpu.load(b)], [cpu.load(c), cpu.load(d)]];
+        let best = group.best_of_two(pair, from, CONSENSUS_STEPS, first_bits(columns.len()))?;
+        for (column, found) in columns.iter().zip(group.found(&best, pair.noise)) {
+            let own = out.get_mut(*column)?;
+            let limit =
+                CONSENSUS_RESIDUAL_RATIO * own.mean.residual() + INTERPOLATION_RESIDUAL * own.mean.energy();
+            if found.mean.residual() < limit {
+                *own = found.with_scaled_tensor(CONSENSUS_TEXTURE_FACTOR);
+            }
+        }
+        Some(())
     }
 }
 
@@ -257,13 +361,16 @@ impl RowKernel<PatchFlow> for ConsensusTrial<'_> {
 struct Overlap<'a> {
     patches: &'a [PatchFlow],
     across: usize,
-    noise: f32,
 }
 
 impl RowKernel<Mean> for Overlap<'_> {
+    type Scratch<C: WordCpu> = ();
+
+    fn scratch<C: WordCpu>(_: C) {}
+
     #[inline(always)]
-    fn fill<C: Cpu>(&self, cpu: C, row: usize, out: &mut [Mean]) {
-        overlap(cpu, self.patches, self.across, row, self.noise, out);
+    fn fill<C: WordCpu>(&self, cpu: C, (): &mut (), row: usize, out: &mut [Mean]) {
+        overlap(cpu, self.patches, self.across, row, out);
     }
 }
 
@@ -271,36 +378,31 @@ impl CoarseToFine<'_> {
     /// Patches of the coarsest level. Prediction and search result are compared after the steps only: at half
     /// a pixel of error on this level, residuals do not discriminate.
     #[inline(always)]
-    fn search<C: Cpu>(&self, cpu: C, row: usize, out: &mut [PatchFlow]) -> Option<()> {
-        let mut template = PatchTemplate::new(cpu);
-        for (column, out) in out.iter_mut().enumerate() {
-            let at = [column * CELL, row * CELL];
-            let predicted = self.prediction.of_patch(self.stage.depth, at[0], at[1]);
-            *out = self
-                .stage
-                .pair
-                .best_of_two(&mut template, at, COARSE_STEPS, |search| [predicted, exhaustive(search)])?;
+    fn search<C: WordCpu>(&self, group: &mut PatchGroup<C>, row: usize, out: &mut [PatchFlow]) -> Option<()> {
+        let cpu = group.cpu;
+        let pair = self.stage.pair;
+        for (index, out) in out.chunks_mut(GROUP).enumerate() {
+            let corner = |k: usize| [(index * GROUP + k) * CELL, row * CELL];
+            let corners: [[usize; 2]; GROUP] = std::array::from_fn(corner);
+            let corners = corners.get(..out.len())?;
+            group.take(pair.first, pair.noise, corners)?;
+            let mut shifts = [[[0.0; GROUP]; 2]; 2];
+            for (k, corner) in corners.iter().enumerate() {
+                let predicted = self.prediction.of_patch(self.stage.depth, corner[0], corner[1]);
+                for (shifts, shift) in
+                    shifts.iter_mut().zip([predicted, self.spreads.exhaustive(group, k, pair, *corner)])
+                {
+                    (shifts[0][k], shifts[1][k]) = (shift[0], shift[1]);
+                }
+            }
+            let [[a, b], [c, d]] = &shifts;
+            let from = [[cpu.load(a), cpu.load(b)], [cpu.load(c), cpu.load(d)]];
+            let best = group.best_of_two(pair, from, COARSE_STEPS, first_bits(out.len()))?;
+            for (out, found) in out.iter_mut().zip(group.found(&best, pair.noise)) {
+                *out = found;
+            }
         }
         Some(())
-    }
-
-    /// The coarser level's displacement at a patch, and those of the four diagonal cells around it.
-    ///
-    /// In coarser cells the centre of a patch lies at half its index: on a cell, or between two.
-    #[inline(always)]
-    fn coarser(&self, column: usize, row: usize) -> ([f32; 2], [[f32; 2]; 4]) {
-        let at = |row: usize, column: usize| {
-            let index =
-                row.min(self.rows.wrapping_sub(1)) * self.columns + column.min(self.columns.wrapping_sub(1));
-            twice(self.coarse.get(index).map(Mean::shift).unwrap_or_default())
-        };
-        let around = |from: usize, to: usize, above: usize, below: usize| {
-            [at(above, from), at(above, to), at(below, from), at(below, to)]
-        };
-        let [a, b, c, d] = around(column / 2, column.div_ceil(2), row / 2, row.div_ceil(2));
-        let interpolated = [0, 1].map(|axis| 0.25 * ((a[axis] + b[axis]) + (c[axis] + d[axis])));
-        let before = |index: usize| index.saturating_sub(1) / 2;
-        (interpolated, around(before(column), column / 2 + 1, before(row), row / 2 + 1))
     }
 
     /// Candidate displacements. The prediction comes first and so is preferred on ambiguous, such as
@@ -308,47 +410,9 @@ impl CoarseToFine<'_> {
     #[inline(always)]
     fn candidates(&self, column: usize, row: usize) -> [[f32; 2]; 8] {
         let predicted = self.prediction.of_patch(self.stage.depth, column * CELL, row * CELL);
-        let (interpolated, [a, b, c, d]) = self.coarser(column, row);
-        let own = self.reversed.get((row / 2) * self.columns + column / 2);
+        let (interpolated, [a, b, c, d]) = self.coarse.around(column, row);
+        let own = self.reversed.get((row / 2) * self.coarse.columns + column / 2);
         let reversed = own.copied().flatten().map_or(interpolated, |(shift, _)| twice(shift));
         [predicted, interpolated, a, b, c, d, reversed, [0.0; 2]]
     }
-
-    /// Candidates of the finest level: of the surrounding cells only the one that differs most.
-    #[inline(always)]
-    fn fine_candidates(&self, column: usize, row: usize) -> [[f32; 2]; 2] {
-        let (interpolated, around) = self.coarser(column, row);
-        let mut furthest = (interpolated, 0.0);
-        for shift in around {
-            let (x, y) = (shift[0] - interpolated[0], shift[1] - interpolated[1]);
-            let distance = x * x + y * y;
-            if distance > furthest.1 {
-                furthest = (shift, distance);
-            }
-        }
-        [interpolated, furthest.0]
-    }
-}
-
-fn twice(shift: [f32; 2]) -> [f32; 2] {
-    shift.map(|value| 2.0 * value)
-}
-
-/// Bilinear interpolation of displacements between cells, whose centres are at integers; constant beyond the
-/// outermost.
-#[inline(always)]
-fn between(means: &[Mean], columns: usize, rows: usize, x: f32, y: f32) -> [f32; 2] {
-    let last = |count: usize| count.saturating_sub(1);
-    let (x, y) = (x.clamp(0.0, last(columns) as f32), y.clamp(0.0, last(rows) as f32));
-    let (column, row) = (x as usize, y as usize);
-    let at = |row: usize, column: usize| {
-        let index = row.min(last(rows)) * columns + column.min(last(columns));
-        means.get(index).map(Mean::shift).unwrap_or_default()
-    };
-    let blend =
-        |a: [f32; 2], b: [f32; 2], share: f32| [a[0] + share * (b[0] - a[0]), a[1] + share * (b[1] - a[1])];
-    let (across, down) = (x - column as f32, y - row as f32);
-    let above = blend(at(row, column), at(row, column + 1), across);
-    let below = blend(at(row + 1, column), at(row + 1, column + 1), across);
-    blend(above, below, down)
 }

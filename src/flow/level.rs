@@ -5,12 +5,13 @@
 //!
 //! Patches of 8 × 8 pixels overlap by half, so that each cell of 4 × 4 pixels is covered by up to four.
 //! Candidates are compared by residual alone, whatever their source (the coarser level, neighbouring cells,
-//! the prediction, the opposite direction). Candidates closer than [`SAME_CANDIDATE`] are compared once.
+//! the prediction, the opposite direction). Candidates that hardly differ are compared once.
 
-use super::patch::{AREA, Difference, PatchTemplate, SIDE};
-use crate::lanes::Cpu;
+use super::candidates::Candidates;
+use super::estimate::{Mean, PatchFlow};
+use super::patch::{AREA, Difference, GROUP, PatchGroup, SIDE};
+use crate::lanes::WordCpu;
 use crate::pyramid::Level;
-use std::hint::select_unpredictable;
 
 /// Side of a cell in pixels of the level.
 pub(super) const CELL: usize = SIDE / 2;
@@ -18,63 +19,6 @@ pub(super) const CELL: usize = SIDE / 2;
 /// A candidate replaces an earlier one whose residual is more than this many times its own, plus the noise
 /// variance per pixel.
 const RESIDUAL_GAIN: f32 = 1.15;
-
-/// Candidates that differ by less than this along both axes, in pixels, converge to the same displacement.
-const SAME_CANDIDATE: f32 = 0.5;
-
-/// Patches searched in turn, so that one comparison does not wait for the previous step of the same patch;
-/// their templates take 4 KB.
-const INTERLEAVED: usize = 4;
-
-/// The estimate for a patch or a cell: displacement x and y in pixels of the level; then means over its
-/// pixels: squared difference; structure tensor xx, xy, yy; squared difference from the mean grey; and last
-/// 1, or 0 without an estimate.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub(super) struct Mean(pub(super) [f32; SIDE]);
-
-impl Mean {
-    #[inline(always)]
-    pub(super) fn shift(&self) -> [f32; 2] {
-        [self.0[0], self.0[1]]
-    }
-
-    #[inline(always)]
-    pub(super) fn residual(&self) -> f32 {
-        self.0[2]
-    }
-
-    #[inline(always)]
-    pub(super) fn tensor(&self) -> [f32; 3] {
-        [self.0[3], self.0[4], self.0[5]]
-    }
-
-    #[inline(always)]
-    pub(super) fn energy(&self) -> f32 {
-        self.0[6]
-    }
-}
-
-/// The result for one patch.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub(super) struct PatchFlow {
-    pub(super) mean: Mean,
-    /// Mean squared differences of the quarters: top left, bottom left, top right, bottom right.
-    pub(super) quarters: [f32; 4],
-}
-
-impl PatchFlow {
-    /// The same, with the structure tensor multiplied by `share`.
-    pub(super) fn with_scaled_tensor(mut self, share: f32) -> Self {
-        self.mean.0[3..6].iter_mut().for_each(|value| *value *= share);
-        self
-    }
-}
-
-/// Whether a candidate of residual `next` replaces an earlier one; `noise` is the noise variance of a pixel.
-#[inline(always)]
-fn is_better(next: f32, earlier: f32, noise: f32) -> bool {
-    RESIDUAL_GAIN * next + AREA * noise < earlier
-}
 
 /// Cells (columns, rows) of a level; the last ones may extend beyond it.
 pub(super) fn cells(level: &Level) -> (usize, usize) {
@@ -89,53 +33,133 @@ pub(super) struct LevelPair<'a> {
     pub(super) noise: f32,
 }
 
-/// The search for the patch of the first level whose top left pixel is (x, y) in the second.
-pub(super) struct PatchSearch<'a, C: Cpu> {
-    pub(super) template: &'a PatchTemplate<C>,
-    pub(super) pair: LevelPair<'a>,
-    /// x and y.
-    pub(super) corner: [f32; 2],
+/// Displacements in pixels, one in each lane, with their residuals and Gauss–Newton steps.
+#[derive(Clone, Copy)]
+pub(super) struct Trial<C: WordCpu> {
+    shift: [C::Lanes; 2],
+    pub(super) difference: Difference<C>,
 }
 
-/// A displacement in pixels with its residual and Gauss–Newton step.
-#[derive(Clone, Copy, Debug, Default)]
-pub(super) struct Trial {
-    shift: [f32; 2],
-    difference: Difference,
-}
-
-impl Trial {
-    /// The later of two if it is clearly better, otherwise this one; `noise` is the noise variance of a
+impl<C: WordCpu> Trial<C> {
+    /// In each lane the later of two if it is clearly better, otherwise this one; `noise` is the noise variance of a
     /// pixel.
     #[inline(always)]
-    pub(super) fn or(self, later: Self, noise: f32) -> Self {
-        select_unpredictable(is_better(later.difference.total, self.difference.total, noise), later, self)
+    fn or(self, cpu: C, later: Self, noise: f32) -> Self {
+        let limit = cpu.splat(RESIDUAL_GAIN) * later.difference.total + cpu.splat(AREA * noise);
+        self.or_where(cpu, [self.difference.total, limit], later)
     }
 
-    /// The displacement after the step.
+    /// The lanes of `next` where the first of `bounds` is greater than the second, of this one elsewhere.
     #[inline(always)]
-    fn next(&self) -> [f32; 2] {
+    fn or_where(self, cpu: C, bounds: [C::Lanes; 2], next: Self) -> Self {
+        let (own, other) = (self.difference, next.difference);
+        let ([x, y], [next_x, next_y]) = (self.shift, next.shift);
+        let ([a, b], [next_a, next_b]) = (own.step, other.step);
+        let ([p, q, r, s], [next_p, next_q, next_r, next_s]) = (own.squares, other.squares);
+        Self {
+            shift: [chosen(cpu, bounds, next_x, x), chosen(cpu, bounds, next_y, y)],
+            difference: Difference {
+                step: [chosen(cpu, bounds, next_a, a), chosen(cpu, bounds, next_b, b)],
+                squares: [
+                    chosen(cpu, bounds, next_p, p),
+                    chosen(cpu, bounds, next_q, q),
+                    chosen(cpu, bounds, next_r, r),
+                    chosen(cpu, bounds, next_s, s),
+                ],
+                total: chosen(cpu, bounds, other.total, own.total),
+            },
+        }
+    }
+
+    /// The displacements after the step.
+    #[inline(always)]
+    fn next(&self) -> [C::Lanes; 2] {
         [self.shift[0] + self.difference.step[0], self.shift[1] + self.difference.step[1]]
     }
 }
 
-impl<C: Cpu> PatchSearch<'_, C> {
-    /// Compares the patch at a displacement.
+impl<C: WordCpu> PatchGroup<C> {
+    /// Compares the patches at displacements, those whose bit in `active` is set.
     #[inline(always)]
-    pub(super) fn at(&self, shift: [f32; 2]) -> Option<Trial> {
-        let corner = [self.corner[0] + shift[0], self.corner[1] + shift[1]];
-        Some(Trial { shift, difference: self.template.compare(self.pair.second, corner)? })
+    pub(super) fn at(&mut self, level: &Level, shift: [C::Lanes; 2], active: u32) -> Option<Trial<C>> {
+        Some(Trial { shift, difference: self.compare(level, shift, active)? })
     }
 
+    /// Gauss–Newton steps from one displacement per patch, accepted if the residual falls.
+    ///
+    /// The patches take turns, and there is no branch on the results: a comparison waits for the previous step
+    /// of its own patch only.
     #[inline(always)]
-    pub(super) fn found(&self, best: Trial) -> PatchFlow {
-        let Difference { squares, total, .. } = best.difference;
-        let ([x, y], [xx, xy, yy]) = (best.shift, self.template.tensor);
-        let [total, xx, xy, yy, energy] =
-            [total, xx, xy, yy, self.template.energy].map(|sum| sum * (1.0 / AREA));
-        let mean = Mean([x, y, total, xx, xy, yy, energy, 1.0]);
-        PatchFlow { mean, quarters: squares.map(|square| square * (4.0 / AREA)) }
+    fn refine(&mut self, level: &Level, best: &mut Trial<C>, steps: usize, active: u32) -> Option<()> {
+        let cpu = self.cpu;
+        let half = cpu.splat(0.5);
+        for _ in 0..steps {
+            let next = self.at(level, best.next(), active)?;
+            let [x, y] = best.difference.step;
+            // A step that raises the residual is halved.
+            let difference = Difference { step: [half * x, half * y], ..best.difference };
+            let halved = Trial { difference, ..*best };
+            *best = halved.or_where(cpu, [best.difference.total, next.difference.total], next);
+        }
+        Some(())
     }
+
+    /// Refines the patches from two displacements each; the second result is taken only if clearly better.
+    #[inline(always)]
+    pub(super) fn best_of_two(
+        &mut self,
+        pair: LevelPair<'_>,
+        [first, second]: [[C::Lanes; 2]; 2],
+        steps: usize,
+        active: u32,
+    ) -> Option<Trial<C>> {
+        let mut first = self.at(pair.second, first, active)?;
+        self.refine(pair.second, &mut first, steps, active)?;
+        let mut second = self.at(pair.second, second, active)?;
+        self.refine(pair.second, &mut second, steps, active)?;
+        Some(first.or(self.cpu, second, pair.noise))
+    }
+
+    /// The results, one for each patch; `noise` is the noise variance of a pixel.
+    #[inline(always)]
+    pub(super) fn found(&self, best: &Trial<C>, noise: f32) -> [PatchFlow; GROUP] {
+        let cpu = self.cpu;
+        let Difference { squares: [p, q, r, s], total, .. } = best.difference;
+        let ([x, y], [xx, xy, yy]) = (best.shift, self.tensor);
+        let (share, quarter, one) = (cpu.splat(1.0 / AREA), cpu.splat(4.0 / AREA), cpu.splat(1.0));
+        let (xx, xy, yy, residual) = (xx * share, xy * share, yy * share, total * share);
+        let means = cpu.transposed([x, y, residual, xx, xy, yy, self.energy * share, one]);
+        let (p, q, r, s) = (p * quarter, q * quarter, r * quarter, s * quarter);
+        // Residuals below the noise of two frames are not distinguished.
+        let both = cpu.splat(2.0 * noise);
+        let whole = both + residual;
+        let quarters = cpu.transposed([
+            p,
+            q,
+            r,
+            s,
+            cpu.divided(one, (both + p) * whole),
+            cpu.divided(one, (both + q) * whole),
+            cpu.divided(one, (both + r) * whole),
+            cpu.divided(one, (both + s) * whole),
+        ]);
+        let mut out = [PatchFlow::default(); GROUP];
+        for ((out, mean), quarters) in out.iter_mut().zip(means).zip(quarters) {
+            let [p, q, r, s, a, b, c, d] = cpu.store(quarters);
+            *out = PatchFlow { mean: Mean(cpu.store(mean)), quarters: [p, q, r, s], weights: [a, b, c, d] };
+        }
+        out
+    }
+}
+
+#[inline(always)]
+fn chosen<C: WordCpu>(cpu: C, [value, limit]: [C::Lanes; 2], next: C::Lanes, lanes: C::Lanes) -> C::Lanes {
+    cpu.above_floats(value, limit, next, lanes)
+}
+
+/// The bits of the first `count` patches of a group.
+pub(super) fn first_bits(count: usize) -> u32 {
+    (1 << count.min(GROUP)) - 1
 }
 
 impl LevelPair<'_> {
@@ -143,105 +167,60 @@ impl LevelPair<'_> {
     pub(super) fn reversed(self) -> Self {
         Self { first: self.second, second: self.first, ..self }
     }
-
-    /// Refines the patch whose top left pixel is (x, y) from two displacements; the second result is taken
-    /// only if clearly better.
-    #[inline(always)]
-    pub(super) fn best_of_two<C: Cpu>(
-        self,
-        template: &mut PatchTemplate<C>,
-        [x, y]: [usize; 2],
-        steps: usize,
-        from: impl FnOnce(&PatchSearch<'_, C>) -> [[f32; 2]; 2],
-    ) -> Option<PatchFlow> {
-        template.take(self.first, self.noise, x, y)?;
-        let search = PatchSearch { template, pair: self, corner: [x as f32, y as f32] };
-        let [first, second] = from(&search);
-        let mut both = [search.at(first)?, search.at(second)?];
-        refine([&search, &search], &mut both, steps)?;
-        let [first, second] = both;
-        Some(search.found(first.or(second, self.noise)))
-    }
 }
 
-/// Gauss–Newton steps from one displacement per search, accepted if the residual falls.
-///
-/// The searches take turns, and there is no branch on the results: a comparison waits for the previous step
-/// of its own search only.
+/// Finds a row of patches, each from the best of its candidates: those of the `count` patches from a column on.
+/// A later candidate must be clearly better than an earlier one.
 #[inline(always)]
-pub(super) fn refine<C: Cpu, const G: usize>(
-    searches: [&PatchSearch<'_, C>; G],
-    best: &mut [Trial; G],
-    steps: usize,
-) -> Option<()> {
-    for _ in 0..steps {
-        for (search, best) in searches.iter().zip(best.iter_mut()) {
-            let next = search.at(best.next())?;
-            // A step that raises the residual is halved.
-            let step = best.difference.step.map(|step| 0.5 * step);
-            let halved = Trial { difference: Difference { step, ..best.difference }, ..*best };
-            *best = select_unpredictable(next.difference.total < best.difference.total, next, halved);
-        }
-    }
-    Some(())
-}
-
-/// Finds a row of patches, each from the best of its candidates (displacements in pixels); a later candidate
-/// must be clearly better than an earlier one.
-#[inline(always)]
-pub(super) fn find<C: Cpu, const N: usize>(
-    cpu: C,
+pub(super) fn find<C: WordCpu, const N: usize>(
+    group: &mut PatchGroup<C>,
     pair: LevelPair<'_>,
     row: usize,
     steps: usize,
-    candidates: impl Fn(usize) -> [[f32; 2]; N],
+    candidates: impl Fn(usize, usize) -> Candidates<C, N>,
     out: &mut [PatchFlow],
 ) -> Option<()> {
-    let last = out.len().checked_sub(1)?;
-    let mut templates: [_; INTERLEAVED] = std::array::from_fn(|_| PatchTemplate::new(cpu));
-    for (group, out) in out.chunks_mut(INTERLEAVED).enumerate() {
-        let column = |k: usize| (group * INTERLEAVED + k).min(last);
-        for (k, template) in templates.iter_mut().enumerate() {
-            template.take(pair.first, pair.noise, column(k) * CELL, row * CELL)?;
-        }
-        let mut k = 0;
-        let searches = templates.each_ref().map(|template| {
-            k += 1;
-            let corner = [column(k - 1) * CELL, row * CELL].map(|at| at as f32);
-            PatchSearch { template, pair, corner }
-        });
-        let mut best = [Trial::default(); INTERLEAVED];
-        for (k, (search, best)) in searches.iter().zip(&mut best).enumerate() {
-            let candidates = candidates(column(k));
-            for (index, shift) in candidates.iter().enumerate() {
-                let is_same = |other: &[f32; 2]| {
-                    (other[0] - shift[0]).abs() < SAME_CANDIDATE
-                        && (other[1] - shift[1]).abs() < SAME_CANDIDATE
-                };
-                if index == 0 {
-                    *best = search.at(*shift)?;
-                } else if !candidates.iter().take(index).any(is_same) {
-                    *best = best.or(search.at(*shift)?, pair.noise);
-                }
+    let cpu = group.cpu;
+    for (index, out) in out.chunks_mut(GROUP).enumerate() {
+        let first = index * GROUP;
+        let corners: [[usize; 2]; GROUP] = std::array::from_fn(|k| [(first + k) * CELL, row * CELL]);
+        group.take(pair.first, pair.noise, corners.get(..out.len())?)?;
+        let Candidates { shifts, active } = candidates(first, out.len());
+        let all = first_bits(out.len());
+        let mut best: Option<Trial<C>> = None;
+        for (shift, active) in shifts.into_iter().zip(active) {
+            let active = active & all;
+            if active == 0 {
+                break;
             }
+            let next = group.at(pair.second, shift, active)?;
+            best = Some(match best {
+                None => next,
+                Some(best) => {
+                    let there: [f32; GROUP] = std::array::from_fn(|k| (active >> k & 1) as f32);
+                    let bounds = [cpu.load(&there), cpu.splat(0.5)];
+                    let none = Difference { total: cpu.splat(f32::INFINITY), ..next.difference };
+                    let next = Trial { difference: none, ..next }.or_where(cpu, bounds, next);
+                    best.or(cpu, next, pair.noise)
+                }
+            });
         }
-        refine(searches.each_ref(), &mut best, steps)?;
-        for (out, (search, best)) in out.iter_mut().zip(searches.iter().zip(best)) {
-            *out = search.found(best);
+        let mut best = best?;
+        group.refine(pair.second, &mut best, steps, all)?;
+        for (out, found) in out.iter_mut().zip(group.found(&best, pair.noise)) {
+            *out = found;
         }
     }
     Some(())
 }
 
-/// A row of cells, each the weighted mean of the patches that cover it. `patches` has `across` patches in a
-/// row; `noise` is the noise variance of a pixel.
+/// A row of cells, each the weighted mean of the patches that cover it. `patches` has `across` patches in a row.
 #[inline(always)]
-pub(super) fn overlap<C: Cpu>(
+pub(super) fn overlap<C: WordCpu>(
     cpu: C,
     patches: &[PatchFlow],
     across: usize,
     row: usize,
-    noise: f32,
     out: &mut [Mean],
 ) {
     let line = |row: usize| patches.chunks(across.max(1)).nth(row).unwrap_or_default();
@@ -253,11 +232,9 @@ pub(super) fn overlap<C: Cpu>(
             for i in 0..2 {
                 // The patch whose quarter (i, j) is this cell.
                 let Some(patch) = line.get(column.wrapping_sub(i)) else { continue };
-                let residual = patch.quarters[2 * i + j];
-                // Residuals below the noise of two frames are not distinguished.
-                let weight = 1.0 / ((2.0 * noise + residual) * (2.0 * noise + patch.mean.residual()));
+                let weight = patch.weights[2 * i + j];
                 sum = cpu.fused(cpu.splat(weight), cpu.load(&patch.mean.0), sum);
-                residuals += weight * residual;
+                residuals += weight * patch.quarters[2 * i + j];
             }
         }
         let [.., weights] = cpu.store(sum);

@@ -8,7 +8,9 @@
 //! |---|---|---|
 //! | search | `search` | exhaustive search on the coarsest level, ± a quarter of the frame's width |
 //! | predict | `prediction` | the predicted motion as an additional candidate |
-//! | compare | `patch` | residual and Gauss–Newton step of one patch, eight pixels at a time |
+//! | candidates | `candidates` | displacements of eight patches to start from, and which of them differ |
+//! | compare | `patch` | residuals and Gauss–Newton steps of eight patches, eight pixels at a time |
+//! | estimate | `estimate` | what is kept of a patch and of a cell |
 //! | step | `level` | best candidate, Gauss–Newton steps from it, mean of overlapping patches |
 //! | descend | `direction` | coarse to fine |
 //! | dominant motion | `consensus` | robust affine motion, used where the picture is ambiguous |
@@ -27,13 +29,16 @@
 //! The finest level has half the analysed resolution. For 960×540 analysed pixels that is 480×270: 119 × 67
 //! patches, each compared at most 2 + 2 times, on coarser levels at most 8 + 3 times and again; both
 //! directions: at most some 0.12 M comparisons of 64 pixels, 0.05 M where neighbours have the same motion.
-//! Only patches that disagree with the dominant motion are compared again, ten times. Counted with AVX2: 260
-//! instructions a comparison with its step, of which 107 compute with eight lanes; 65 a displacement of the exhaustive
-//! search; some 450 for a template and the candidates of a patch. With NEON a third more in all.
+//! Only patches that disagree with the dominant motion are compared again, ten times. Counted with AVX2: 150
+//! instructions a comparison, of which 107 compute with eight lanes, and some 25 for the step that follows, of all that
+//! is computed for eight patches at once; 20 a displacement of the exhaustive search; 200 for a template, and 50 for the
+//! candidates of a patch on the finest level, 250 on coarser ones.
 
+mod candidates;
 mod confidence;
 mod consensus;
 mod direction;
+mod estimate;
 mod field;
 mod level;
 mod occlusion;

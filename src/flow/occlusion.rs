@@ -17,11 +17,11 @@
 
 use super::direction::FlowDirection;
 use super::field::{Cell, FlowField};
-use super::level::{CELL, LevelPair, PatchSearch};
-use super::patch::{PatchTemplate, SIDE};
+use super::level::{CELL, LevelPair};
+use super::patch::{AREA, PatchGroup, SIDE};
 use super::rows::{RowKernel, fill};
 use crate::cpu::CpuLevel;
-use crate::lanes::Cpu;
+use crate::lanes::WordCpu;
 
 /// Least confidence at which a displacement is used, as for correspondences.
 const MIN_CONFIDENCE: f32 = 0.5;
@@ -46,11 +46,14 @@ const OCCLUDED_CONFIDENCE: f32 = 0.1;
 /// Standard deviation of its displacement in pixels of the level.
 const OCCLUDED_DEVIATION: f32 = 2.0;
 
+/// An index that no cell has.
+const NOWHERE: u32 = u32::MAX;
+
 /// Finds occluded cells of one direction and their displacements.
 #[derive(Debug, Default)]
 pub(super) struct OcclusionFinder {
-    /// Of each cell the nearest confident cells to the left and right, above and below.
-    neighbours: Vec<[Option<u32>; 4]>,
+    /// Of each cell the nearest confident cells to the left and right, above and below, or [`NOWHERE`].
+    neighbours: Vec<[u32; 4]>,
     /// Of each occluded cell its displacement in pixels of the level.
     displacements: Vec<Option<[f32; 2]>>,
 }
@@ -90,27 +93,36 @@ impl OcclusionFinder {
     pub(super) fn find(&mut self, frames: FinerLevels<'_>, directions: DirectionPair<'_>) {
         let field = directions.own.1;
         let (columns, count) = (field.columns, field.cells.len());
-        self.neighbours.clear();
-        self.neighbours.resize(count, [None; 4]);
-        let mut sweep = |side: usize, line: &mut dyn Iterator<Item = usize>| {
-            let mut last = None;
-            for index in line {
-                let neighbours = self.neighbours.get_mut(index);
-                if let (Some(neighbours), Some(cell)) = (neighbours, field.cells.get(index)) {
-                    neighbours[side] = last;
-                    last = if cell.confidence >= MIN_CONFIDENCE { Some(index as u32) } else { last };
-                }
-            }
+        // All are written.
+        self.neighbours.resize(count, [NOWHERE; 4]);
+        let confident = |index: usize, otherwise: u32| {
+            let is = field.cells.get(index).is_some_and(|cell| cell.confidence >= MIN_CONFIDENCE);
+            if is { index as u32 } else { otherwise }
         };
+        let mut sweep =
+            |row: usize, line: &mut dyn Iterator<Item = usize>, side: usize, before: Option<usize>| {
+                let mut last = NOWHERE;
+                for column in line {
+                    let index = row * columns + column;
+                    // The cell above or below, in the row that was swept before.
+                    let there = before.map(|before| before * columns + column);
+                    let beyond =
+                        there.and_then(|there| self.neighbours.get(there)).map(|found| found[side + 2]);
+                    if let Some(neighbours) = self.neighbours.get_mut(index) {
+                        neighbours[side] = last;
+                        neighbours[side + 2] = NOWHERE;
+                        if let (Some(there), Some(beyond)) = (there, beyond) {
+                            neighbours[side + 2] = confident(there, beyond);
+                        }
+                    }
+                    last = confident(index, last);
+                }
+            };
         for row in 0..field.rows {
-            let line = row * columns..(row + 1) * columns;
-            sweep(0, &mut line.clone());
-            sweep(1, &mut line.rev());
+            sweep(row, &mut (0..columns), 0, row.checked_sub(1));
         }
-        for column in 0..columns {
-            let line = (column..count).step_by(columns);
-            sweep(2, &mut line.clone());
-            sweep(3, &mut line.rev());
+        for row in (0..field.rows).rev() {
+            sweep(row, &mut (0..columns).rev(), 1, Some(row + 1).filter(|below| *below < field.rows));
         }
         self.displacements.resize(count, None);
         let kernel = OcclusionKernel { frames, directions, neighbours: &self.neighbours };
@@ -136,15 +148,20 @@ impl OcclusionFinder {
 struct OcclusionKernel<'a> {
     frames: FinerLevels<'a>,
     directions: DirectionPair<'a>,
-    neighbours: &'a [[Option<u32>; 4]],
+    neighbours: &'a [[u32; 4]],
 }
 
 impl RowKernel<Option<[f32; 2]>> for OcclusionKernel<'_> {
+    type Scratch<C: WordCpu> = PatchGroup<C>;
+
+    fn scratch<C: WordCpu>(cpu: C) -> PatchGroup<C> {
+        PatchGroup::new(cpu)
+    }
+
     #[inline(always)]
-    fn fill<C: Cpu>(&self, cpu: C, row: usize, out: &mut [Option<[f32; 2]>]) {
-        let mut template = PatchTemplate::new(cpu);
+    fn fill<C: WordCpu>(&self, _: C, group: &mut PatchGroup<C>, row: usize, out: &mut [Option<[f32; 2]>]) {
         for (column, out) in out.iter_mut().enumerate() {
-            *out = self.displacement(&mut template, column, row);
+            *out = self.displacement(group, column, row);
         }
     }
 }
@@ -153,9 +170,9 @@ impl OcclusionKernel<'_> {
     /// The displacement of an occluded cell, in pixels of the level; `None` if it is visible or its motion
     /// ambiguous.
     #[inline(always)]
-    fn displacement<C: Cpu>(
+    fn displacement<C: WordCpu>(
         &self,
-        template: &mut PatchTemplate<C>,
+        group: &mut PatchGroup<C>,
         column: usize,
         row: usize,
     ) -> Option<[f32; 2]> {
@@ -170,8 +187,8 @@ impl OcclusionKernel<'_> {
         };
         // The motion of a neighbouring cell, plus the change of the predicted motion from there to here.
         let here = predicted(index);
-        let motion = |neighbour: &Option<u32>| {
-            let neighbour = (*neighbour)? as usize;
+        let motion = |neighbour: &u32| {
+            let neighbour = *neighbour as usize;
             let (shift, there) = (own.means.get(neighbour)?.shift(), predicted(neighbour));
             Some([shift[0] + here[0] - there[0], shift[1] + here[1] - there[1]])
         };
@@ -191,13 +208,15 @@ impl OcclusionKernel<'_> {
         if all().any(|(motion, is_behind)| is_behind && distance(motion) > SAME_MOTION * nearest) {
             return None;
         }
-        let [x, y] = [column * SIDE, row * SIDE];
-        template.take(self.frames.pair.first, self.frames.pair.noise, x, y)?;
-        let search = PatchSearch { template, pair: self.frames.pair, corner: [x as f32, y as f32] };
-        let is_unexplained = |(motion, _): ([f32; 2], bool)| {
-            let found = search.found(search.at(motion.map(|shift| 2.0 * shift))?).mean;
-            let noise = 2.0 * self.frames.pair.noise;
-            Some(found.residual() - noise > UNEXPLAINED_CONTRAST * (found.energy() + noise))
+        let (pair, cpu) = (self.frames.pair, group.cpu);
+        group.take(pair.first, pair.noise, &[[column * SIDE, row * SIDE]])?;
+        let [energy, ..] = cpu.store(group.energy);
+        let noise = 2.0 * pair.noise;
+        let mut is_unexplained = |([x, y], _): ([f32; 2], bool)| {
+            let found = group.compare(pair.second, [cpu.splat(2.0 * x), cpu.splat(2.0 * y)], 1)?;
+            let [residual, ..] = cpu.store(found.total);
+            let [residual, energy] = [residual, energy].map(|sum| sum * (1.0 / AREA));
+            Some(residual - noise > UNEXPLAINED_CONTRAST * (energy + noise))
         };
         all().all(|motion| is_unexplained(motion) == Some(true)).then_some(background)
     }

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT OR Apache-2.0
 
-//! One patch of 8 × 8 pixels and its comparison with another frame at sub-pixel positions.
+//! Patches of 8 × 8 pixels and their comparison with another frame at sub-pixel positions.
 //!
 //! Inverse compositional (S. Baker, I. Matthews, *Lucas–Kanade 20 Years On*, IJCV 56(3), 2004): the gradients
 //! g are the template's, so that their matrix is inverted once. With d the difference of the patches and n
@@ -10,10 +10,11 @@
 //! − ḡ − a·(v − v̄) the sums Σ g′·d and Σ g′·g′ follow from those of g, v and d.
 //!
 //! A comparison reads 9 rows of 9 samples and takes 64 × 15 additions and multiplications, in 8 × 10
-//! instructions.
+//! instructions. These have the pixels of a row in the lanes; all that is computed from the sums has one patch in
+//! each lane, eight at a time.
 
 use crate::lanes::rows::SampleRows;
-use crate::lanes::{Cpu, FLOATS};
+use crate::lanes::{FLOATS, WordCpu};
 use crate::pyramid::Level;
 
 /// Pixels in a row of a patch: one vector.
@@ -22,185 +23,267 @@ pub(super) const SIDE: usize = FLOATS;
 /// Pixels of a patch.
 pub(super) const AREA: f32 = (SIDE * SIDE) as f32;
 
-/// A patch of the first frame.
-#[derive(Clone, Debug)]
-pub(super) struct PatchTemplate<C: Cpu> {
-    cpu: C,
-    /// Grey, row by row.
+/// Patches that are compared side by side: one in each lane.
+pub(super) const GROUP: usize = FLOATS;
+
+/// Sums over the pixels of a template, at most; a comparison has seven.
+const SUMS: usize = 9;
+
+/// The pixels of a patch of the first frame, row by row.
+#[derive(Clone, Copy)]
+struct Block<C: WordCpu> {
+    /// Grey.
     values: [C::Lanes; SIDE],
     /// Differences of neighbours two pixels apart: twice the gradients.
     gradient_x: [C::Lanes; SIDE],
     gradient_y: [C::Lanes; SIDE],
-    /// Means of values and of twice the gradients.
-    means: [f32; 3],
-    /// Coefficients a of the projection of twice each gradient on the values.
-    shares: [f32; 2],
-    /// Sums of the products of g′: xx, xy, yy.
-    pub(super) tensor: [f32; 3],
-    /// Squared differences from the mean, summed, in squared grey levels.
-    pub(super) energy: f32,
-    /// Half of the negative inverse of the tensor with the noise of gradients added to its diagonal: xx, xy, yy.
-    inverse: [f32; 3],
 }
 
-/// How a patch of the second frame differs from the template.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub(super) struct Difference {
+/// Up to eight patches of the first frame, one in each lane; what unused lanes hold is of no meaning.
+pub(super) struct PatchGroup<C: WordCpu> {
+    pub(super) cpu: C,
+    blocks: [Block<C>; GROUP],
+    /// The top left pixels: x, y.
+    corners: [C::Lanes; 2],
+    /// Means of values and of twice the gradients.
+    means: [C::Lanes; 3],
+    /// Coefficients a of the projection of twice each gradient on the values.
+    shares: [C::Lanes; 2],
+    /// Sums of the products of g′: xx, xy, yy.
+    pub(super) tensor: [C::Lanes; 3],
+    /// Squared differences from the mean, summed, in squared grey levels.
+    pub(super) energy: C::Lanes,
+    /// Half of the negative inverse of the tensor with the noise of gradients added to its diagonal: xx, xy, yy.
+    inverse: [C::Lanes; 3],
+    /// Scratch: of each patch, sums over its rows.
+    sums: [[C::Lanes; SUMS]; GROUP],
+}
+
+/// How patches of the second frame differ from the templates.
+#[derive(Clone, Copy)]
+pub(super) struct Difference<C: WordCpu> {
     /// The Gauss–Newton step in pixels, to be added to the displacement.
-    pub(super) step: [f32; 2],
+    pub(super) step: [C::Lanes; 2],
     /// Sums of squared differences about the mean of the patch, in squared grey levels, by quarter: top left,
     /// bottom left, top right, bottom right.
-    pub(super) squares: [f32; 4],
+    pub(super) squares: [C::Lanes; 4],
     /// The same sum over the whole patch.
-    pub(super) total: f32,
+    pub(super) total: C::Lanes,
 }
 
-impl<C: Cpu> PatchTemplate<C> {
-    /// A template to be filled by [`take`](Self::take).
+impl<C: WordCpu> PatchGroup<C> {
+    /// A group to be filled by [`take`](Self::take).
     #[inline(always)]
     pub(super) fn new(cpu: C) -> Self {
-        let block = [cpu.splat(0.0); SIDE];
+        let zero = cpu.splat(0.0);
+        let rows = [zero; SIDE];
         Self {
             cpu,
-            values: block,
-            gradient_x: block,
-            gradient_y: block,
-            means: [0.0; 3],
-            shares: [0.0; 2],
-            tensor: [0.0; 3],
-            energy: 0.0,
-            inverse: [0.0; 3],
+            blocks: [Block { values: rows, gradient_x: rows, gradient_y: rows }; GROUP],
+            corners: [zero; 2],
+            means: [zero; 3],
+            shares: [zero; 2],
+            tensor: [zero; 3],
+            energy: zero,
+            inverse: [zero; 3],
+            sums: [[zero; SUMS]; GROUP],
         }
     }
 
-    /// Takes the patch of `level` whose top left pixel is (x, y); `None` if it reaches beyond the border.
-    /// `noise` is the noise variance of a pixel in squared grey levels: a central difference has half of it,
-    /// which is added to both eigenvalues of the gradients' matrix, so that the step along an edge is zero.
+    /// Takes the patches of `level` whose top left pixels are `corners` (x, y), eight at most; `None` if one reaches
+    /// beyond the border. `noise` is the noise variance of a pixel in squared grey levels: a central difference has
+    /// half of it, which is added to both eigenvalues of the gradients' matrix, so that the step along an edge is
+    /// zero.
     #[inline(always)]
-    pub(super) fn take(&mut self, level: &Level, noise: f32, x: usize, y: usize) -> Option<()> {
+    pub(super) fn take(&mut self, level: &Level, noise: f32, corners: &[[usize; 2]]) -> Option<()> {
         let cpu = self.cpu;
-        let samples = level.from(x as i32 - 1, y as i32 - 1)?;
-        let rows = SampleRows::<{ SIDE + 2 }, { SIDE + 2 }>::new(samples, level.stride())?;
-        // Subtracting a grey of the patch avoids cancellation in the sums of squares.
-        let pivot = rows.at(SIDE / 2, 1)[SIDE / 2];
-        let mut sums = [cpu.splat(0.0); 3];
-        let mut products = [cpu.splat(0.0); 6];
-        let (mut above, mut here) = (cpu.load(rows.at(0, 1)), cpu.load(rows.at(1, 1)));
-        for r in 0..SIDE {
-            let below = cpu.load(rows.at(r + 2, 1));
-            let value = here - cpu.splat(pivot);
-            // Twice the gradients: powers of two leave all sums as they are, and one product a row is saved.
-            let dx = cpu.load(rows.at(r + 1, 2)) - cpu.load(rows.at(r + 1, 0));
-            let dy = below - above;
-            (self.values[r], self.gradient_x[r], self.gradient_y[r]) = (here, dx, dy);
-            sums[0] = sums[0] + value;
-            sums[1] = sums[1] + dx;
-            sums[2] = sums[2] + dy;
-            products[0] = cpu.fused(dx, dx, products[0]);
-            products[1] = cpu.fused(dx, dy, products[1]);
-            products[2] = cpu.fused(dy, dy, products[2]);
-            products[3] = cpu.fused(value, value, products[3]);
-            products[4] = cpu.fused(dx, value, products[4]);
-            products[5] = cpu.fused(dy, value, products[5]);
-            (above, here) = (here, below);
+        let (mut pivots, mut at) = ([0.0; GROUP], [[0.0; GROUP]; 2]);
+        for (k, &[x, y]) in corners.iter().enumerate().take(GROUP) {
+            let samples = level.from(x as i32 - 1, y as i32 - 1)?;
+            let rows = SampleRows::<{ SIDE + 2 }, { SIDE + 2 }>::new(samples, level.stride())?;
+            // Subtracting a grey of the patch avoids cancellation in the sums of squares.
+            let pivot = rows.at(SIDE / 2, 1)[SIDE / 2];
+            (pivots[k], at[0][k], at[1][k]) = (pivot, x as f32, y as f32);
+            let block = &mut self.blocks[k];
+            let mut sums = [cpu.splat(0.0); SUMS];
+            let (mut above, mut here) = (cpu.load(rows.at(0, 1)), cpu.load(rows.at(1, 1)));
+            for r in 0..SIDE {
+                let below = cpu.load(rows.at(r + 2, 1));
+                let value = here - cpu.splat(pivot);
+                // Twice the gradients: powers of two leave all sums as they are, and one product a row is saved.
+                let dx = cpu.load(rows.at(r + 1, 2)) - cpu.load(rows.at(r + 1, 0));
+                let dy = below - above;
+                (block.values[r], block.gradient_x[r], block.gradient_y[r]) = (here, dx, dy);
+                sums[0] = sums[0] + value;
+                sums[1] = sums[1] + dx;
+                sums[2] = sums[2] + dy;
+                sums[3] = cpu.fused(dx, dx, sums[3]);
+                sums[4] = cpu.fused(dx, dy, sums[4]);
+                sums[5] = cpu.fused(dy, dy, sums[5]);
+                sums[6] = cpu.fused(value, value, sums[6]);
+                sums[7] = cpu.fused(dx, value, sums[7]);
+                sums[8] = cpu.fused(dy, value, sums[8]);
+                (above, here) = (here, below);
+            }
+            self.sums[k] = sums;
         }
-        let [sum, sum_x, sum_y] = sums;
-        let [xx, xy, yy, energy, x, y] = products;
-        let [xx, xy, yy, energy] = cpu.totals([xx, xy, yy, energy]);
-        let [x, y, sum, sum_x] = cpu.totals([x, y, sum, sum_x]);
-        let [sum_y, ..] = cpu.totals([sum_y; 4]);
-        self.means = [sum, sum_x, sum_y].map(|sum| sum * (1.0 / AREA));
-        let [xx, xy, yy] = [xx, xy, yy].map(|sum| 0.25 * sum);
-        let [x, y, sum_x, sum_y] = [x, y, sum_x, sum_y].map(|sum| 0.5 * sum);
-        let [mean, mean_x, mean_y] = [sum, sum_x, sum_y].map(|sum| sum * (1.0 / AREA));
+        let [sum, sum_x, sum_y] = [self.total::<0>(), self.total::<1>(), self.total::<2>()];
+        let share = cpu.splat(1.0 / AREA);
+        let (mean, mean_x, mean_y) = (sum * share, sum_x * share, sum_y * share);
+        let (half, quarter) = (cpu.splat(0.5), cpu.splat(0.25));
+        let (xx, xy, yy) =
+            (quarter * self.total::<3>(), quarter * self.total::<4>(), quarter * self.total::<5>());
+        let (x, y) = (half * self.total::<7>(), half * self.total::<8>());
+        self.means = [cpu.load(&pivots) + mean, mean_x, mean_y];
+        let (sum_x, sum_y) = (half * sum_x, half * sum_y);
+        let (mean_x, mean_y) = (sum_x * share, sum_y * share);
         let (xx, xy, yy) = (xx - mean_x * sum_x, xy - mean_x * sum_y, yy - mean_y * sum_y);
-        let (x, y, energy) = (x - mean_x * sum, y - mean_y * sum, (energy - mean * sum).max(0.0));
-        let share = 1.0 / (energy + f32::MIN_POSITIVE);
+        let energy = positive(cpu, self.total::<6>() - mean * sum);
+        let (x, y) = (x - mean_x * sum, y - mean_y * sum);
+        let share = cpu.divided(cpu.splat(1.0), energy + cpu.splat(f32::MIN_POSITIVE));
         let (a, b) = (x * share, y * share);
-        self.means[0] = pivot + mean;
-        self.shares = [2.0 * a, 2.0 * b];
+        self.shares = [cpu.splat(2.0) * a, cpu.splat(2.0) * b];
         self.energy = energy;
-        let (xx, xy, yy) = ((xx - a * x).max(0.0), xy - a * y, (yy - b * y).max(0.0));
+        let (xx, xy, yy) = (positive(cpu, xx - a * x), xy - a * y, positive(cpu, yy - b * y));
         self.tensor = [xx, xy, yy];
-        let damping = AREA * 0.5 * noise;
+        let damping = cpu.splat(AREA * 0.5 * noise);
         let (a, d) = (xx + damping, yy + damping);
-        let share = 1.0 / (a * d - xy * xy);
-        self.inverse = [-d * share, xy * share, -a * share].map(|entry| 0.5 * entry);
+        let share = half * cpu.divided(cpu.splat(1.0), a * d - xy * xy);
+        let zero = cpu.splat(0.0);
+        self.inverse = [(zero - d) * share, xy * share, (zero - a) * share];
+        self.corners = [cpu.load(&at[0]), cpu.load(&at[1])];
         Some(())
     }
 
-    /// Compares with the patch of `level` whose top left pixel lies at `corner`, sampled linearly. The corner
-    /// is clamped to one patch outside the level; `None` only for a level without pixels.
+    /// Sums number `N` of all patches over all lanes.
     #[inline(always)]
-    pub(super) fn compare(&self, level: &Level, corner: [f32; 2]) -> Option<Difference> {
-        let cpu = self.cpu;
-        let [width, height] = level.extent();
-        let x = corner[0].clamp(-(SIDE as f32), width);
-        let y = corner[1].clamp(-(SIDE as f32), height);
-        let ([left, top], [across, down]) = split([x, y]);
-        let samples = level.from(left, top)?;
-        let rows = SampleRows::<{ SIDE + 1 }, { SIDE + 1 }>::new(samples, level.stride())?;
-        let (across, down) = (cpu.splat(across), cpu.splat(down));
-        let mut slopes = [cpu.splat(0.0); 3];
-        let (mut differences, mut squares) = ([cpu.splat(0.0); 2], [cpu.splat(0.0); 2]);
-        let mut above = blended(cpu, &rows, 0, across);
-        for r in 0..SIDE {
-            let below = blended(cpu, &rows, r + 1, across);
-            let difference = cpu.fused(down, below - above, above) - self.values[r];
-            let weights = [self.gradient_x[r], self.gradient_y[r], self.values[r]];
-            for (slope, weight) in slopes.iter_mut().zip(weights) {
-                *slope = if r == 0 { weight * difference } else { cpu.fused(weight, difference, *slope) };
-            }
-            let half = r / (SIDE / 2);
-            if r % (SIDE / 2) == 0 {
-                (differences[half], squares[half]) = (difference, difference * difference);
-            } else {
-                differences[half] = differences[half] + difference;
-                squares[half] = cpu.fused(difference, difference, squares[half]);
-            }
-            above = below;
-        }
-        let [x, y, value, _] = cpu.totals([slopes[0], slopes[1], slopes[2], slopes[2]]);
-        let quarters = cpu.halves([differences[0], differences[1], squares[0], squares[1]]);
-        let differences = [quarters[0], quarters[1], quarters[4], quarters[5]];
-        let squares = [quarters[2], quarters[3], quarters[6], quarters[7]];
-        let four = |values: [f32; 4]| (values[0] + values[1]) + (values[2] + values[3]);
-        let sum = four(differences);
-        let mean = sum * (1.0 / AREA);
-        let squares = std::array::from_fn(|k| {
-            (squares[k] - mean * (2.0 * differences[k] - 0.25 * AREA * mean)).max(0.0)
-        });
-        let value = value - self.means[0] * sum;
-        let x = x - self.means[1] * sum - self.shares[0] * value;
-        let y = y - self.means[2] * sum - self.shares[1] * value;
-        let [a, b, c] = self.inverse;
-        Some(Difference { step: [a * x + b * y, b * x + c * y], squares, total: four(squares) })
+    fn total<const N: usize>(&self) -> C::Lanes {
+        let [low, high] = self.halves::<N>();
+        low + high
     }
 
-    /// The residual at whole pixels, from samples `stride` apart from row to row: sum of squared differences about
-    /// their mean.
+    /// Sums number `N` of all patches over the first four lanes, and over the last four.
     #[inline(always)]
-    pub(super) fn residual_at(&self, samples: &[f32], stride: usize) -> Option<f32> {
-        let cpu = self.cpu;
-        let rows = SampleRows::<SIDE, SIDE>::new(samples, stride)?;
-        let mut sums = [cpu.splat(0.0); 2];
-        for (r, values) in self.values.iter().enumerate() {
-            let difference = *values - cpu.load(rows.at(r, 0));
-            if r == 0 {
-                sums = [difference, difference * difference];
-            } else {
-                sums = [sums[0] + difference, cpu.fused(difference, difference, sums[1])];
-            }
-        }
-        let [sum, square, ..] = cpu.totals([sums[0], sums[1], sums[0], sums[1]]);
-        Some((square - sum * sum * (1.0 / AREA)).max(0.0))
+    fn halves<const N: usize>(&self) -> [C::Lanes; 2] {
+        let [a, b, c, d, e, f, g, h] = &self.sums;
+        self.cpu.halves([a[N], b[N], c[N], d[N], e[N], f[N], g[N], h[N]])
     }
+
+    /// Compares with the patches of `level` that are displaced by `shift`, sampled linearly, those whose bit in
+    /// `active` is set. Corners are clamped to one patch outside the level; `None` only for a level without pixels.
+    #[inline(always)]
+    pub(super) fn compare(
+        &mut self,
+        level: &Level,
+        shift: [C::Lanes; 2],
+        active: u32,
+    ) -> Option<Difference<C>> {
+        let cpu = self.cpu;
+        let [width, height] = level.extent();
+        let (lefts, across) = split(cpu, self.corners[0] + shift[0], width);
+        let (tops, down) = split(cpu, self.corners[1] + shift[1], height);
+        let zero = cpu.splat(0.0);
+        for (k, block) in self.blocks.iter().enumerate() {
+            if active >> k & 1 == 0 {
+                continue;
+            }
+            let samples = level.from(whole(lefts[k]), whole(tops[k]))?;
+            let rows = SampleRows::<{ SIDE + 1 }, { SIDE + 1 }>::new(samples, level.stride())?;
+            let (across, down) = (cpu.splat(across[k]), cpu.splat(down[k]));
+            let mut slopes = [zero; 3];
+            let (mut differences, mut squares) = ([zero; 2], [zero; 2]);
+            let mut above = blended(cpu, &rows, 0, across);
+            for r in 0..SIDE {
+                let below = blended(cpu, &rows, r + 1, across);
+                let difference = cpu.fused(down, below - above, above) - block.values[r];
+                let weights = [block.gradient_x[r], block.gradient_y[r], block.values[r]];
+                for (slope, weight) in slopes.iter_mut().zip(weights) {
+                    *slope = if r == 0 { weight * difference } else { cpu.fused(weight, difference, *slope) };
+                }
+                let half = r / (SIDE / 2);
+                if r % (SIDE / 2) == 0 {
+                    (differences[half], squares[half]) = (difference, difference * difference);
+                } else {
+                    differences[half] = differences[half] + difference;
+                    squares[half] = cpu.fused(difference, difference, squares[half]);
+                }
+                above = below;
+            }
+            let [x, y, value] = slopes;
+            self.sums[k] = [x, y, value, differences[0], differences[1], squares[0], squares[1], zero, zero];
+        }
+        Some(self.difference())
+    }
+
+    /// The differences that follow from the sums of a comparison.
+    #[inline(always)]
+    fn difference(&self) -> Difference<C> {
+        let cpu = self.cpu;
+        let ([a, c], [b, d]) = (self.halves::<3>(), self.halves::<4>());
+        let sum = (a + b) + (c + d);
+        let mean = sum * cpu.splat(1.0 / AREA);
+        let ([e, g], [f, h]) = (self.halves::<5>(), self.halves::<6>());
+        let squares = [
+            about_mean(cpu, e, a, mean),
+            about_mean(cpu, f, b, mean),
+            about_mean(cpu, g, c, mean),
+            about_mean(cpu, h, d, mean),
+        ];
+        let value = self.total::<2>() - self.means[0] * sum;
+        let x = self.total::<0>() - self.means[1] * sum - self.shares[0] * value;
+        let y = self.total::<1>() - self.means[2] * sum - self.shares[1] * value;
+        let [a, b, c] = self.inverse;
+        let total = (squares[0] + squares[1]) + (squares[2] + squares[3]);
+        Difference { step: [a * x + b * y, b * x + c * y], squares, total }
+    }
+
+    /// The patch in lane `k` less its mean.
+    #[inline(always)]
+    pub(super) fn centred(&self, k: usize) -> Option<[C::Lanes; SIDE]> {
+        let mean = self.cpu.splat(*self.cpu.store(self.means[0]).get(k)?);
+        let mut rows = self.blocks.get(k)?.values;
+        for row in &mut rows {
+            *row = *row - mean;
+        }
+        Some(rows)
+    }
+}
+
+/// The sums of products of a patch and those that begin at eight successive samples.
+#[inline(always)]
+pub(super) fn products<C: WordCpu>(
+    cpu: C,
+    patch: &[C::Lanes; SIDE],
+    rows: &SampleRows<'_, SIDE, { SIDE + GROUP }>,
+) -> C::Lanes {
+    let mut sums = [cpu.splat(0.0); GROUP];
+    // Rows outside, so that the eight sums stay in registers.
+    for (r, values) in patch.iter().enumerate() {
+        for (c, sum) in sums.iter_mut().enumerate() {
+            *sum = cpu.fused(*values, cpu.load(rows.at(r, c)), *sum);
+        }
+    }
+    let [low, high] = cpu.halves(sums);
+    low + high
+}
+
+/// The sum of squares of a quarter of a patch about the mean of the whole patch, from the sum and that about 0.
+#[inline(always)]
+fn about_mean<C: WordCpu>(cpu: C, square: C::Lanes, sum: C::Lanes, mean: C::Lanes) -> C::Lanes {
+    positive(cpu, square - mean * (cpu.splat(2.0) * sum - cpu.splat(0.25 * AREA) * mean))
+}
+
+/// The lanes that are positive, 0 in place of the others.
+#[inline(always)]
+fn positive<C: WordCpu>(cpu: C, lanes: C::Lanes) -> C::Lanes {
+    let zero = cpu.splat(0.0);
+    cpu.above_floats(lanes, zero, lanes, zero)
 }
 
 /// A row of samples, interpolated by `across` towards the next sample on the right. A function, because a
 /// closure that is not inlined would be compiled for any CPU.
 #[inline(always)]
-fn blended<C: Cpu>(
+fn blended<C: WordCpu>(
     cpu: C,
     rows: &SampleRows<'_, { SIDE + 1 }, { SIDE + 1 }>,
     row: usize,
@@ -211,16 +294,26 @@ fn blended<C: Cpu>(
     cpu.fused_less(across, left - cpu.load(rows.at(row, 1)), left)
 }
 
-/// Whole pixels and fraction, 0 to 1, of positions much smaller than 2²².
-///
 /// Numbers between 2²³ and 2²⁴ have no fraction, so that adding 1.5·2²³ rounds, and leaves the whole number
-/// in the lowest bits: half as many instructions as a conversion, which must be defined for every number.
+/// in the lowest bits.
+const ROUND: f32 = 1.5 * (1 << 23) as f32;
+
+/// Positions much smaller than 2²², clamped to one patch outside a level of `length` pixels: whole pixels, to be read
+/// by [`whole`], and fraction, 0 to 1.
 #[inline(always)]
-fn split(at: [f32; 2]) -> ([i32; 2], [f32; 2]) {
-    const ROUND: f32 = 1.5 * (1 << 23) as f32;
-    let rounded = at.map(|at| (at - 0.5) + ROUND);
-    let whole = rounded.map(|rounded| rounded.to_bits().wrapping_sub(ROUND.to_bits()) as i32);
-    (whole, [at[0] - (rounded[0] - ROUND), at[1] - (rounded[1] - ROUND)])
+fn split<C: WordCpu>(cpu: C, at: C::Lanes, length: f32) -> ([f32; GROUP], [f32; GROUP]) {
+    let (least, most, round) = (cpu.splat(-(SIDE as f32)), cpu.splat(length), cpu.splat(ROUND));
+    let at = cpu.above_floats(at, most, most, at);
+    let at = cpu.above_floats(least, at, least, at);
+    let rounded = (at - cpu.splat(0.5)) + round;
+    (cpu.store(rounded), cpu.store(at - (rounded - round)))
+}
+
+/// The whole number in the lowest bits: half as many instructions as a conversion, which must be defined for every
+/// number.
+#[inline(always)]
+fn whole(rounded: f32) -> i32 {
+    rounded.to_bits().wrapping_sub(ROUND.to_bits()) as i32
 }
 
 #[cfg(test)]

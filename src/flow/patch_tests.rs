@@ -2,6 +2,7 @@
 
 use super::*;
 use crate::cpu::CpuLevel;
+use crate::lanes::Cpu;
 use crate::lanes::dispatch::with_word_cpu;
 use crate::lanes::scalar::Scalar;
 
@@ -21,14 +22,33 @@ fn level(seed: u64, width: usize, height: usize) -> Level {
 /// What is compared: energy, tensor, squares of the quarters, total, step, and the residual at whole pixels.
 type Compared = (f32, [f32; 3], [f32; 4], f32, [f32; 2], f32);
 
+/// Squared differences of a patch from its mean, summed.
+fn spread(level: &Level, x: i32, y: i32) -> f32 {
+    let pixels = (0..64).map(|i| f64::from(level.pixel(x + i % 8, y + i / 8)));
+    let mean = pixels.clone().sum::<f64>() / 64.0;
+    pixels.map(|pixel| (pixel - mean).powi(2)).sum::<f64>() as f32
+}
+
+/// With the patch in the last lane, beside seven others.
 #[inline(always)]
-fn compared<C: Cpu>(cpu: C, [first, second]: [&Level; 2], noise: f32, corner: [f32; 2]) -> Compared {
-    let mut template = PatchTemplate::new(cpu);
-    template.take(first, noise, 5, 3).unwrap();
-    let Difference { step, squares, total } = template.compare(second, corner).unwrap();
-    let [x, y] = corner.map(|at| at as i32);
-    let whole = template.residual_at(second.from(x, y).unwrap(), second.stride()).unwrap();
-    (template.energy, template.tensor, squares, total, step, whole)
+fn compared<C: WordCpu>(cpu: C, [first, second]: [&Level; 2], noise: f32, corner: [f32; 2]) -> Compared {
+    const LAST: usize = GROUP - 1;
+    let mut group = PatchGroup::new(cpu);
+    let mut corners = [[1, 2]; GROUP];
+    corners[LAST] = [5, 3];
+    group.take(first, noise, &corners).unwrap();
+    let [x, y] = corner;
+    let shift = [cpu.splat(x - 5.0), cpu.splat(y - 3.0)];
+    let Difference { step: [a, b], squares: [p, q, r, s], total } =
+        group.compare(second, shift, 1 << LAST).unwrap();
+    let (x, y) = (x as i32, y as i32);
+    let rows = SampleRows::new(second.from(x, y).unwrap(), second.stride()).unwrap();
+    let [product, ..] = cpu.store(products(cpu, &group.centred(LAST).unwrap(), &rows));
+    let last = |lanes: C::Lanes| cpu.store(lanes)[LAST];
+    let [xx, xy, yy] = group.tensor;
+    let (tensor, squares) = ([last(xx), last(xy), last(yy)], [last(p), last(q), last(r), last(s)]);
+    let whole = last(group.energy) + spread(second, x, y) - 2.0 * product;
+    (last(group.energy), tensor, squares, last(total), [last(a), last(b)], whole)
 }
 
 /// The same by definition, in double precision.
@@ -103,7 +123,8 @@ fn sums_are_those_of_their_definition_on_all_levels() {
 #[test]
 fn a_position_is_split_into_whole_pixels_and_the_rest() {
     for at in [-8.0, -7.75, -0.25, 0.0, 0.5, 1.0, 479.998, 480.0, 1e6] {
-        let ([whole, _], [rest, _]) = split([at, 0.0]);
+        let ([rounded, ..], [rest, ..]) = split(Scalar, Scalar.splat(at), 2e6);
+        let whole = whole(rounded);
         assert!((0.0..=1.0).contains(&rest) && whole as f32 + rest == at, "{at}: {whole} {rest}");
     }
 }
@@ -112,13 +133,12 @@ fn a_position_is_split_into_whole_pixels_and_the_rest() {
 #[test]
 fn corners_anywhere_are_safe() {
     let levels = [level(1, 20, 18), level(2, 20, 18)];
-    let mut template = PatchTemplate::new(Scalar);
-    template.take(&levels[0], 0.5, 16, 14).unwrap();
+    let mut group = PatchGroup::new(Scalar);
+    group.take(&levels[0], 0.5, &[[16, 14]]).unwrap();
+    let mut compare =
+        |x: f32, y: f32| group.compare(&levels[1], [x, y].map(|at| Scalar.splat(at)), 1).is_some();
     for at in [-1e30, -9.0, -8.0, 20.0, 1e30, f32::INFINITY] {
-        assert!(
-            template.compare(&levels[1], [at, 3.0]).is_some()
-                && template.compare(&levels[1], [3.0, at]).is_some()
-        );
+        assert!(compare(at, 3.0) && compare(3.0, at));
     }
-    template.compare(&levels[1], [f32::NAN, f32::NAN]);
+    compare(f32::NAN, f32::NAN);
 }

@@ -3,20 +3,28 @@
 //! Runs row kernels on all cores, with the instructions that the machine has.
 
 use crate::cpu::CpuLevel;
-use crate::lanes::Cpu;
 use crate::lanes::dispatch::with_word_cpu;
+use crate::lanes::{Cpu, WordCpu};
 use crate::parallel::*;
 
 /// A kernel that computes rows of results independently of each other.
 pub(super) trait RowKernel<T>: Sync {
+    /// What one row leaves to be used again by another.
+    type Scratch<C: WordCpu>;
+
+    /// New scratch.
+    fn scratch<C: WordCpu>(cpu: C) -> Self::Scratch<C>;
+
     /// Fills a row. Must be `inline(always)` with everything it calls: functions that are not inlined are
     /// compiled for any CPU.
-    fn fill<C: Cpu>(&self, cpu: C, row: usize, out: &mut [T]);
+    fn fill<C: WordCpu>(&self, cpu: C, scratch: &mut Self::Scratch<C>, row: usize, out: &mut [T]);
 }
 
 /// Fills all rows of `across` results each.
 pub(super) fn fill<T: Send, K: RowKernel<T>>(cpu: CpuLevel, kernel: &K, across: usize, out: &mut [T]) {
-    out.par_chunks_mut(across.max(1)).enumerate().for_each(|(row, out)| {
-        with_word_cpu!(cpu, cpu => cpu.vectorize(#[inline(always)] || kernel.fill(cpu, row, out)));
-    });
+    let rows = out.par_chunks_mut(across.max(1)).enumerate();
+    with_word_cpu!(cpu, cpu => rows.for_each_init(
+        || K::scratch(cpu),
+        |scratch, (row, out)| cpu.vectorize(#[inline(always)] || kernel.fill(cpu, scratch, row, out)),
+    ));
 }

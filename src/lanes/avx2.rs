@@ -65,9 +65,63 @@ impl Cpu for Avx2 {
     }
 
     #[inline(always)]
-    fn halves(self, [a, b, c, d]: [Floats; 4]) -> [f32; FLOATS] {
-        self.store(Floats(avx2!(_mm256_hadd_ps(_mm256_hadd_ps(a.0, b.0), _mm256_hadd_ps(c.0, d.0)))))
+    fn halves(self, [a, b, c, d, e, f, g, h]: [Floats; 8]) -> [Floats; 2] {
+        avx2!({
+            let four = _mm256_hadd_ps(_mm256_hadd_ps(a.0, b.0), _mm256_hadd_ps(c.0, d.0));
+            let others = _mm256_hadd_ps(_mm256_hadd_ps(e.0, f.0), _mm256_hadd_ps(g.0, h.0));
+            [
+                Floats(_mm256_permute2f128_ps::<0x20>(four, others)),
+                Floats(_mm256_permute2f128_ps::<0x31>(four, others)),
+            ]
+        })
     }
+
+    #[inline(always)]
+    fn transposed(self, rows: [Floats; FLOATS]) -> [Floats; FLOATS] {
+        avx2!({
+            // Rows k and k + 4 in the halves of a register: 4 x 4 twice.
+            let [a, b, c, d, e, f, g, h] = rows;
+            let (a, b, c, d, e, f, g, h) = (a.0, b.0, c.0, d.0, e.0, f.0, g.0, h.0);
+            let [p, q, r, s] = columns_of_four([
+                _mm256_permute2f128_ps::<0x20>(a, e),
+                _mm256_permute2f128_ps::<0x20>(b, f),
+                _mm256_permute2f128_ps::<0x20>(c, g),
+                _mm256_permute2f128_ps::<0x20>(d, h),
+            ]);
+            let [t, u, v, w] = columns_of_four([
+                _mm256_permute2f128_ps::<0x31>(a, e),
+                _mm256_permute2f128_ps::<0x31>(b, f),
+                _mm256_permute2f128_ps::<0x31>(c, g),
+                _mm256_permute2f128_ps::<0x31>(d, h),
+            ]);
+            [p, q, r, s, t, u, v, w]
+        })
+    }
+
+    #[inline(always)]
+    fn divided(self, a: Floats, b: Floats) -> Floats {
+        Floats(avx2!(_mm256_div_ps(a.0, b.0)))
+    }
+
+    #[inline(always)]
+    fn root(self, a: Floats) -> Floats {
+        Floats(avx2!(_mm256_sqrt_ps(a.0)))
+    }
+}
+
+/// The columns of the 4 × 4 floats in either half of four registers.
+#[inline(always)]
+fn columns_of_four([a, b, c, d]: [__m256; 4]) -> [Floats; 4] {
+    avx2!({
+        let (ab, cd) = (_mm256_unpacklo_ps(a, b), _mm256_unpacklo_ps(c, d));
+        let (ab_last, cd_last) = (_mm256_unpackhi_ps(a, b), _mm256_unpackhi_ps(c, d));
+        [
+            Floats(_mm256_shuffle_ps::<0x44>(ab, cd)),
+            Floats(_mm256_shuffle_ps::<0xee>(ab, cd)),
+            Floats(_mm256_shuffle_ps::<0x44>(ab_last, cd_last)),
+            Floats(_mm256_shuffle_ps::<0xee>(ab_last, cd_last)),
+        ]
+    })
 }
 
 impl WordCpu for Avx2 {

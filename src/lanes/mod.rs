@@ -60,15 +60,17 @@ pub(crate) trait Cpu: Copy {
     /// c − a·b, rounded once (AVX2, NEON) or twice (plain Rust).
     fn fused_less(self, a: Self::Lanes, b: Self::Lanes, c: Self::Lanes) -> Self::Lanes;
 
-    /// Sums of the first four lanes of each of four vectors, then of the last four lanes of each.
-    fn halves(self, four: [Self::Lanes; 4]) -> [f32; FLOATS];
+    /// Sums of the first four lanes of each of eight vectors, and of the last four lanes of each.
+    fn halves(self, eight: [Self::Lanes; 8]) -> [Self::Lanes; 2];
 
-    /// Sums of all lanes of each of four vectors.
-    #[inline(always)]
-    fn totals(self, four: [Self::Lanes; 4]) -> [f32; 4] {
-        let [a, b, c, d, e, f, g, h] = self.halves(four);
-        [a + e, b + f, c + g, d + h]
-    }
+    /// Eight vectors as the rows of a matrix, whose columns are the result.
+    fn transposed(self, rows: [Self::Lanes; FLOATS]) -> [Self::Lanes; FLOATS];
+
+    /// a/b.
+    fn divided(self, a: Self::Lanes, b: Self::Lanes) -> Self::Lanes;
+
+    /// √a.
+    fn root(self, a: Self::Lanes) -> Self::Lanes;
 }
 
 /// Vectors of sixteen 16-bit integers besides, and what leads from them to floats and back.

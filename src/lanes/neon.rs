@@ -67,12 +67,63 @@ impl Cpu for Neon {
     }
 
     #[inline(always)]
-    fn halves(self, [a, b, c, d]: [Floats; 4]) -> [f32; FLOATS] {
-        self.store(neon!(Floats(
-            vpaddq_f32(vpaddq_f32(a.0, b.0), vpaddq_f32(c.0, d.0)),
-            vpaddq_f32(vpaddq_f32(a.1, b.1), vpaddq_f32(c.1, d.1)),
-        )))
+    fn halves(self, [a, b, c, d, e, f, g, h]: [Floats; 8]) -> [Floats; 2] {
+        neon!([
+            Floats(
+                vpaddq_f32(vpaddq_f32(a.0, b.0), vpaddq_f32(c.0, d.0)),
+                vpaddq_f32(vpaddq_f32(e.0, f.0), vpaddq_f32(g.0, h.0)),
+            ),
+            Floats(
+                vpaddq_f32(vpaddq_f32(a.1, b.1), vpaddq_f32(c.1, d.1)),
+                vpaddq_f32(vpaddq_f32(e.1, f.1), vpaddq_f32(g.1, h.1)),
+            ),
+        ])
     }
+
+    #[inline(always)]
+    fn transposed(self, [a, b, c, d, e, f, g, h]: [Floats; FLOATS]) -> [Floats; FLOATS] {
+        let [p, q, r, s] = columns_of_four(a.0, b.0, c.0, d.0);
+        let [t, u, v, w] = columns_of_four(e.0, f.0, g.0, h.0);
+        let [i, j, k, l] = columns_of_four(a.1, b.1, c.1, d.1);
+        let [m, n, o, x] = columns_of_four(e.1, f.1, g.1, h.1);
+        [
+            Floats(p, t),
+            Floats(q, u),
+            Floats(r, v),
+            Floats(s, w),
+            Floats(i, m),
+            Floats(j, n),
+            Floats(k, o),
+            Floats(l, x),
+        ]
+    }
+
+    #[inline(always)]
+    fn divided(self, a: Floats, b: Floats) -> Floats {
+        neon!(Floats(vdivq_f32(a.0, b.0), vdivq_f32(a.1, b.1)))
+    }
+
+    #[inline(always)]
+    fn root(self, a: Floats) -> Floats {
+        neon!(Floats(vsqrtq_f32(a.0), vsqrtq_f32(a.1)))
+    }
+}
+
+/// The columns of 4 × 4 floats.
+#[inline(always)]
+fn columns_of_four(a: float32x4_t, b: float32x4_t, c: float32x4_t, d: float32x4_t) -> [float32x4_t; 4] {
+    neon!({
+        let ab = vreinterpretq_f64_f32(vzip1q_f32(a, b));
+        let cd = vreinterpretq_f64_f32(vzip1q_f32(c, d));
+        let ab_last = vreinterpretq_f64_f32(vzip2q_f32(a, b));
+        let cd_last = vreinterpretq_f64_f32(vzip2q_f32(c, d));
+        [
+            vreinterpretq_f32_f64(vzip1q_f64(ab, cd)),
+            vreinterpretq_f32_f64(vzip2q_f64(ab, cd)),
+            vreinterpretq_f32_f64(vzip1q_f64(ab_last, cd_last)),
+            vreinterpretq_f32_f64(vzip2q_f64(ab_last, cd_last)),
+        ]
+    })
 }
 
 impl WordCpu for Neon {

@@ -48,11 +48,29 @@ impl Cpu for Scalar {
     }
 
     #[inline(always)]
-    fn halves(self, four: [Array; 4]) -> [f32; FLOATS] {
-        from_fn(|k| {
-            let (Array(lanes), from) = (four[k % 4], k / 4 * 4);
-            (lanes[from] + lanes[from + 1]) + (lanes[from + 2] + lanes[from + 3])
+    fn halves(self, eight: [Array; 8]) -> [Array; 2] {
+        [0, 4].map(|from| {
+            Array(
+                eight.map(|Array(lanes)| {
+                    (lanes[from] + lanes[from + 1]) + (lanes[from + 2] + lanes[from + 3])
+                }),
+            )
         })
+    }
+
+    #[inline(always)]
+    fn transposed(self, rows: [Array; FLOATS]) -> [Array; FLOATS] {
+        from_fn(|column| Array(rows.map(|Array(row)| row[column])))
+    }
+
+    #[inline(always)]
+    fn divided(self, Array(a): Array, Array(b): Array) -> Array {
+        Array(from_fn(|lane| a[lane] / b[lane]))
+    }
+
+    #[inline(always)]
+    fn root(self, Array(a): Array) -> Array {
+        Array(a.map(f32::sqrt))
     }
 }
 

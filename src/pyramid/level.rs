@@ -93,20 +93,24 @@ impl Level {
     /// A level for tests.
     #[cfg(test)]
     pub(crate) fn of(width: usize, height: usize, grey: impl Fn(f32, f32) -> f32) -> Self {
-        let data: Vec<f32> =
-            (0..width * height).map(|i| grey((i % width) as f32, (i / width) as f32)).collect();
         let mut level = Self::default();
-        level.fill(width, height, &data);
+        level.write(width, height, |inside, stride| {
+            for (y, row) in inside.chunks_exact_mut(stride).enumerate() {
+                let pixels = row.iter_mut().skip(BORDER).take(width).enumerate();
+                pixels.for_each(|(x, out)| *out = grey(x as f32, y as f32));
+                replicate(row, width);
+            }
+        });
         level
     }
 
-    /// Copies a picture of `width` × `height` pixels, row by row.
-    pub(super) fn fill(&mut self, width: usize, height: usize, grey: &[f32]) {
+    /// Takes a size and writes the pixels: `work` gets the rows of the picture, and how many samples each has with its
+    /// border, which it must [`replicate`].
+    pub(super) fn write(&mut self, width: usize, height: usize, work: impl FnOnce(&mut [f32], usize)) {
         self.resize(width, height);
-        let rows = grey.chunks_exact(width.max(1));
-        for (row, grey) in self.data.chunks_exact_mut(self.stride).skip(BORDER).zip(rows) {
-            row.iter_mut().skip(BORDER).zip(grey).for_each(|(out, value)| *out = *value);
-            replicate(row, width);
+        let stride = self.stride;
+        if let Some(inside) = self.data.get_mut(BORDER * stride..(BORDER + height) * stride) {
+            work(inside, stride);
         }
         self.replicate_rows();
     }
@@ -115,17 +119,16 @@ impl Level {
     /// column is dropped. Means of 2 × 2 would alias: fine patterns appear as coarser ones with a different
     /// motion.
     pub(super) fn halve(&mut self, cpu: CpuLevel, fine: &Self) {
-        self.resize(fine.width / 2, fine.height / 2);
-        let (stride, width, height) = (self.stride, self.width, self.height);
-        let Some(inside) = self.data.get_mut(BORDER * stride..(BORDER + height) * stride) else { return };
-        inside.par_chunks_mut(stride * BAND).enumerate().for_each_init(Vec::new, |line, (band, rows)| {
-            line.resize(2 * width + 2, 0.0);
-            for (y, row) in rows.chunks_exact_mut(stride).enumerate() {
-                halve_row(cpu, fine, 2 * (band * BAND + y) as i32, line, row, width);
-                replicate(row, width);
-            }
+        let (width, height) = (fine.width / 2, fine.height / 2);
+        self.write(width, height, |inside, stride| {
+            inside.par_chunks_mut(stride * BAND).enumerate().for_each_init(Vec::new, |line, (band, rows)| {
+                line.resize(2 * width + 2, 0.0);
+                for (y, row) in rows.chunks_exact_mut(stride).enumerate() {
+                    halve_row(cpu, fine, 2 * (band * BAND + y) as i32, line, row, width);
+                    replicate(row, width);
+                }
+            });
         });
-        self.replicate_rows();
     }
 
     fn resize(&mut self, width: usize, height: usize) {
@@ -167,7 +170,7 @@ for_each_cpu! {
 }
 
 /// Fills the border left and right of a row.
-fn replicate(row: &mut [f32], width: usize) {
+pub(super) fn replicate(row: &mut [f32], width: usize) {
     let Some(inside) = row.get(BORDER..BORDER + width) else { return };
     let (Some(&first), Some(&last)) = (inside.first(), inside.last()) else { return };
     row.iter_mut().take(BORDER).for_each(|value| *value = first);

@@ -4,8 +4,9 @@
 //!
 //! One pass over the source: the rows under an output row are weighted and summed (vectorised, the
 //! sample format and channel weights folded into one factor), then the sum is reduced along the
-//! row. Reads each byte ⌈s⌉/s to (⌈s⌉ + 1)/s times for a ratio s, once if s is whole.
+//! row, which is written where it stays. Reads each byte ⌈s⌉/s to (⌈s⌉ + 1)/s times for a ratio s, once if s is whole.
 
+use super::level::{BORDER, Level, replicate};
 use crate::cpu::{CpuLevel, for_each_cpu};
 use crate::parallel::*;
 use crate::plane::{Luma, PlaneLayout};
@@ -43,13 +44,13 @@ impl Reduction {
         (self.columns.outputs(), self.rows.outputs())
     }
 
-    /// Reduces `luma` into `grey` (row by row, of `size`) with `scratch` for the sums. Returns false and
-    /// does nothing if the luma is not of the full frame's size.
+    /// Reduces `luma` into `level`, with `scratch` for the sums. Returns false and does nothing if the luma is not of
+    /// the full frame's size.
     pub(crate) fn reduce(
         &self,
         cpu: CpuLevel,
         luma: &Luma<'_>,
-        grey: &mut Vec<f32>,
+        level: &mut Level,
         scratch: &mut Vec<f32>,
     ) -> bool {
         let layout = luma.plane.layout();
@@ -57,16 +58,18 @@ impl Reduction {
         if (layout.width, layout.height) != self.full || width == 0 || height == 0 {
             return false;
         }
-        grey.resize(width * height, 0.0);
         let band = height.div_ceil(BANDS);
         scratch.resize(self.full.0 * height.div_ceil(band), 0.0);
-        grey.par_chunks_mut(width * band).zip(scratch.par_chunks_mut(self.full.0)).enumerate().for_each(
-            |(index, (rows, sums))| {
-                for (offset, row) in rows.chunks_exact_mut(width).enumerate() {
-                    reduce_row(cpu, self, luma, index * band + offset, row, sums);
+        level.write(width, height, |inside, stride| {
+            let bands = inside.par_chunks_mut(stride * band).zip(scratch.par_chunks_mut(self.full.0));
+            bands.enumerate().for_each(|(index, (rows, sums))| {
+                for (offset, row) in rows.chunks_exact_mut(stride).enumerate() {
+                    let out = &mut row[BORDER..BORDER + width];
+                    reduce_row(cpu, self, luma, index * band + offset, out, sums);
+                    replicate(row, width);
                 }
-            },
-        );
+            });
+        });
         true
     }
 }
@@ -75,11 +78,11 @@ for_each_cpu! {
     /// Output row `y`; `sums` has one sum per column of the frame.
     fn reduce_row(reduction: &Reduction, luma: &Luma<'_>, y: usize, out: &mut [f32], sums: &mut [f32]) {
         let (first, weights) = reduction.rows.of(y);
-        sums.fill(0.0);
+        let mut sums = RowSums { sums, is_begun: false };
         for (k, &weight) in weights.iter().enumerate() {
-            add_row(luma, first + k, weight, sums);
+            sums.add_row(luma, first + k, weight);
         }
-        reduction.columns.apply(sums, out);
+        reduction.columns.apply(sums.finished(), out);
     }
 }
 
@@ -186,52 +189,74 @@ fn interpolant_means(start: f64, length: f64, first: usize, inputs: usize, weigh
     }
 }
 
-/// Adds `weight` times the grey of row `y` to `sums`.
-#[inline(always)]
-fn add_row(luma: &Luma<'_>, y: usize, weight: f32, sums: &mut [f32]) {
-    let layout = luma.plane.layout();
-    let row = luma.plane.row(y);
-    let factor = weight * 255.0 / f32::from(layout.format.max_value());
-    for (channel, channel_weight) in luma.weights.iter().enumerate().take(layout.channels) {
-        let factor = factor * channel_weight;
-        if factor != 0.0 {
-            add_channel(row, layout, channel, factor, sums);
-        }
-    }
+/// Sums of samples, one per column of the frame.
+struct RowSums<'a> {
+    sums: &'a mut [f32],
+    /// Whether anything has been added: the first samples replace what is there.
+    is_begun: bool,
 }
 
-#[inline(always)]
-fn add_channel(row: &[u8], layout: &PlaneLayout, channel: usize, factor: f32, sums: &mut [f32]) {
-    if layout.format.bytes() == 1 {
-        let row = row.get(channel..).unwrap_or(&[]);
-        match layout.step {
-            1 => add_bytes(row.iter(), factor, sums),
-            2 => add_bytes(row.iter().step_by(2), factor, sums),
-            4 => add_bytes(row.iter().step_by(4), factor, sums),
-            step => add_bytes(row.iter().step_by(step), factor, sums),
-        }
-    } else {
-        let (words, _) = row.as_chunks::<2>();
-        let words = words.get(channel..).unwrap_or(&[]);
-        let shift = layout.format.shift();
-        match layout.step {
-            1 => add_words(words.iter(), shift, factor, sums),
-            step => add_words(words.iter().step_by(step), shift, factor, sums),
+impl<'a> RowSums<'a> {
+    /// Adds `weight` times the grey of row `y`.
+    #[inline(always)]
+    fn add_row(&mut self, luma: &Luma<'_>, y: usize, weight: f32) {
+        let layout = luma.plane.layout();
+        let row = luma.plane.row(y);
+        let factor = weight * 255.0 / f32::from(layout.format.max_value());
+        for (channel, channel_weight) in luma.weights.iter().enumerate().take(layout.channels) {
+            let factor = factor * channel_weight;
+            if factor != 0.0 {
+                self.add_channel(row, layout, channel, factor);
+            }
         }
     }
-}
 
-#[inline(always)]
-fn add_bytes<'a>(samples: impl Iterator<Item = &'a u8>, factor: f32, sums: &mut [f32]) {
-    for (sum, &sample) in sums.iter_mut().zip(samples) {
-        *sum += factor * f32::from(sample);
+    #[inline(always)]
+    fn add_channel(&mut self, row: &[u8], layout: &PlaneLayout, channel: usize, factor: f32) {
+        if layout.format.bytes() == 1 {
+            let row = row.get(channel..).unwrap_or(&[]);
+            let grey = |&sample: &u8| factor * f32::from(sample);
+            match layout.step {
+                1 => self.add(row.iter().map(grey)),
+                2 => self.add(row.iter().step_by(2).map(grey)),
+                4 => self.add(row.iter().step_by(4).map(grey)),
+                step => self.add(row.iter().step_by(step).map(grey)),
+            }
+        } else {
+            let (words, _) = row.as_chunks::<2>();
+            let words = words.get(channel..).unwrap_or(&[]);
+            let shift = layout.format.shift();
+            let grey = |&sample: &[u8; 2]| factor * f32::from(u16::from_le_bytes(sample) >> shift);
+            match layout.step {
+                1 => self.add(words.iter().map(grey)),
+                step => self.add(words.iter().step_by(step).map(grey)),
+            }
+        }
     }
-}
 
-#[inline(always)]
-fn add_words<'a>(samples: impl Iterator<Item = &'a [u8; 2]>, shift: u32, factor: f32, sums: &mut [f32]) {
-    for (sum, &sample) in sums.iter_mut().zip(samples) {
-        *sum += factor * f32::from(u16::from_le_bytes(sample) >> shift);
+    #[inline(always)]
+    fn add(&mut self, grey: impl Iterator<Item = f32>) {
+        let both = self.sums.iter_mut().zip(grey);
+        if self.is_begun {
+            both.for_each(
+                #[inline(always)]
+                |(sum, grey)| *sum += grey,
+            );
+        } else {
+            both.for_each(
+                #[inline(always)]
+                |(sum, grey)| *sum = grey,
+            );
+        }
+        self.is_begun = true;
+    }
+
+    #[inline(always)]
+    fn finished(self) -> &'a [f32] {
+        if !self.is_begun {
+            self.sums.fill(0.0);
+        }
+        self.sums
     }
 }
 
@@ -282,13 +307,13 @@ mod tests {
         let narrow = PlaneLayout { width: 1920, ..*plane.layout() };
         let plane = Plane::new(&data, narrow).unwrap();
         let reduction = reduction(1920, height);
-        let (mut grey, mut scratch) = (Vec::new(), Vec::new());
+        let (mut grey, mut scratch) = (Level::default(), Vec::new());
         for cpu in CpuLevel::supported() {
             assert!(reduction.reduce(cpu, &plane.into(), &mut grey, &mut scratch));
-            for (y, x) in [(0, 0), (1, 0), (0, 959), (1, 480)] {
+            for (y, x) in [(0usize, 0usize), (1, 0), (0, 959), (1, 480)] {
                 let at = |dx, dy| u32::from(data[(2 * y + dy) * width + 2 * x + dx]);
                 let mean = (at(0, 0) + at(1, 0) + at(0, 1) + at(1, 1)) as f32 / 4.0;
-                assert!((grey[y * 960 + x] - mean).abs() < 1e-4);
+                assert!((grey.pixel(x as i32, y as i32) - mean).abs() < 1e-4);
             }
         }
     }

@@ -21,7 +21,6 @@ const SHORTEST_SIDE: usize = 12;
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Pyramid {
     levels: Vec<Level>,
-    grey: Vec<f32>,
     scratch: Vec<f32>,
     filled: bool,
 }
@@ -90,14 +89,12 @@ impl Reducer {
     /// Fills `pyramid` from a luma view. A view that is not of the full frame's size leaves the pyramid
     /// empty.
     pub fn build(&self, luma: &Luma<'_>, pyramid: &mut Pyramid) {
-        let (width, height) = self.reduction.size();
-        pyramid.filled = self.reduction.reduce(self.cpu, luma, &mut pyramid.grey, &mut pyramid.scratch);
+        pyramid.levels.resize_with(self.count, Level::default);
+        let Some((finest, _)) = pyramid.levels.split_first_mut() else { return };
+        pyramid.filled = self.reduction.reduce(self.cpu, luma, finest, &mut pyramid.scratch);
         if !pyramid.filled {
             return;
         }
-        pyramid.levels.resize_with(self.count, Level::default);
-        let Some((finest, _)) = pyramid.levels.split_first_mut() else { return };
-        finest.fill(width, height, &pyramid.grey);
         for index in 1..self.count {
             if let Some([finer, coarser]) = pyramid.levels.get_mut(index - 1..=index) {
                 coarser.halve(self.cpu, finer);
