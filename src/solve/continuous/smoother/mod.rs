@@ -350,7 +350,7 @@ impl Continuous {
             SampledPath::new(&homographies, readout.time).ok().map(MotionPath::from)
         };
         let (path, expected) = if let Some(lean) = lean {
-            let path = sampled(&|place| lean.to_middle(place, self.radius))?;
+            let path = sampled(&|place| lean.homography(place, self.radius))?;
             (path, Expected::of_lean(&lean, self.size, self.radius / scale))
         } else {
             let path = sampled(&self.to_middle(leading, stamp))?;

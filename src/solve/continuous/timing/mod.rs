@@ -107,7 +107,7 @@ impl Lean {
 
     /// The homography in centred pixels from a place along the axis to the middle of the readout, x − (p − ½)·l; `radius` is half
     /// the frame's width.
-    pub fn to_middle(&self, place: f64, radius: f64) -> Matrix3<f64> {
+    pub fn homography(&self, place: f64, radius: f64) -> Matrix3<f64> {
         let late = place - 0.5;
         let shift = self.at(Vector2::zeros()) * radius;
         let turn = late * self.roll.value;
