@@ -457,7 +457,8 @@ impl Continuous {
     /// Least standard deviation of an estimated readout ratio: that of the prior where frames may be stabilised or blends, as
     /// it cannot be estimated from them.
     fn least_deviation(&self, frame: usize) -> f64 {
-        let is_unseen = self.timing.contradicts_path(frame) || self.timing.found_of(frame).is_blended();
+        let axis = self.posterior.leading().setup.scan_axis;
+        let is_unseen = self.timing.contradicts_path(frame, axis) || self.timing.found_of(frame).is_blended();
         if is_unseen && !self.camera.is_known() { READOUT_BELIEF.1 } else { 0.0 }
     }
 

@@ -173,15 +173,16 @@ impl Timing {
         if frame < self.first { self.before } else { self.found }
     }
 
-    /// Whether a path does not tell how the frame with this number leans: it was moved after its readout, or may have been, or exposed
-    /// at another time.
-    pub fn contradicts_path(&self, frame: usize) -> bool {
-        self.found_of(frame).is_stabilised() || self.is_doubtful && frame >= self.first
+    /// Whether a path does not tell how the frame with this number leans along an axis: it was moved after its readout, or may have
+    /// been, or exposed at another time.
+    pub fn contradicts_path(&self, frame: usize, axis: ScanAxis) -> bool {
+        let is_in_doubt = self.is_doubtful && self.axis == Some(axis) && frame >= self.first;
+        self.found_of(frame).is_stabilised() || is_in_doubt
     }
 
     /// The lean, along this axis, of a frame of which no path tells it; `None` for other frames.
     pub fn lean(&self, frame: usize, axis: ScanAxis) -> Option<Lean> {
-        if !self.contradicts_path(frame) {
+        if !self.contradicts_path(frame, axis) {
             return None;
         }
         let first = self.pairs.front().map_or(0, |pair| pair.index);
