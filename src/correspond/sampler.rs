@@ -27,6 +27,10 @@ const COMMON_ERROR_FACTOR: f64 = 2.0;
 /// With fewer deviations than this the factor is 1.
 const MIN_DEVIATIONS: usize = 30;
 
+/// More points with confident flow than this are thinned out before they are registered, to every second one of the grid,
+/// as of a chessboard: no solver uses more matches of a pair.
+const MAX_POINTS: usize = 400;
+
 /// Bounds of the factor on the covariances.
 const MIN_COVARIANCE_FACTOR: f64 = 0.5;
 const MAX_COVARIANCE_FACTOR: f64 = 100.0;
@@ -129,8 +133,13 @@ impl Sampler {
         }
         self.gradients.fill(&self.displacements, grid.columns);
         let (displacements, gradients, cpu) = (&self.displacements, &self.gradients, self.cpu);
+        let is_thinned = displacements.iter().flatten().count() > MAX_POINTS;
+        let columns = grid.columns.max(1);
         self.found.par_iter_mut().enumerate().with_min_len(16).for_each(|(index, found)| {
             *found = grid.corner(index).and_then(|corner| {
+                if is_thinned && (index % columns + index / columns) % 2 == 1 {
+                    return None;
+                }
                 let displacement = displacements.get(index).copied().flatten()?;
                 let start = InitialEstimate {
                     corner,
@@ -140,7 +149,7 @@ impl Sampler {
                 polish(cpu, [from, to], &start, scale)
             });
         });
-        let factor = covariance_factor(&self.found, self.grid.columns, &mut self.deviations);
+        let factor = covariance_factor(&self.found, self.grid.columns, is_thinned, &mut self.deviations);
         let scaled =
             |found: &Correspondence| Correspondence { covariance: found.covariance * factor, ..*found };
         out.extend(self.found.iter().flatten().map(scaled));
@@ -165,18 +174,26 @@ impl Sampler {
 /// patches: the difference of a displacement from the mean of two opposite neighbours cancels all linear
 /// change. The smallest of the four pairs of opposite neighbours and the first decile over all points are
 /// used, to exclude depth edges.
-fn covariance_factor(found: &[Option<Correspondence>], columns: usize, deviations: &mut Vec<f64>) -> f64 {
+///
+/// The neighbours of a point on a chessboard lie diagonally, and two cells away along each axis.
+fn covariance_factor(
+    found: &[Option<Correspondence>],
+    columns: usize,
+    is_chessboard: bool,
+    deviations: &mut Vec<f64>,
+) -> f64 {
+    let apart = if is_chessboard { 2 } else { 1 };
     let at = |index: Option<usize>| found.get(index?)?.as_ref();
     let shift = |found: &Correspondence| found.to - found.from;
     deviations.clear();
     for (index, own) in found.iter().enumerate() {
         let Some(own) = own else { continue };
         let column = index % columns.max(1);
-        if column == 0 || column + 1 == columns {
+        if column < apart || column + apart >= columns {
             continue;
         }
         let mut squares = [f64::INFINITY; 4];
-        for (square, offset) in squares.iter_mut().zip([1, columns - 1, columns, columns + 1]) {
+        for (square, offset) in squares.iter_mut().zip([apart, columns - 1, apart * columns, columns + 1]) {
             if let (Some(before), Some(after)) = (at(index.checked_sub(offset)), at(Some(index + offset))) {
                 let difference = shift(own) - 0.5 * (shift(before) + shift(after));
                 let trace = before.covariance.trace() + after.covariance.trace();

@@ -136,7 +136,7 @@ fn sub_pixel_shifts_are_exact() {
         let shift = Point::new(shift.0, shift.1);
         let second = Frame::new(640, 480, |x| texture.grey(x - shift));
         let found = measure_frames(&first, &second);
-        assert_accurate(&format!("shift {shift:?}"), &errors(&found, |x| x + shift, 1.0), 700, 0.01, 0.02);
+        assert_accurate(&format!("shift {shift:?}"), &errors(&found, |x| x + shift, 1.0), 350, 0.01, 0.02);
     }
 }
 
@@ -151,7 +151,7 @@ fn reduced_frames_are_not_biased() {
         let second = Frame::new(width, height, |x| grey(x - shift));
         let found = measure_frames(&first, &second);
         let errors = errors(&found, |x| x + shift, scale);
-        assert_accurate(&format!("{width}×{height}"), &errors, 730, 0.02, 0.03);
+        assert_accurate(&format!("{width}×{height}"), &errors, 350, 0.02, 0.03);
     }
 }
 
@@ -167,7 +167,7 @@ fn rotation_is_followed() {
         let second = Frame::new(960, 540, |x| texture.grey(back(x)));
         let found = measure_frames(&first, &second);
         let errors = errors(&found, rotation(angle, centre, shift), 1.0);
-        assert_accurate(&format!("{degrees}°"), &errors, 520, 0.03, 0.1);
+        assert_accurate(&format!("{degrees}°"), &errors, 260, 0.03, 0.1);
     }
 }
 
@@ -180,7 +180,7 @@ fn a_large_shift_is_found_without_a_prediction() {
         let second = Frame::new(1024, 768, |x| texture.grey(x - shift));
         let found = measure_frames(&first, &second);
         let errors = errors(&found, |x| x + shift, 1024.0 / 960.0);
-        assert_accurate(&format!("shift {shift:?}"), &errors, 480, 0.03, 0.1);
+        assert_accurate(&format!("shift {shift:?}"), &errors, 240, 0.03, 0.1);
     }
 }
 
@@ -195,7 +195,7 @@ fn slow_changes_of_brightness_do_not_hide_a_shift() {
         128.0 + waves.sum::<f64>()
     };
     // Without reduction the waves are longer relative to a patch, and more points have too little texture.
-    for (width, height, least) in [(1280, 720, 600), (960, 540, 350)] {
+    for (width, height, least) in [(1280, 720, 300), (960, 540, 175)] {
         let first = Frame::new(width, height, grey);
         let shift = Point::new(22.4, -9.3);
         let second = Frame::new(width, height, |x| grey(x - shift));
@@ -215,7 +215,7 @@ fn a_shutter_that_rolls_is_followed() {
         let forth = |x: Point| Point::new(x.x + shift.x + slope * (x.y + shift.y), x.y + shift.y);
         let second = Frame::new(1024, 768, |x| texture.grey(back(x)));
         let errors = errors(&measure_frames(&first, &second), forth, 1024.0 / 960.0);
-        assert_accurate(&format!("slope {slope}"), &errors, 550, 0.03, 0.1);
+        assert_accurate(&format!("slope {slope}"), &errors, 275, 0.03, 0.1);
     }
 }
 
@@ -226,7 +226,7 @@ fn brightness_may_change() {
     let first = Frame::new(640, 480, |x| texture.grey(x));
     let second = Frame::new(640, 480, |x| 0.8 * texture.grey(x - shift) + 15.0);
     let found = measure_frames(&first, &second);
-    assert_accurate("gain and offset", &errors(&found, |x| x + shift, 1.0), 650, 0.01, 0.05);
+    assert_accurate("gain and offset", &errors(&found, |x| x + shift, 1.0), 325, 0.01, 0.05);
 }
 
 #[test]
@@ -239,9 +239,10 @@ fn errors_grow_with_noise_without_bias() {
         Frame::new(640, 480, |x| texture.grey(x - shift) + noise[x.y as usize * 640 + x.x as usize])
     };
     let found = measure_frames(&noisy(1, Point::zeros()), &noisy(2, shift));
-    assert_accurate("noise of 5 grey levels", &errors(&found, |x| x + shift, 1.0), 600, 0.2, 0.35);
+    assert_accurate("noise of 5 grey levels", &errors(&found, |x| x + shift, 1.0), 300, 0.2, 0.35);
     let mean = found.iter().map(|c| c.to - c.from - shift).sum::<Point>() / found.len() as f64;
-    assert!(mean.norm() < 0.03, "biased by {mean:?}");
+    // Four standard deviations of the mean of 350 errors of 0.19 pixels along each axis.
+    assert!(mean.norm() < 0.042, "biased by {mean:?}");
     // Two noises of 5 add up to 7.1; interpolation reduces it.
     let residual = found.iter().map(|c| f64::from(c.residual)).sum::<f64>() / found.len() as f64;
     assert!((5.5..7.5).contains(&residual), "residual {residual}");
@@ -310,8 +311,8 @@ fn both_of_two_motions_are_measured() {
         Frame::new(960, 540, |x| if is_front(x - fast) { front.grey(x - fast) } else { back.grey(x - slow) });
     let found = measure_frames(&first, &second);
     let (near, far): (Vec<_>, Vec<_>) = found.iter().partition(|c| is_front(c.from));
-    assert_accurate("fast third", &errors(&near, |x| x + fast, 1.0), 170, 0.03, 1.0);
-    assert_accurate("slow rest", &errors(&far, |x| x + slow, 1.0), 440, 0.03, 1.0);
+    assert_accurate("fast third", &errors(&near, |x| x + fast, 1.0), 85, 0.03, 1.0);
+    assert_accurate("slow rest", &errors(&far, |x| x + slow, 1.0), 220, 0.03, 1.0);
 }
 
 #[test]
@@ -327,7 +328,7 @@ fn a_repeated_texture_is_taken_where_it_is_expected() {
     sampler.build(&second.luma(), &mut b);
     let mut found = Vec::new();
     sampler.correspond(&a, &b, |x| x + Point::new(22.0, 0.0), &mut found);
-    assert_accurate("expected", &errors(&found, |x| x + shift, 1.0), 500, 0.03, 1.0);
+    assert_accurate("expected", &errors(&found, |x| x + shift, 1.0), 250, 0.03, 1.0);
     // An invalid prediction is one candidate of several.
     sampler.correspond(&a, &b, |x| x * f64::NAN, &mut found);
     sampler.correspond(&a, &b, |x| x * 1e300, &mut found);
@@ -350,7 +351,7 @@ fn an_alias_of_the_motion_is_refused() {
     let found = measure_frames(&first, &second);
     let worst = found.iter().map(|c| c.residual).fold(0.0, f32::max);
     assert!(worst < 1.0, "residual {worst}");
-    assert_accurate("all but repeated", &errors(&found, |x| x + shift, 1.0), 600, 0.01, 0.02);
+    assert_accurate("all but repeated", &errors(&found, |x| x + shift, 1.0), 300, 0.01, 0.02);
 }
 
 #[test]
@@ -364,7 +365,7 @@ fn all_levels_of_the_processor_measure_the_same() {
         measure(&first.luma(), &second.luma(), &mut sampler)
     };
     let scalar = run(CpuLevel::Scalar);
-    assert!(scalar.len() > 500);
+    assert!(scalar.len() > 250);
     // Fused multiplications of the flow round differently, which decides between displacements of equal
     // residual.
     for level in CpuLevel::supported() {
@@ -436,7 +437,7 @@ fn the_number_of_threads_changes_nothing() {
         pool.install(|| measure_frames(&first, &second))
     };
     let alone = run(1);
-    assert!(alone.len() > 500);
+    assert!(alone.len() > 250);
     assert_eq!(alone, run(3));
     assert_eq!(alone, run(8));
 }

@@ -382,7 +382,7 @@ fn inliers_are_some_of_the_correspondences_of_the_same_pair() {
         for (k, FrameSolution { inliers, correspondences, .. }) in solutions.iter().enumerate() {
             assert!(inliers <= correspondences, "{estimator:?} {k}: {inliers} of {correspondences}");
         }
-        assert!(solutions.iter().any(|solution| solution.inliers > 500));
+        assert!(solutions.iter().any(|solution| solution.inliers > 250));
     }
 }
 
@@ -413,7 +413,7 @@ fn kept_correspondences_separate_inliers_from_an_independently_moving_patch() {
             let fitted = || solution.fitted.iter();
             let inside: Vec<_> = fitted().filter(|one| near(one, 25.0)).collect();
             let outside: Vec<_> = fitted().filter(|one| !near(one, 60.0)).collect();
-            assert!(inside.len() > 20 && outside.len() > 400, "{} {}", inside.len(), outside.len());
+            assert!(inside.len() > 8 && outside.len() > 200, "{} {}", inside.len(), outside.len());
             let followed = outside.iter().filter(|one| one.is_inlier).count();
             assert!(followed > outside.len() * 9 / 10, "{followed} of {}", outside.len());
             assert!(inside.iter().all(|one| !one.is_inlier));
