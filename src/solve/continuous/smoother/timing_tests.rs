@@ -122,7 +122,7 @@ fn the_lean_of_stabilised_frames_is_told_from_its_changes() {
 }
 
 #[test]
-fn stabilised_frames_before_the_verdict_are_suspect() {
+fn stabilised_frames_before_the_verdict_are_in_doubt() {
     let film = Film { swings: FAST, ..Film::new(0.7, true) };
     let (stamps, solutions, _) = stabilised(&film);
     let early: Vec<_> =

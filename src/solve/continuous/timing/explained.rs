@@ -56,44 +56,34 @@ impl Explained {
     }
 }
 
+/// How many pairs say how the changes agree with the shifts.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Pairs {
+    /// Enough to tell parallax from γ.
+    Many,
+    /// Three at least, too few for that: parallax is neglected. The first and the last one are left out, as the velocities at the
+    /// ends have a neighbour on one side only.
+    Few,
+}
+
 /// The agreement of successive pairs whose frames have these stamps, one more than pairs; `noise` is the least variance
 /// of a change in squared radii. `None` if nothing is known.
-pub fn explained(pairs: &[LeanChange], stamps: &[f64], noise: f64) -> Option<Explained> {
-    agreement(pairs, &velocities(&shifts(pairs), stamps), noise, Beside::Parallax)
-}
-
-/// The same of few pairs, three at least: the first and the last one are left out, as velocities are uncertain at the ends, and
-/// so is parallax, which so few pairs do not tell from γ.
-pub fn explained_by_few(pairs: &[LeanChange], stamps: &[f64], noise: f64) -> Option<Explained> {
-    let velocities = velocities(&shifts(pairs), stamps);
-    let (inner, frames) = (pairs.get(1..pairs.len() - 1)?, velocities.get(1..pairs.len())?);
-    agreement(inner, frames, noise, Beside::Nothing)
-}
-
-fn shifts(pairs: &[LeanChange]) -> Vec<Vector2<f64>> {
-    pairs.iter().map(|pair| pair.shift).collect()
-}
-
-/// What may explain changes beside γ.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Beside {
-    Parallax,
-    Nothing,
-}
-
-/// The agreement of pairs whose frames, one more, have these velocities.
-fn agreement(
-    pairs: &[LeanChange],
-    velocities: &[Vector2<f64>],
-    noise: f64,
-    beside: Beside,
-) -> Option<Explained> {
+pub fn explained(pairs: &[LeanChange], stamps: &[f64], noise: f64, number: Pairs) -> Option<Explained> {
+    let shifts: Vec<Vector2<f64>> = pairs.iter().map(|pair| pair.shift).collect();
+    let velocities = velocities(&shifts, stamps);
+    let counted = match number {
+        Pairs::Many => 0..pairs.len(),
+        Pairs::Few => 1..pairs.len().checked_sub(1)?,
+    };
+    // One more frame than pairs.
+    let velocities = velocities.get(counted.start..=counted.end)?;
+    let pairs = pairs.get(counted)?;
     let mut variances: Vec<f64> =
         pairs.iter().flat_map(|pair| [pair.variance.x, pair.variance.y]).filter(|v| v.is_finite()).collect();
     let usual = median(&mut variances).max(noise);
     let mut all = Sums::default();
     for coordinate in 0..2 {
-        all += coordinate_sums(pairs, velocities, coordinate, usual, beside)?;
+        all += coordinate_sums(pairs, velocities, coordinate, usual, number)?;
     }
     let gamma = (all.cross / all.velocity).clamp(-1.0, 1.0);
     let rest = all.change - 2.0 * gamma * all.cross + gamma * gamma * all.velocity;
@@ -132,7 +122,7 @@ fn coordinate_sums(
     velocities: &[Vector2<f64>],
     coordinate: usize,
     usual: f64,
-    beside: Beside,
+    number: Pairs,
 ) -> Option<Sums> {
     let mut normal = Matrix4::zeros();
     let [mut by_change, mut by_velocity] = [Vector4::zeros(); 2];
@@ -152,7 +142,7 @@ fn coordinate_sums(
             velocity: velocity * velocity * weight,
         };
     }
-    if beside == Beside::Nothing {
+    if number == Pairs::Few {
         return Some(sums);
     }
     // A ridge, as of a still picture all terms but the first are 0.
@@ -218,13 +208,14 @@ mod tests {
 
     #[test]
     fn the_lean_of_frames_as_recorded_follows_from_their_shifts() {
-        let found = explained(&pairs(swing, |t| swing(t) * -0.7), &stamps(), NOISE).unwrap();
+        let found = explained(&pairs(swing, |t| swing(t) * -0.7), &stamps(), NOISE, Pairs::Many).unwrap();
         assert!(found.is_telling() && found.unexplained < 0.05, "{found:?}");
     }
 
     #[test]
     fn the_lean_of_steadied_frames_does_not() {
-        let found = explained(&pairs(|t| swing(t) * 0.05, |t| swing(t) * 0.7), &stamps(), NOISE).unwrap();
+        let found = explained(&pairs(|t| swing(t) * 0.05, |t| swing(t) * 0.7), &stamps(), NOISE, Pairs::Many)
+            .unwrap();
         assert!(found.is_telling() && found.unexplained > 0.7, "{found:?}");
     }
 
@@ -235,7 +226,12 @@ mod tests {
         for first in 0..8 {
             for count in 3..8 {
                 let of = |pairs: &[LeanChange]| {
-                    explained_by_few(&pairs[first..first + count], &stamps()[first..=first + count], NOISE)
+                    explained(
+                        &pairs[first..first + count],
+                        &stamps()[first..=first + count],
+                        NOISE,
+                        Pairs::Few,
+                    )
                 };
                 let [recorded, steadied] = [of(&recorded).unwrap(), of(&steadied).unwrap()];
                 assert!(recorded.unexplained < 0.3, "{first}, {count}: {recorded:?}");
@@ -245,7 +241,7 @@ mod tests {
                 );
             }
         }
-        assert_eq!(explained_by_few(&recorded[..2], &stamps()[..3], NOISE), None);
+        assert_eq!(explained(&recorded[..2], &stamps()[..3], NOISE, Pairs::Few), None);
     }
 
     #[test]
@@ -253,7 +249,8 @@ mod tests {
         // Of the frames at 0, 1, 3, 4, 6, … every third is missing.
         let exposed: Vec<f64> = (0..=COUNT).map(|index| (index + index / 2) as f64).collect();
         let seen = pairs_at(&exposed, swing, |t| swing(t) * 0.7);
-        let [right, wrong] = [exposed, stamps()].map(|stamps| explained(&seen, &stamps, NOISE).unwrap());
+        let [right, wrong] =
+            [exposed, stamps()].map(|stamps| explained(&seen, &stamps, NOISE, Pairs::Many).unwrap());
         assert!(right.unexplained < 0.1 && right.log_likelihood_over(&wrong) > 20.0, "{right:?}, {wrong:?}");
     }
 
@@ -261,13 +258,13 @@ mod tests {
     fn parallax_noise_and_fast_motions_say_nothing() {
         // The change of a shift that turns in a circle is proportional to its other coordinate.
         let circle = |t: f64| Vector2::new((TAU * t / 12.0).cos(), (TAU * t / 12.0).sin()) * 0.02;
-        let circular = explained(&pairs(circle, |t| circle(t) * 0.7), &stamps(), NOISE).unwrap();
+        let circular = explained(&pairs(circle, |t| circle(t) * 0.7), &stamps(), NOISE, Pairs::Many).unwrap();
         assert!(!circular.is_telling() && circular.unshared < 0.1, "{circular:?}");
-        let slight = explained(&pairs(swing, |t| swing(t) * 0.02), &stamps(), NOISE).unwrap();
+        let slight = explained(&pairs(swing, |t| swing(t) * 0.02), &stamps(), NOISE, Pairs::Many).unwrap();
         assert!(!slight.is_telling() && slight.signal < 30.0, "{slight:?}");
         let mut fast = pairs(swing, |t| swing(t) * 0.7);
         fast.iter_mut().for_each(|pair| pair.bend = 0.1);
-        assert!(!explained(&fast, &stamps(), NOISE).unwrap().is_telling());
+        assert!(!explained(&fast, &stamps(), NOISE, Pairs::Many).unwrap().is_telling());
     }
 
     #[test]
@@ -275,6 +272,6 @@ mod tests {
         let still = |_| Vector2::zeros();
         let mut pairs = pairs(still, still);
         pairs.iter_mut().for_each(|pair| pair.variance = Vector2::repeat(f64::INFINITY));
-        assert_eq!(explained(&pairs, &stamps(), NOISE), None);
+        assert_eq!(explained(&pairs, &stamps(), NOISE, Pairs::Many), None);
     }
 }

@@ -34,7 +34,7 @@ use crate::solve::continuous::data::{FramePair, ScanAxis};
 use crate::solve::frame_timing::{FrameTiming, Timeline};
 use blends::Blends;
 use curvature::Curvature;
-use explained::{Explained, explained, explained_by_few};
+use explained::{Explained, Pairs, explained};
 use lean::LeanChange;
 use nalgebra::{Matrix3, Vector2};
 use smoothed::{Change, Component, smoothed};
@@ -128,9 +128,6 @@ impl Lean {
         if share.is_finite() { share.max(0.0) } else { 0.0 }
     }
 }
-
-/// How leans agree with the stamps of their frames, by all pairs or by few.
-type Agreement = fn(&[LeanChange], &[f64], f64) -> Option<Explained>;
 
 #[derive(Clone, Debug)]
 struct TimedPair {
@@ -282,28 +279,31 @@ impl Timing {
         }
     }
 
-    /// Looks whether the path may not hold, while there are too few pairs for a verdict, or for that of another shot to lapse:
-    /// frames look as if they had been moved, or as if another timeline were likelier.
+    /// Looks whether the path may not hold, while there are too few pairs for a verdict, or for that of another shot to lapse.
     fn doubt(&mut self) {
         let is_open = !self.is_given && (self.carried.is_some() || self.found.stabilised.is_none());
-        self.is_doubtful = is_open && (MIN_DOUBT..MIN_PAIRS).contains(&self.pairs.len()) && {
-            let leans = self.leans();
-            let now = self.agreement(explained_by_few, &leans, self.found.timeline);
-            now.filter(Explained::is_telling).is_some_and(|now| {
-                let is_likelier =
-                    |other: Explained| other.log_likelihood_over(&now) + RETIMED_LOG_PRIOR > 0.0;
-                let other = self.likeliest_other(explained_by_few, &leans);
-                now.unexplained > STABILISED
-                    || now.unexplained > WELL_EXPLAINED && other.is_some_and(|(other, _)| is_likelier(other))
-            })
+        let are_few = (MIN_DOUBT..MIN_PAIRS).contains(&self.pairs.len());
+        self.is_doubtful = is_open && are_few && self.looks_moved_or_retimed();
+    }
+
+    /// Whether few pairs look as if frames had been moved, or as if another timeline were likelier.
+    fn looks_moved_or_retimed(&self) -> bool {
+        let leans = self.leans();
+        let is_retimed = |now: &Explained| {
+            let other = self.likeliest_other(Pairs::Few, &leans);
+            other.is_some_and(|(other, _)| other.log_likelihood_over(now) + RETIMED_LOG_PRIOR > 0.0)
         };
+        let now = self.agreement(Pairs::Few, &leans, self.found.timeline);
+        now.filter(Explained::is_telling).is_some_and(|now| {
+            now.unexplained > STABILISED || now.unexplained > WELL_EXPLAINED && is_retimed(&now)
+        })
     }
 
     /// The timeline, but the present one, that leaves least unexplained.
-    fn likeliest_other(&self, explained: Agreement, leans: &[LeanChange]) -> Option<(Explained, Timeline)> {
+    fn likeliest_other(&self, number: Pairs, leans: &[LeanChange]) -> Option<(Explained, Timeline)> {
         let intervals: Vec<f64> = self.pairs.iter().map(|pair| pair.stated).collect();
         let others = Timeline::candidates(&intervals).filter(|other| *other != self.found.timeline);
-        let tried = others.filter_map(|other| Some((self.agreement(explained, leans, other)?, other)));
+        let tried = others.filter_map(|other| Some((self.agreement(number, leans, other)?, other)));
         tried.min_by(|a, b| a.0.unexplained.total_cmp(&b.0.unexplained))
     }
 
@@ -313,7 +313,7 @@ impl Timing {
 
     fn judge(&mut self, gamma: f64) -> bool {
         let leans = self.leans();
-        let now = self.agreement(explained, &leans, self.found.timeline);
+        let now = self.agreement(Pairs::Many, &leans, self.found.timeline);
         let Some(now) = now.filter(Explained::is_telling) else {
             return false;
         };
@@ -324,7 +324,7 @@ impl Timing {
             self.conclude_recorded(gamma);
             return false;
         }
-        if let Some((better, timeline)) = self.likeliest_other(explained, &leans)
+        if let Some((better, timeline)) = self.likeliest_other(Pairs::Many, &leans)
             && better.unexplained < EXPLAINED
             && better.log_likelihood_over(&now) + RETIMED_LOG_PRIOR > DECISIVE_LOG_ODDS
         {
@@ -357,8 +357,8 @@ impl Timing {
         }
     }
 
-    fn agreement(&self, explained: Agreement, leans: &[LeanChange], timeline: Timeline) -> Option<Explained> {
-        explained(leans, &self.stamps(timeline), SLOPE_NOISE * self.noise)
+    fn agreement(&self, number: Pairs, leans: &[LeanChange], timeline: Timeline) -> Option<Explained> {
+        explained(leans, &self.stamps(timeline), SLOPE_NOISE * self.noise, number)
     }
 
     /// The stamps of the frames of all pairs.
