@@ -9,13 +9,10 @@ use crate::lanes::WordCpu;
 /// Candidates that differ by less than this along both axes, in pixels, converge to the same displacement.
 const SAME_CANDIDATE: f32 = 0.5;
 
-/// A bit for each patch of a group.
-const BITS: [u32; GROUP] = [1, 2, 4, 8, 16, 32, 64, 128];
-
 /// Of up to eight patches, one in each lane, the candidate displacements (pixels; x, y) that differ.
 pub(super) struct Candidates<C: WordCpu, const N: usize> {
     pub(super) shifts: [[C::Lanes; 2]; N],
-    /// A bit for each patch that has a candidate of this number; those that have fewer have the first ones.
+    /// A bit for each patch that has a candidate of this number; what the lanes of others hold is of no meaning.
     pub(super) active: [u32; N],
 }
 
@@ -25,7 +22,7 @@ impl<C: WordCpu, const N: usize> Candidates<C, N> {
     pub(super) fn distinct(cpu: C, count: usize, candidates: impl Fn(usize) -> [[f32; 2]; N]) -> Self {
         let mut shifts = [[[0.0; GROUP]; 2]; N];
         let mut active = [0; N];
-        for (k, bit) in BITS.into_iter().enumerate().take(count) {
+        for k in (0..GROUP).take(count) {
             let candidates = candidates(k);
             let mut count = 0;
             for (number, shift) in candidates.iter().enumerate() {
@@ -35,7 +32,7 @@ impl<C: WordCpu, const N: usize> Candidates<C, N> {
                 };
                 if !candidates.iter().take(number).any(is_same) {
                     (shifts[count][0][k], shifts[count][1][k]) = (shift[0], shift[1]);
-                    active[count] |= bit;
+                    active[count] |= 1 << k;
                     count += 1;
                 }
             }
@@ -116,13 +113,13 @@ impl CoarserCells<'_> {
                     cpu.above_floats(other, distance, x, furthest[0]),
                     cpu.above_floats(other, distance, y, furthest[1]),
                 ];
-                distance = cpu.above_floats(other, distance, other, distance);
+                distance = cpu.greater(other, distance);
             }
         }
         let [x, y] =
             [magnitude(cpu, furthest[0] - interpolated[0]), magnitude(cpu, furthest[1] - interpolated[1])];
         let mut others = 0;
-        for (k, apart) in cpu.store(cpu.above_floats(x, y, x, y)).into_iter().enumerate() {
+        for (k, apart) in cpu.store(cpu.greater(x, y)).into_iter().enumerate() {
             others |= u32::from(apart >= SAME_CANDIDATE) << k;
         }
         Candidates { shifts: [interpolated, furthest], active: [u32::MAX, others] }

@@ -60,8 +60,6 @@ struct CellKernel<'a> {
 impl RowKernel<Cell> for CellKernel<'_> {
     type Scratch<C: WordCpu> = ();
 
-    fn scratch<C: WordCpu>(_: C) {}
-
     #[inline(always)]
     fn fill<C: WordCpu>(&self, cpu: C, (): &mut (), row: usize, out: &mut [Cell]) {
         let means = self.own.means.get(row * self.own.columns..).unwrap_or_default();
@@ -158,8 +156,8 @@ impl<C: WordCpu> Tensor<C> {
         let (strong, weak) =
             (along(cpu, self.larger, variance, noise), along(cpu, self.smaller, variance, noise));
         // weak·I + (strong − weak)·e·eᵀ with e·eᵀ = (T − smaller·I)/(larger − smaller).
-        let (apart, least) = (self.larger - self.smaller, cpu.splat(f32::MIN_POSITIVE));
-        let share = cpu.divided(strong - weak, cpu.above_floats(apart, least, apart, least));
+        let apart = cpu.greater(self.larger - self.smaller, cpu.splat(f32::MIN_POSITIVE));
+        let share = cpu.divided(strong - weak, apart);
         [weak + share * (xx - self.smaller), share * xy, weak + share * (yy - self.smaller)]
     }
 }
@@ -167,8 +165,8 @@ impl<C: WordCpu> Tensor<C> {
 /// The information along the axis of an eigenvalue.
 #[inline(always)]
 fn along<C: WordCpu>(cpu: C, eigenvalue: C::Lanes, variance: C::Lanes, noise: f32) -> C::Lanes {
-    let (zero, excess) = (cpu.splat(0.0), eigenvalue - cpu.splat(0.5 * noise));
-    let signal = cpu.splat(AREA) * cpu.above_floats(excess, zero, excess, zero);
+    let excess = cpu.greater(eigenvalue - cpu.splat(0.5 * noise), cpu.splat(0.0));
+    let signal = cpu.splat(AREA) * excess;
     cpu.divided(signal, variance + cpu.splat(MIN_DEVIATION * MIN_DEVIATION) * signal)
 }
 

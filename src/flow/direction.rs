@@ -194,10 +194,8 @@ impl FlowDirection {
 /// Positions in pixels as positions among cells, from the first to the last.
 #[inline(always)]
 fn place<C: WordCpu>(cpu: C, at: C::Lanes, last: usize) -> C::Lanes {
-    let (half, zero, most) = (cpu.splat(0.5), cpu.splat(0.0), cpu.splat(last as f32));
-    let at = cpu.splat(1.0 / CELL as f32) * (at + half) - half;
-    let at = cpu.above_floats(at, most, most, at);
-    cpu.above_floats(zero, at, zero, at)
+    let half = cpu.splat(0.5);
+    cpu.clamped(cpu.splat(1.0 / CELL as f32) * (at + half) - half, 0.0, last as f32)
 }
 
 #[inline(always)]
@@ -208,10 +206,6 @@ fn blended<C: WordCpu>(cpu: C, [from, to]: [&[f32; GROUP]; 2], share: C::Lanes) 
 
 impl RowKernel<PatchFlow> for CoarseToFine<'_> {
     type Scratch<C: WordCpu> = PatchGroup<C>;
-
-    fn scratch<C: WordCpu>(cpu: C) -> PatchGroup<C> {
-        PatchGroup::new(cpu)
-    }
 
     #[inline(always)]
     fn fill<C: WordCpu>(&self, cpu: C, group: &mut PatchGroup<C>, row: usize, out: &mut [PatchFlow]) {
@@ -241,10 +235,6 @@ struct Propagation<'a> {
 
 impl RowKernel<PatchFlow> for Propagation<'_> {
     type Scratch<C: WordCpu> = PatchGroup<C>;
-
-    fn scratch<C: WordCpu>(cpu: C) -> PatchGroup<C> {
-        PatchGroup::new(cpu)
-    }
 
     #[inline(always)]
     fn fill<C: WordCpu>(&self, cpu: C, group: &mut PatchGroup<C>, row: usize, out: &mut [PatchFlow]) {
@@ -284,10 +274,6 @@ struct ConsensusTrial<'a> {
 
 impl RowKernel<PatchFlow> for ConsensusTrial<'_> {
     type Scratch<C: WordCpu> = PatchGroup<C>;
-
-    fn scratch<C: WordCpu>(cpu: C) -> PatchGroup<C> {
-        PatchGroup::new(cpu)
-    }
 
     #[inline(always)]
     fn fill<C: WordCpu>(&self, _: C, group: &mut PatchGroup<C>, row: usize, out: &mut [PatchFlow]) {
@@ -365,8 +351,6 @@ struct Overlap<'a> {
 
 impl RowKernel<Mean> for Overlap<'_> {
     type Scratch<C: WordCpu> = ();
-
-    fn scratch<C: WordCpu>(_: C) {}
 
     #[inline(always)]
     fn fill<C: WordCpu>(&self, cpu: C, (): &mut (), row: usize, out: &mut [Mean]) {

@@ -169,8 +169,8 @@ impl LevelPair<'_> {
     }
 }
 
-/// Finds a row of patches, each from the best of its candidates: those of the `count` patches from a column on.
-/// A later candidate must be clearly better than an earlier one.
+/// Finds a row of patches, each from the best of its candidates; `candidates(first, count)` are those of `count` patches from
+/// column `first` on. A later candidate must be clearly better than an earlier one.
 #[inline(always)]
 pub(super) fn find<C: WordCpu, const N: usize>(
     group: &mut PatchGroup<C>,
@@ -199,9 +199,10 @@ pub(super) fn find<C: WordCpu, const N: usize>(
                 Some(best) => {
                     let there: [f32; GROUP] = std::array::from_fn(|k| (active >> k & 1) as f32);
                     let bounds = [cpu.load(&there), cpu.splat(0.5)];
-                    let none = Difference { total: cpu.splat(f32::INFINITY), ..next.difference };
-                    let next = Trial { difference: none, ..next }.or_where(cpu, bounds, next);
-                    best.or(cpu, next, pair.noise)
+                    // Infinite where a patch has no such candidate, so that none is taken.
+                    let total = chosen(cpu, bounds, next.difference.total, cpu.splat(f32::INFINITY));
+                    let difference = Difference { total, ..next.difference };
+                    best.or(cpu, Trial { difference, ..next }, pair.noise)
                 }
             });
         }

@@ -104,16 +104,12 @@ impl OcclusionFinder {
                 let mut last = NOWHERE;
                 for column in line {
                     let index = row * columns + column;
-                    // The cell above or below, in the row that was swept before.
-                    let there = before.map(|before| before * columns + column);
-                    let beyond =
-                        there.and_then(|there| self.neighbours.get(there)).map(|found| found[side + 2]);
+                    // The cell above or below, in the row that was swept before, or what that has found beyond.
+                    let across = before.map(|before| before * columns + column).and_then(|there| {
+                        self.neighbours.get(there).map(|found| confident(there, found[side + 2]))
+                    });
                     if let Some(neighbours) = self.neighbours.get_mut(index) {
-                        neighbours[side] = last;
-                        neighbours[side + 2] = NOWHERE;
-                        if let (Some(there), Some(beyond)) = (there, beyond) {
-                            neighbours[side + 2] = confident(there, beyond);
-                        }
+                        (neighbours[side], neighbours[side + 2]) = (last, across.unwrap_or(NOWHERE));
                     }
                     last = confident(index, last);
                 }
@@ -153,10 +149,6 @@ struct OcclusionKernel<'a> {
 
 impl RowKernel<Option<[f32; 2]>> for OcclusionKernel<'_> {
     type Scratch<C: WordCpu> = PatchGroup<C>;
-
-    fn scratch<C: WordCpu>(cpu: C) -> PatchGroup<C> {
-        PatchGroup::new(cpu)
-    }
 
     #[inline(always)]
     fn fill<C: WordCpu>(&self, _: C, group: &mut PatchGroup<C>, row: usize, out: &mut [Option<[f32; 2]>]) {

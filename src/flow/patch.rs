@@ -13,6 +13,7 @@
 //! instructions. These have the pixels of a row in the lanes; all that is computed from the sums has one patch in
 //! each lane, eight at a time.
 
+use super::rows::Scratch;
 use crate::lanes::rows::SampleRows;
 use crate::lanes::{FLOATS, WordCpu};
 use crate::pyramid::Level;
@@ -71,10 +72,10 @@ pub(super) struct Difference<C: WordCpu> {
     pub(super) total: C::Lanes,
 }
 
-impl<C: WordCpu> PatchGroup<C> {
+impl<C: WordCpu> Scratch<C> for PatchGroup<C> {
     /// A group to be filled by [`take`](Self::take).
     #[inline(always)]
-    pub(super) fn new(cpu: C) -> Self {
+    fn new(cpu: C) -> Self {
         let zero = cpu.splat(0.0);
         let rows = [zero; SIDE];
         Self {
@@ -89,7 +90,9 @@ impl<C: WordCpu> PatchGroup<C> {
             sums: [[zero; SUMS]; GROUP],
         }
     }
+}
 
+impl<C: WordCpu> PatchGroup<C> {
     /// Takes the patches of `level` whose top left pixels are `corners` (x, y), eight at most; `None` if one reaches
     /// beyond the border. `noise` is the noise variance of a pixel in squared grey levels: a central difference has
     /// half of it, which is added to both eigenvalues of the gradients' matrix, so that the step along an edge is
@@ -138,18 +141,18 @@ impl<C: WordCpu> PatchGroup<C> {
         let (sum_x, sum_y) = (half * sum_x, half * sum_y);
         let (mean_x, mean_y) = (sum_x * share, sum_y * share);
         let (xx, xy, yy) = (xx - mean_x * sum_x, xy - mean_x * sum_y, yy - mean_y * sum_y);
-        let energy = positive(cpu, self.total::<6>() - mean * sum);
+        let zero = cpu.splat(0.0);
+        let energy = cpu.greater(self.total::<6>() - mean * sum, zero);
         let (x, y) = (x - mean_x * sum, y - mean_y * sum);
         let share = cpu.divided(cpu.splat(1.0), energy + cpu.splat(f32::MIN_POSITIVE));
         let (a, b) = (x * share, y * share);
         self.shares = [cpu.splat(2.0) * a, cpu.splat(2.0) * b];
         self.energy = energy;
-        let (xx, xy, yy) = (positive(cpu, xx - a * x), xy - a * y, positive(cpu, yy - b * y));
+        let (xx, xy, yy) = (cpu.greater(xx - a * x, zero), xy - a * y, cpu.greater(yy - b * y, zero));
         self.tensor = [xx, xy, yy];
         let damping = cpu.splat(AREA * 0.5 * noise);
         let (a, d) = (xx + damping, yy + damping);
         let share = half * cpu.divided(cpu.splat(1.0), a * d - xy * xy);
-        let zero = cpu.splat(0.0);
         self.inverse = [(zero - d) * share, xy * share, (zero - a) * share];
         self.corners = [cpu.load(&at[0]), cpu.load(&at[1])];
         Some(())
@@ -270,14 +273,7 @@ pub(super) fn products<C: WordCpu>(
 /// The sum of squares of a quarter of a patch about the mean of the whole patch, from the sum and that about 0.
 #[inline(always)]
 fn about_mean<C: WordCpu>(cpu: C, square: C::Lanes, sum: C::Lanes, mean: C::Lanes) -> C::Lanes {
-    positive(cpu, square - mean * (cpu.splat(2.0) * sum - cpu.splat(0.25 * AREA) * mean))
-}
-
-/// The lanes that are positive, 0 in place of the others.
-#[inline(always)]
-fn positive<C: WordCpu>(cpu: C, lanes: C::Lanes) -> C::Lanes {
-    let zero = cpu.splat(0.0);
-    cpu.above_floats(lanes, zero, lanes, zero)
+    cpu.greater(square - mean * (cpu.splat(2.0) * sum - cpu.splat(0.25 * AREA) * mean), cpu.splat(0.0))
 }
 
 /// A row of samples, interpolated by `across` towards the next sample on the right. A function, because a
@@ -302,9 +298,7 @@ const ROUND: f32 = 1.5 * (1 << 23) as f32;
 /// by [`whole`], and fraction, 0 to 1.
 #[inline(always)]
 fn split<C: WordCpu>(cpu: C, at: C::Lanes, length: f32) -> ([f32; GROUP], [f32; GROUP]) {
-    let (least, most, round) = (cpu.splat(-(SIDE as f32)), cpu.splat(length), cpu.splat(ROUND));
-    let at = cpu.above_floats(at, most, most, at);
-    let at = cpu.above_floats(least, at, least, at);
+    let (at, round) = (cpu.clamped(at, -(SIDE as f32), length), cpu.splat(ROUND));
     let rounded = (at - cpu.splat(0.5)) + round;
     (cpu.store(rounded), cpu.store(at - (rounded - round)))
 }

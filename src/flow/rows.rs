@@ -7,13 +7,19 @@ use crate::lanes::dispatch::with_word_cpu;
 use crate::lanes::{Cpu, WordCpu};
 use crate::parallel::*;
 
+/// Memory that is made once and serves many rows.
+pub(super) trait Scratch<C> {
+    fn new(cpu: C) -> Self;
+}
+
+impl<C> Scratch<C> for () {
+    fn new(_: C) {}
+}
+
 /// A kernel that computes rows of results independently of each other.
 pub(super) trait RowKernel<T>: Sync {
     /// What one row leaves to be used again by another.
-    type Scratch<C: WordCpu>;
-
-    /// New scratch.
-    fn scratch<C: WordCpu>(cpu: C) -> Self::Scratch<C>;
+    type Scratch<C: WordCpu>: Scratch<C>;
 
     /// Fills a row. Must be `inline(always)` with everything it calls: functions that are not inlined are
     /// compiled for any CPU.
@@ -24,7 +30,7 @@ pub(super) trait RowKernel<T>: Sync {
 pub(super) fn fill<T: Send, K: RowKernel<T>>(cpu: CpuLevel, kernel: &K, across: usize, out: &mut [T]) {
     let rows = out.par_chunks_mut(across.max(1)).enumerate();
     with_word_cpu!(cpu, cpu => rows.for_each_init(
-        || K::scratch(cpu),
+        || Scratch::new(cpu),
         |scratch, (row, out)| cpu.vectorize(#[inline(always)] || kernel.fill(cpu, scratch, row, out)),
     ));
 }

@@ -40,8 +40,6 @@ struct SpreadKernel<'a>(&'a Level);
 impl RowKernel<f32> for SpreadKernel<'_> {
     type Scratch<C: WordCpu> = ();
 
-    fn scratch<C: WordCpu>(_: C) {}
-
     #[inline(always)]
     fn fill<C: WordCpu>(&self, cpu: C, (): &mut (), row: usize, out: &mut [f32]) {
         let y = row as i32 - OUTSIDE as i32;

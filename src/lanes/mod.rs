@@ -143,6 +143,20 @@ pub(crate) trait WordCpu: Cpu {
         lanes: Self::Lanes,
     ) -> Self::Lanes;
 
+    /// The lanes of `a` where they are greater than those of `b`, which stay elsewhere.
+    #[inline(always)]
+    fn greater(self, a: Self::Lanes, b: Self::Lanes) -> Self::Lanes {
+        self.above_floats(a, b, a, b)
+    }
+
+    /// The lanes limited to a range.
+    #[inline(always)]
+    fn clamped(self, lanes: Self::Lanes, least: f32, most: f32) -> Self::Lanes {
+        let (least, most) = (self.splat(least), self.splat(most));
+        let lanes = self.above_floats(lanes, most, most, lanes);
+        self.greater(least, lanes)
+    }
+
     /// Eight samples of 16 bits, little-endian, shifted right by `shift` bits.
     fn load_samples(self, bytes: &[u8; 2 * FLOATS], shift: u32) -> Self::Lanes;
 
