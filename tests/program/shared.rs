@@ -105,7 +105,7 @@ pub fn rsrectify(subcommand: &str) -> Command {
     command
 }
 
-/// Rectifies a clip, nothing of it but what the options say: no readout is sought. What it warns of.
+/// Rectifies a clip in one pass: the readout is sought while the frames come. Its warnings.
 pub fn fix(input: &Path, output: &Path, options: &[&str]) -> String {
     let mut command = rsrectify("fix");
     command.arg(input).arg("--output").arg(output).args(["--readout-time", "0", "--overwrite"]).args(options);
