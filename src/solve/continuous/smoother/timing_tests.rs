@@ -110,7 +110,8 @@ fn the_lean_of_stabilised_frames_is_told_from_its_changes() {
         let [mut left, mut whole, mut expected] = [0.0; 3];
         for (solution, stamp) in solutions.iter().zip(&stamps).skip(16) {
             let solution = solution.as_ref().unwrap();
-            assert!(solution.confidence > 0.0 && solution.confidence == solution.motion.weight());
+            // Of a small lean little is sure, and nothing may be applied.
+            assert_eq!(solution.confidence, solution.motion.weight());
             // The frames are moved by some pixels, and their leans with them.
             left += film.error(solution.motion.path(), *stamp).powi(2);
             whole += film.error(&MotionPath::STILL, *stamp).powi(2);

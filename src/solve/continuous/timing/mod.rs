@@ -17,7 +17,7 @@
 //! | `lean` | the change of the lean in a pair, and its variance |
 //! | `velocity` | velocities at the frames from the shifts between them |
 //! | `explained` | the share of the changes that the shifts do not explain |
-//! | `curvature` | the readout ratio from the curvature of frames, however they were placed |
+//! | `curvature` | the readout ratio from the curvature of frames, however they were placed, and whether they are leaned at all |
 //! | `smoothed` | the leans of frames from their changes, where they do not follow from shifts |
 //! | `timeline` | when frames were exposed: as stated, evenly, or with one of several missing |
 //! | `blends` | whether frames are blends of two exposures, by their sharpness |
@@ -37,8 +37,9 @@ use curvature::Curvature;
 use explained::{Explained, Pairs, explained};
 use lean::LeanChange;
 use nalgebra::{Matrix3, Vector2};
-use smoothed::{Change, Component, smoothed};
+use smoothed::{Change, Component, Series, smoothed};
 use std::collections::VecDeque;
+use velocity::velocities;
 
 /// Pairs that are judged together, and fewest of them. At the ends of fewer the velocities are uncertain.
 const PAIRS: usize = 30;
@@ -119,13 +120,10 @@ impl Lean {
         self.across.variance + self.along.variance + self.roll.variance * point.norm_squared()
     }
 
-    /// The share of the correction that is applied: it falls to 0 where half of the lean's variance is left.
-    pub fn share(&self) -> f64 {
-        let [left, all] =
-            [[self.across.variance, self.along.variance], [self.across.prior, self.along.prior]]
-                .map(|of| of.iter().sum::<f64>());
-        let share = 1.0 - 2.0 * left / all;
-        if share.is_finite() { share.max(0.0) } else { 0.0 }
+    /// Share of the mean square of the correction that is error, infinite if nothing is known.
+    pub fn error_share(&self) -> f64 {
+        let square = self.across.value.powi(2) + self.along.value.powi(2);
+        if square > 0.0 { (self.across.variance + self.along.variance) / square } else { f64::INFINITY }
     }
 }
 
@@ -185,18 +183,25 @@ impl Timing {
         let first = self.pairs.front().map_or(0, |pair| pair.index);
         let is_inside = (first..=first + self.pairs.len()).contains(&frame)
             && self.pairs.len() >= MIN_LEANS
-            && self.axis == Some(axis);
-        let component = |of: fn(&LeanChange) -> (f64, f64)| {
-            let change = |pair: &TimedPair| {
-                let (value, variance) = of(&pair.lean);
-                Change { value, variance }
-            };
-            let changes: Vec<Change> = self.pairs.iter().map(change).collect();
-            if is_inside { smoothed(&changes, frame - first) } else { Component::unknown(&changes) }
+            && self.axis == Some(axis)
+            && (self.is_given || self.curvature.shows_leans());
+        let shifts: Vec<Vector2<f64>> = self.pairs.iter().map(|pair| pair.lean.shift).collect();
+        let velocities = velocities(&shifts, &self.stamps(self.found_of(frame).timeline));
+        let series = |change: fn(&LeanChange) -> Change, velocity: fn(&Vector2<f64>) -> f64| Series {
+            changes: self.pairs.iter().map(|pair| change(&pair.lean)).collect(),
+            velocities: velocities.iter().map(velocity).collect(),
         };
-        let across = component(|lean| (lean.change.x, lean.variance.x));
-        let along = component(|lean| (lean.change.y, lean.variance.y));
-        let roll = component(|lean| (lean.roll, 0.5 * lean.variance.sum()));
+        let shifts = [
+            series(|lean| Change { value: lean.change.x, variance: lean.variance.x }, |velocity| velocity.x),
+            series(|lean| Change { value: lean.change.y, variance: lean.variance.y }, |velocity| velocity.y),
+        ];
+        // A stabiliser leaves no roll.
+        let roll = [series(|lean| Change { value: lean.roll, variance: 0.5 * lean.variance.sum() }, |_| 0.0)];
+        let ([across, along], [roll]) = if is_inside {
+            (smoothed(&shifts, frame - first), smoothed(&roll, frame - first))
+        } else {
+            (shifts.each_ref().map(Series::unknown), roll.each_ref().map(Series::unknown))
+        };
         Some(Lean { axis, across, along, roll })
     }
 
@@ -287,16 +292,20 @@ impl Timing {
     }
 
     /// Whether few pairs look as if frames had been moved, or as if another timeline were likelier.
-    fn looks_moved_or_retimed(&self) -> bool {
+    fn looks_moved_or_retimed(&mut self) -> bool {
         let leans = self.leans();
         let is_retimed = |now: &Explained| {
             let other = self.likeliest_other(Pairs::Few, &leans);
             other.is_some_and(|(other, _)| other.log_likelihood_over(now) + RETIMED_LOG_PRIOR > 0.0)
         };
         let now = self.agreement(Pairs::Few, &leans, self.found.timeline);
-        now.filter(Explained::is_telling).is_some_and(|now| {
-            now.unexplained > STABILISED || now.unexplained > WELL_EXPLAINED && is_retimed(&now)
-        })
+        let Some(now) = now.filter(Explained::is_telling) else { return false };
+        let contradicts =
+            now.unexplained > STABILISED || now.unexplained > WELL_EXPLAINED && is_retimed(&now);
+        if contradicts {
+            self.add_curvature(&leans);
+        }
+        contradicts
     }
 
     /// The timeline, but the present one, that leaves least unexplained.
@@ -305,6 +314,12 @@ impl Timing {
         let others = Timeline::candidates(&intervals).filter(|other| *other != self.found.timeline);
         let tried = others.filter_map(|other| Some((self.agreement(number, leans, other)?, other)));
         tried.min_by(|a, b| a.0.unexplained.total_cmp(&b.0.unexplained))
+    }
+
+    fn add_curvature(&mut self, leans: &[LeanChange]) {
+        let first = self.pairs.front().map_or(0, |pair| pair.index);
+        let stamps = self.stamps(self.found.timeline);
+        self.curvature.add(leans, first, &stamps);
     }
 
     fn leans(&self) -> Vec<LeanChange> {
@@ -317,9 +332,7 @@ impl Timing {
         let Some(now) = now.filter(Explained::is_telling) else {
             return false;
         };
-        let first = self.pairs.front().map_or(0, |pair| pair.index);
-        let stamps = self.stamps(self.found.timeline);
-        self.curvature.add(&leans, first, &stamps);
+        self.add_curvature(&leans);
         if now.unexplained < WELL_EXPLAINED {
             self.conclude_recorded(gamma);
             return false;

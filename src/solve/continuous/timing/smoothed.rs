@@ -2,44 +2,37 @@
 
 //! The leans of frames from their changes.
 //!
-//! Where frames were moved after their readout, the lean of one does not follow from its motion, but its changes are seen.
-//! Each component of the lean is taken as a Gaussian process over the frames,
+//! Where frames were moved after their readout, the lean of one does not follow from its motion, but its changes are seen, and
+//! a stabiliser leaves slow motions in the picture. So each component of the lean is taken as
 //!
-//! > lᵢ ~ GP(0, s²·m(|i − j|/L)),  yᵢ = lᵢ₊₁ − lᵢ + bᵢ + noise,  bᵢ ~ GP(0, q²·exp(−|i − j|/5)),
+//! > lᵢ = γ·vᵢ + rᵢ, rᵢ ~ GP(0, s²·m(|i − j|/L)), γ ~ N(0, ½²),
+//! >
+//! > yᵢ = lᵢ₊₁ − lᵢ + bᵢ + noise, bᵢ ~ GP(0, q²·exp(−|i − j|/5)),
 //!
-//! m the Matérn correlation of order 3/2, yᵢ the changes. A constant lean does not show: it is 0 by the prior. The slow
-//! strain b stands for parallax, which integrated would be a drift. s is 1.5 times the root mean square of the changes, which of
-//! hand-held footage is right within a factor of two; the length L is the likeliest of a few.
+//! v the velocity of the picture as it was placed, yᵢ the changes. A stabiliser moves a frame by no more than it crops, so r is
+//! the velocity of a stationary process, whose sum over many frames is nearly 0: with Matérn's correlation of order 5/2,
+//! m(d) = (1 + x − x²)·exp(−x), x = √5·d. The slow strain b stands for parallax, which integrated would be a drift. The length L is
+//! the likeliest of a few, s² that with which the changes have their mean square: 2s²·(1 − m(1/L)).
 
+use crate::solve::continuous::prior::READOUT_DEVIATION;
 use nalgebra::{DMatrix, DVector};
 
-/// Deviation of a lean over that of its changes.
-const SPREAD: f64 = 1.5;
-/// Deviation of the slow strain, over that of the changes and over that of the noise, of which the greater counts; the
-/// frames over which it changes. On rendered footage the errors of the changes have 0.07 (turning cameras) to 0.2
-/// (parallax) of their deviation and a correlation of 0.8 from one to the next.
-const STRAIN: f64 = 0.1;
-const STRAIN_OF_NOISE: f64 = 2.5;
+/// Lengths L in frames. With a longer one, 6 or 8, half as much again of a walker's lean is left.
+const LENGTHS: [f64; 5] = [1.0, 1.4, 2.0, 2.8, 4.0];
+/// Deviation of the slow strain, over that of the changes and over that of their noise, of which the greater counts; the
+/// frames over which it changes. On rendered footage the errors of the changes have 0.07 (turning cameras) to 0.2 (parallax)
+/// of the deviation of the changes, with parallax 4 to 8 times that of the noise, and a correlation of 0.8 from one to the next.
+const STRAIN: f64 = 0.07;
+const STRAIN_OF_NOISE: f64 = 8.0;
 const STRAIN_FRAMES: f64 = 5.0;
-/// Lengths L in frames.
-const LENGTHS: [f64; 4] = [1.0, 1.5, 3.0, 6.0];
 
-/// A component of the lean of a frame.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Component {
-    pub value: f64,
-    /// After the changes were seen.
-    pub variance: f64,
-    /// s², before.
-    pub prior: f64,
-}
-
-impl Component {
-    /// That of a frame that is not between the changes.
-    pub fn unknown(changes: &[Change]) -> Self {
-        let prior = Moments::of(changes).prior();
-        Self { value: 0.0, variance: prior, prior }
-    }
+/// A component of the leans of successive frames, as it is seen.
+#[derive(Clone, Debug)]
+pub struct Series {
+    /// From one frame to the next.
+    pub changes: Vec<Change>,
+    /// Velocity of the picture at each frame, one more than changes.
+    pub velocities: Vec<f64>,
 }
 
 /// A change from one frame to the next, and its variance; infinite if it is unknown.
@@ -49,41 +42,40 @@ pub struct Change {
     pub variance: f64,
 }
 
-/// Mean square of the changes that are known, and of their noise.
-struct Moments {
-    square: f64,
-    noise: f64,
+/// A component of the lean of a frame, and its variance.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Component {
+    pub value: f64,
+    pub variance: f64,
 }
 
-impl Moments {
-    fn of(changes: &[Change]) -> Self {
-        let known = changes.iter().filter(|change| change.variance.is_finite());
+impl Series {
+    /// Mean square of the changes that are known, and of their noise.
+    fn mean_squares(&self) -> [f64; 2] {
+        let known = self.changes.iter().filter(|change| change.variance.is_finite());
         let count = known.clone().count().max(1) as f64;
         let square = known.clone().map(|change| change.value * change.value).sum::<f64>() / count;
-        Self { square, noise: known.map(|change| change.variance).sum::<f64>() / count }
+        [square, known.map(|change| change.variance).sum::<f64>() / count]
     }
 
-    /// s².
-    fn prior(&self) -> f64 {
-        SPREAD * SPREAD * self.square
+    /// The lean of a frame that is not between the changes.
+    pub fn unknown(&self) -> Component {
+        let variance = self.mean_squares()[0] * LENGTHS.map(spread).into_iter().fold(0.0, f64::max);
+        Component { value: 0.0, variance }
     }
 
-    /// q².
-    fn strain(&self) -> f64 {
-        (STRAIN * STRAIN * self.square).max(STRAIN_OF_NOISE * STRAIN_OF_NOISE * self.noise)
+    /// The changes that are known, by the frame before them.
+    fn known(&self) -> Vec<(usize, Change)> {
+        self.changes.iter().copied().enumerate().filter(|(_, change)| change.variance.is_finite()).collect()
     }
-}
 
-/// The component of the lean of the frame before the change numbered `frame`, or after the last one.
-pub fn smoothed(changes: &[Change], frame: usize) -> Component {
-    let moments = Moments::of(changes);
-    let [prior, strain] = [moments.prior(), moments.strain()];
-    let known: Vec<(usize, Change)> =
-        changes.iter().copied().enumerate().filter(|(_, change)| change.variance.is_finite()).collect();
-    let seen = DVector::from_iterator(known.len(), known.iter().map(|(_, change)| change.value));
-    let fits = LENGTHS.iter().filter_map(|length| {
-        // Covariance of the leans of two frames.
-        let covariance = |i: usize, j: usize| prior * correlation(i.abs_diff(j) as f64 / length);
+    /// Without γ·v; `None` if the changes contradict each other.
+    fn conditioned(&self, frame: usize, length: f64) -> Option<Conditioned> {
+        let [square, noise] = self.mean_squares();
+        let scale = square * spread(length);
+        let strain = (STRAIN * STRAIN * square).max(STRAIN_OF_NOISE * STRAIN_OF_NOISE * noise);
+        let known = self.known();
+        let covariance = |i: usize, j: usize| scale * correlation(i.abs_diff(j) as f64 / length);
         let with_change =
             |frame: usize, index: usize| covariance(frame, index + 1) - covariance(frame, index);
         let between = |a: usize, b: usize| {
@@ -93,23 +85,67 @@ pub fn smoothed(changes: &[Change], frame: usize) -> Component {
             with_change(i + 1, j) - with_change(i, j) + slow + own
         };
         let solved = DMatrix::from_fn(known.len(), known.len(), between).cholesky()?;
-        let weights = solved.solve(&seen);
+        let of_known = |of: &dyn Fn(usize, Change) -> f64| {
+            DVector::from_iterator(known.len(), known.iter().map(|(index, change)| of(*index, *change)))
+        };
+        let seen = of_known(&|_, change| change.value);
+        let turning = of_known(&|index, _| self.velocities[index + 1] - self.velocities[index]);
+        let own = of_known(&|index, _| with_change(frame, index));
+        let [by_seen, by_turning] = [solved.solve(&seen), solved.solve(&turning)];
         let determinant: f64 = solved.l_dirty().diagonal().iter().map(|root| root.ln()).sum();
-        let likelihood = -0.5 * seen.dot(&weights) - determinant;
-        let own =
-            DVector::from_iterator(known.len(), known.iter().map(|(index, _)| with_change(frame, *index)));
-        let value = own.dot(&weights);
-        let variance = (prior - own.dot(&solved.solve(&own))).max(0.0);
-        Some((likelihood, Component { value, variance, prior }))
-    });
-    let likeliest = fits.max_by(|a, b| a.0.total_cmp(&b.0));
-    likeliest.map_or_else(|| Component::unknown(changes), |(_, found)| found)
+        Some(Conditioned {
+            log_likelihood: -0.5 * seen.dot(&by_seen) - determinant,
+            cross: turning.dot(&by_seen),
+            information: turning.dot(&by_turning),
+            value: own.dot(&by_seen),
+            by_gamma: self.velocities[frame] - own.dot(&by_turning),
+            variance: (scale - own.dot(&solved.solve(&own))).max(0.0),
+        })
+    }
 }
 
-/// Matérn's correlation of order 3/2.
+/// A component of the lean of a frame, given the changes and γ: `value` + γ·`by_gamma`, with `variance`. Of γ
+/// the changes say `information`·γ = `cross`.
+struct Conditioned {
+    log_likelihood: f64,
+    cross: f64,
+    information: f64,
+    value: f64,
+    by_gamma: f64,
+    variance: f64,
+}
+
+/// The components of the lean of the frame before the change numbered `frame`, or after the last one; all have the same γ and the same
+/// length.
+pub fn smoothed<const N: usize>(series: &[Series; N], frame: usize) -> [Component; N] {
+    let fits = LENGTHS.into_iter().filter_map(|length| {
+        let all: Option<Vec<Conditioned>> =
+            series.iter().map(|component| component.conditioned(frame, length)).collect();
+        let all = all?;
+        let sum = |of: fn(&Conditioned) -> f64| all.iter().map(of).sum::<f64>();
+        let information = READOUT_DEVIATION.powi(-2) + sum(|one| one.information);
+        let gamma = sum(|one| one.cross) / information;
+        let likelihood =
+            sum(|one| one.log_likelihood) + 0.5 * (gamma * gamma * information - information.ln());
+        let component = |one: &Conditioned| Component {
+            value: one.value + gamma * one.by_gamma,
+            variance: one.variance + one.by_gamma * one.by_gamma / information,
+        };
+        Some((likelihood, std::array::from_fn(|index| component(&all[index]))))
+    });
+    let likeliest = fits.max_by(|a, b| a.0.total_cmp(&b.0));
+    likeliest.map_or_else(|| series.each_ref().map(Series::unknown), |(_, found)| found)
+}
+
+/// Variance of a lean over that of its changes.
+fn spread(length: f64) -> f64 {
+    0.5 / (1.0 - correlation(1.0 / length))
+}
+
+/// Correlation of the velocity of a process with Matérn's correlation of order 5/2.
 fn correlation(distance: f64) -> f64 {
-    let scaled = 3f64.sqrt() * distance;
-    (1.0 + scaled) * (-scaled).exp()
+    let scaled = 5f64.sqrt() * distance;
+    (1.0 + scaled - scaled * scaled) * (-scaled).exp()
 }
 
 #[cfg(test)]
@@ -117,36 +153,65 @@ mod tests {
     use super::*;
     use std::f64::consts::TAU;
 
-    fn changes(of: impl Fn(f64) -> f64, count: usize, variance: f64) -> Vec<Change> {
-        let at = |k: usize| of(k as f64);
-        (0..count).map(|k| Change { value: at(k + 1) - at(k), variance }).collect()
+    const VARIANCE: f64 = 1e-3;
+
+    /// Of this lean, 30 changes of a picture with this velocity.
+    fn series(lean: impl Fn(f64) -> f64, velocity: impl Fn(f64) -> f64) -> Series {
+        let change = |k: usize| Change { value: lean((k + 1) as f64) - lean(k as f64), variance: VARIANCE };
+        Series {
+            changes: (0..30).map(change).collect(),
+            velocities: (0..=30).map(|k| velocity(k as f64)).collect(),
+        }
+    }
+
+    fn found(series: Series, frame: usize) -> Component {
+        let [found] = smoothed(&[series], frame);
+        found
     }
 
     #[test]
     fn shake_is_found_from_its_changes() {
         let lean = |t: f64| 5.0 * (TAU * 0.21 * t).sin() + 3.0 * (TAU * 0.13 * t + 1.0).sin();
-        let changes = changes(lean, 30, 1e-3);
         for frame in [10, 18, 26] {
-            let found = smoothed(&changes, frame);
+            let found = found(series(lean, |_| 0.0), frame);
             let error = (found.value - lean(frame as f64)).abs();
             assert!(error < 1.2 && error < 2.0 * found.variance.sqrt(), "{frame}: {found:?}, {error}");
-            assert!(found.variance < 0.4 * found.prior, "{found:?}");
+            // The mean square of the lean is 17.
+            assert!(found.variance < 10.0, "{found:?}");
         }
     }
 
     #[test]
     fn a_constant_lean_and_a_slow_strain_do_not_show() {
-        let constant = smoothed(&changes(|_| 4.0, 30, 1e-3), 20);
+        let constant = found(series(|_| 4.0, |_| 0.0), 20);
         assert!(constant.value.abs() < 1e-9, "{constant:?}");
         let lean = |t: f64| 5.0 * (TAU * 0.21 * t).sin();
-        let strained = smoothed(&changes(|t| lean(t) + 0.3 * t, 30, 1e-3), 20);
+        let strained = found(series(|t| lean(t) + 0.3 * t, |_| 0.0), 20);
         assert!((strained.value - lean(20.0)).abs() < 1.5, "{strained:?}");
+    }
+
+    /// A stabiliser takes out the shake and leaves a slow motion: its lean is then told by the velocity that is left.
+    #[test]
+    fn what_of_the_motion_is_left_tells_the_slow_part_of_the_lean() {
+        let slow = |t: f64| 12.0 * (TAU * 0.025 * t + 0.5).sin();
+        let lean = |t: f64| 0.6 * (slow(t) + 5.0 * (TAU * 0.21 * t).sin());
+        let [mut with, mut without, mut whole] = [0.0; 3];
+        for frame in 2..29 {
+            let lean_of_frame = lean(frame as f64);
+            let error = |series: Series| (found(series, frame).value - lean_of_frame).powi(2);
+            with += error(series(lean, slow));
+            without += error(series(lean, |_| 0.0));
+            whole += lean_of_frame.powi(2);
+        }
+        assert!(with < 0.25 * without && with < 0.1 * whole, "{with}, {without} of {whole}");
     }
 
     #[test]
     fn without_changes_nothing_is_known() {
-        assert_eq!(smoothed(&[], 0), Component::default());
+        let none = Series { changes: Vec::new(), velocities: vec![0.0] };
+        assert_eq!(found(none, 0), Component::default());
         let unknown = Change { value: 3.0, variance: f64::INFINITY };
-        assert_eq!(smoothed(&[unknown; 8], 4).value, 0.0);
+        let unknown = Series { changes: vec![unknown; 8], velocities: vec![1.0; 9] };
+        assert_eq!(found(unknown, 4).value, 0.0);
     }
 }
