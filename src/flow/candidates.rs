@@ -117,7 +117,7 @@ impl CoarserCells<'_> {
             }
         }
         let [x, y] =
-            [magnitude(cpu, furthest[0] - interpolated[0]), magnitude(cpu, furthest[1] - interpolated[1])];
+            [cpu.magnitude(furthest[0] - interpolated[0]), cpu.magnitude(furthest[1] - interpolated[1])];
         let mut others = 0;
         for (k, apart) in cpu.store(cpu.greater(x, y)).into_iter().enumerate() {
             others |= u32::from(apart >= SAME_CANDIDATE) << k;
@@ -142,12 +142,6 @@ fn spread(line: &[f32; GROUP], places: [usize; GROUP]) -> [f32; GROUP] {
 fn between<C: WordCpu>(cpu: C, line: &[f32; GROUP]) -> C::Lanes {
     let [left, right] = [spread(line, [1, 1, 2, 2, 3, 3, 4, 4]), spread(line, [1, 2, 2, 3, 3, 4, 4, 5])];
     cpu.load(&left) + cpu.load(&right)
-}
-
-#[inline(always)]
-fn magnitude<C: WordCpu>(cpu: C, lanes: C::Lanes) -> C::Lanes {
-    let zero = cpu.splat(0.0);
-    cpu.above_floats(lanes, zero, lanes, zero - lanes)
 }
 
 #[inline(always)]

@@ -107,6 +107,12 @@ impl Cpu for Avx2 {
     fn root(self, a: Floats) -> Floats {
         Floats(avx2!(_mm256_sqrt_ps(a.0)))
     }
+
+    #[inline(always)]
+    fn magnitude(self, a: Floats) -> Floats {
+        // All bits but the sign.
+        Floats(avx2!(_mm256_andnot_ps(_mm256_set1_ps(-0.0), a.0)))
+    }
 }
 
 /// The columns of the 4 × 4 floats in either half of four registers.

@@ -41,7 +41,7 @@ mod tests {
         rows
     };
 
-    type Found = ([[f32; FLOATS]; FLOATS], [[f32; FLOATS]; 2], [f32; FLOATS], [f32; FLOATS]);
+    type Found = ([[f32; FLOATS]; FLOATS], [[f32; FLOATS]; 2], [[f32; FLOATS]; 3]);
 
     #[inline(always)]
     fn found<C: Cpu>(cpu: C) -> Found {
@@ -55,13 +55,15 @@ mod tests {
         }
         let [low, high] = cpu.halves(rows);
         let quotient = cpu.divided(rows[1], rows[2]);
-        (columns, [cpu.store(low), cpu.store(high)], cpu.store(quotient), cpu.store(cpu.root(rows[3])))
+        let magnitude = cpu.magnitude(rows[4] - rows[5]);
+        let others = [cpu.store(quotient), cpu.store(cpu.root(rows[3])), cpu.store(magnitude)];
+        (columns, [cpu.store(low), cpu.store(high)], others)
     }
 
     #[test]
     fn lanes_are_those_of_their_definition_on_all_levels() {
         for level in CpuLevel::supported() {
-            let (columns, [low, high], quotient, root) = with_word_cpu!(
+            let (columns, [low, high], [quotient, root, magnitude]) = with_word_cpu!(
                 level,
                 cpu => cpu.vectorize(#[inline(always)] || found(cpu))
             );
@@ -70,6 +72,7 @@ mod tests {
                 // Quarters are exact.
                 assert_eq!((low[k], high[k]), (row[..4].iter().sum(), row[4..].iter().sum()), "{level}");
                 assert_eq!((quotient[k], root[k]), (ROWS[1][k] / ROWS[2][k], ROWS[3][k].sqrt()), "{level}");
+                assert_eq!(magnitude[k], (ROWS[4][k] - ROWS[5][k]).abs(), "{level}");
             }
         }
     }

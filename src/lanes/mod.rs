@@ -71,6 +71,9 @@ pub(crate) trait Cpu: Copy {
 
     /// √a.
     fn root(self, a: Self::Lanes) -> Self::Lanes;
+
+    /// |a|.
+    fn magnitude(self, a: Self::Lanes) -> Self::Lanes;
 }
 
 /// Vectors of sixteen 16-bit integers besides, and what leads from them to floats and back.

@@ -107,6 +107,11 @@ impl Cpu for Neon {
     fn root(self, a: Floats) -> Floats {
         neon!(Floats(vsqrtq_f32(a.0), vsqrtq_f32(a.1)))
     }
+
+    #[inline(always)]
+    fn magnitude(self, a: Floats) -> Floats {
+        neon!(Floats(vabsq_f32(a.0), vabsq_f32(a.1)))
+    }
 }
 
 /// The columns of 4 × 4 floats.

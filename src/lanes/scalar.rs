@@ -72,6 +72,11 @@ impl Cpu for Scalar {
     fn root(self, Array(a): Array) -> Array {
         Array(a.map(f32::sqrt))
     }
+
+    #[inline(always)]
+    fn magnitude(self, Array(a): Array) -> Array {
+        Array(a.map(f32::abs))
+    }
 }
 
 /// Sixteen words.
