@@ -26,7 +26,7 @@
 //! |---|---|---|
 //! | reduce | 2.1 MB + 2.1 MB | 2.1 M vertical, 0.5 M horizontal |
 //! | halve | 2.8 MB + 0.7 MB | 2.8 M |
-//! | polish | in cache | 768 points × at most 5 samplings × 3.3 k = 13 M, and a template of 13 k operations |
+//! | polish | in cache | 768 points × at most 5 samplings × 3.5 k = 13 M, and a template of 15 k operations |
 
 mod certain;
 mod correspondence;

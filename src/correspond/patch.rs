@@ -1,15 +1,17 @@
 // SPDX-License-Identifier: MIT OR Apache-2.0
 
-//! Square patches of grey: sampling at sub-pixel positions, and sums.
-//!
-//! All functions are inlined into their callers, which are compiled once for each CPU level. No sum
-//! is reordered and no operations are fused, so that results are bit-exact across levels.
+//! Square patches of grey: sampling at sub-pixel positions, and sums. The pixels of a row are in the lanes.
 
+use crate::lanes::rows::SampleRows;
+use crate::lanes::{FLOATS, WordCpu};
 use crate::pyramid::Level;
 use nalgebra::{Matrix2, Vector2};
 
 /// Side of a patch in pixels.
 pub(super) const PATCH_SIDE: usize = 16;
+
+/// Vectors in a row of a patch.
+const PARTS: usize = PATCH_SIDE / FLOATS;
 
 /// Samples of a row that the cubic kernel reads for one row of a patch.
 const CUBIC_WIDTH: usize = PATCH_SIDE + 3;
@@ -17,22 +19,149 @@ const CUBIC_WIDTH: usize = PATCH_SIDE + 3;
 /// Samples in a row of a patch with a margin of one pixel.
 const WIDTH_WITH_MARGIN: usize = PATCH_SIDE + 2;
 
-/// A patch, row by row.
-pub(super) type PatchValues = [[f32; PATCH_SIDE]; PATCH_SIDE];
+/// The same in whole vectors.
+const SAMPLES_WIDTH: usize = WIDTH_WITH_MARGIN.next_multiple_of(FLOATS);
 
-/// A patch with a margin of one pixel, row by row.
-pub(super) type Samples = [[f32; WIDTH_WITH_MARGIN]; WIDTH_WITH_MARGIN];
+/// A patch with a margin of one pixel, row by row; the last samples of each row are of no meaning.
+pub(super) type Samples = [[f32; SAMPLES_WIDTH]; WIDTH_WITH_MARGIN];
 
-/// Sums over a sampled patch, for one step of the registration.
-pub(super) struct Sums {
-    /// ∑ template · patch.
+/// A number for each pixel of a patch, row by row.
+type Pixels<C> = [[C; PARTS]; PATCH_SIDE];
+
+/// The pixels of a patch of the first frame.
+#[derive(Clone, Copy)]
+pub(super) struct Block<C: WordCpu> {
+    /// Grey less `pivot`.
+    values: Pixels<C::Lanes>,
+    /// Differences of neighbours two pixels apart: twice the gradients.
+    gradient_x: Pixels<C::Lanes>,
+    gradient_y: Pixels<C::Lanes>,
+    /// A grey of the patch; subtracting it avoids cancellation in the sums of squares.
+    pub(super) pivot: f32,
+}
+
+/// Sums over a patch of the first frame: v its values, and d twice its gradients.
+pub(super) struct BlockSums {
+    /// ∑ v.
     pub(super) values: f32,
-    /// ∑ gradient · patch.
+    /// ∑ v².
+    pub(super) squares: f32,
+    /// ∑ d.
+    pub(super) gradients: Vector2<f32>,
+    /// ∑ d·v.
+    pub(super) products: Vector2<f32>,
+    /// ∑ d·dᵀ.
+    pub(super) tensor: Matrix2<f32>,
+}
+
+/// Sums over a patch of the second frame, for one step of the registration.
+pub(super) struct Sums {
+    /// ∑ v · patch.
+    pub(super) values: f32,
+    /// ∑ d · patch.
     pub(super) slope: Vector2<f32>,
     /// ∑ patch.
     pub(super) sum: f32,
     /// ∑ patch².
     pub(super) squares: f32,
+}
+
+impl<C: WordCpu> Block<C> {
+    /// A block to be filled by [`take`](Self::take).
+    #[inline(always)]
+    pub(super) fn new(cpu: C) -> Self {
+        let pixels = [[cpu.splat(0.0); PARTS]; PATCH_SIDE];
+        Self { values: pixels, gradient_x: pixels, gradient_y: pixels, pivot: 0.0 }
+    }
+
+    /// Takes the patch of these samples. It takes 32 × 18 instructions.
+    #[inline(always)]
+    pub(super) fn take(&mut self, cpu: C, samples: &Samples) -> Option<BlockSums> {
+        let rows =
+            SampleRows::<WIDTH_WITH_MARGIN, SAMPLES_WIDTH>::new(samples.as_flattened(), SAMPLES_WIDTH)?;
+        self.pivot = samples[PATCH_SIDE / 2][PATCH_SIDE / 2];
+        let (pivot, zero) = (cpu.splat(self.pivot), cpu.splat(0.0));
+        let (mut sums, mut squares) = ([zero; 8], zero);
+        for part in 0..PARTS {
+            let c = FLOATS * part;
+            for r in 0..PATCH_SIDE {
+                let value = cpu.load(rows.at(r + 1, c + 1)) - pivot;
+                let dx = cpu.load(rows.at(r + 1, c + 2)) - cpu.load(rows.at(r + 1, c));
+                let dy = cpu.load(rows.at(r + 2, c + 1)) - cpu.load(rows.at(r, c + 1));
+                self.values[r][part] = value;
+                (self.gradient_x[r][part], self.gradient_y[r][part]) = (dx, dy);
+                sums[0] = sums[0] + value;
+                sums[1] = sums[1] + dx;
+                sums[2] = sums[2] + dy;
+                sums[3] = cpu.fused(dx, value, sums[3]);
+                sums[4] = cpu.fused(dy, value, sums[4]);
+                sums[5] = cpu.fused(dx, dx, sums[5]);
+                sums[6] = cpu.fused(dx, dy, sums[6]);
+                sums[7] = cpu.fused(dy, dy, sums[7]);
+                squares = cpu.fused(value, value, squares);
+            }
+        }
+        let [values, x, y, by_x, by_y, xx, xy, yy] = totals(cpu, sums);
+        let [squares, ..] = totals(cpu, [squares, zero, zero, zero, zero, zero, zero, zero]);
+        Some(BlockSums {
+            values,
+            squares,
+            gradients: Vector2::new(x, y),
+            products: Vector2::new(by_x, by_y),
+            tensor: Matrix2::new(xx, xy, xy, yy),
+        })
+    }
+
+    /// Samples a patch of `level` with top left pixel `corner`, subtracts `bias`, and sums the products with this
+    /// one; `None` if the kernel leaves the image.
+    ///
+    /// The patch is never stored: each of its rows is summed at once. It takes 38 × 4 instructions along the rows, and
+    /// 32 × 9 down the columns and for the sums.
+    #[inline(always)]
+    pub(super) fn sample_sums(&self, cpu: C, level: &Level, corner: Vector2<f32>, bias: f32) -> Option<Sums> {
+        let whole = Vector2::new(corner.x.floor(), corner.y.floor());
+        let [width, height] = level.extent();
+        let margin = (PATCH_SIDE + 2) as f32;
+        let inside =
+            whole.x >= 1.0 && whole.y >= 1.0 && whole.x <= width - margin && whole.y <= height - margin;
+        if !inside {
+            return None;
+        }
+        let samples = level.from(whole.x as i32 - 1, whole.y as i32 - 1)?;
+        let rows = SampleRows::<CUBIC_WIDTH, CUBIC_WIDTH>::new(samples, level.stride())?;
+        let across = cubic_weights(cpu, corner.x - whole.x);
+        let down = cubic_weights(cpu, corner.y - whole.y);
+        let (bias, zero) = (cpu.splat(-bias), cpu.splat(0.0));
+        let mut sums = [zero; 5];
+        for part in 0..PARTS {
+            let column = FLOATS * part;
+            let mut first = interpolated(cpu, &rows, [0, column], &across);
+            let mut second = interpolated(cpu, &rows, [1, column], &across);
+            let mut third = interpolated(cpu, &rows, [2, column], &across);
+            for r in 0..PATCH_SIDE {
+                let fourth = interpolated(cpu, &rows, [r + 3, column], &across);
+                let grey = cpu.fused(down[0], first, bias);
+                let grey = cpu.fused(down[2], third, cpu.fused(down[1], second, grey));
+                let grey = cpu.fused(down[3], fourth, grey);
+                sums[0] = cpu.fused(self.values[r][part], grey, sums[0]);
+                sums[1] = cpu.fused(self.gradient_x[r][part], grey, sums[1]);
+                sums[2] = cpu.fused(self.gradient_y[r][part], grey, sums[2]);
+                sums[3] = sums[3] + grey;
+                sums[4] = cpu.fused(grey, grey, sums[4]);
+                (first, second, third) = (second, third, fourth);
+            }
+        }
+        let [a, b, c, d, e] = sums;
+        let [values, x, y, sum, squares, ..] = totals(cpu, [a, b, c, d, e, zero, zero, zero]);
+        Some(Sums { values, slope: Vector2::new(x, y), sum, squares })
+    }
+}
+
+/// Of eight vectors the sums over their lanes.
+#[inline(always)]
+fn totals<C: WordCpu>(cpu: C, sums: [C::Lanes; 8]) -> [f32; 8] {
+    let [low, high] = cpu.halves(sums);
+    cpu.store(low + high)
 }
 
 /// Weights of the cubic through four samples, at the fraction `t` between the middle two.
@@ -41,70 +170,43 @@ pub(super) struct Sums {
 /// error is 0.001 pixels, that of Catmull–Rom and of linear interpolation 0.01, which would be
 /// measured as motion.
 #[inline(always)]
-fn cubic_weights(t: f32) -> [f32; 4] {
+fn cubic_weights<C: WordCpu>(cpu: C, t: f32) -> [C::Lanes; 4] {
     let (a, b, c) = (t + 1.0, t - 1.0, t - 2.0);
-    [-t * b * c / 6.0, a * b * c / 2.0, -a * t * c / 2.0, a * t * b / 6.0]
+    let (ab, ct) = (a * b, c * t);
+    let (sixth, half) = (1.0 / 6.0, 0.5);
+    [
+        cpu.splat(-sixth * b * ct),
+        cpu.splat(half * ab * c),
+        cpu.splat(-half * a * ct),
+        cpu.splat(sixth * ab * t),
+    ]
 }
 
-/// Samples a patch with top left pixel `corner`, subtracts `bias`, and sums the products with `values`
-/// and `gradients`; `None` if the kernel leaves the image.
-///
-/// The patch is never stored: each of its rows is summed at once.
+/// Eight samples of a row from a column on, interpolated along it.
 #[inline(always)]
-pub(super) fn sample_sums(
-    level: &Level,
-    corner: Vector2<f32>,
-    bias: f32,
-    values: &PatchValues,
-    gradients: [&PatchValues; 2],
-) -> Option<Sums> {
-    let whole = Vector2::new(corner.x.floor(), corner.y.floor());
-    let last = Vector2::new(
-        level.width() as f32 - (PATCH_SIDE + 2) as f32,
-        level.height() as f32 - (PATCH_SIDE + 2) as f32,
-    );
-    let inside = whole.x >= 1.0 && whole.y >= 1.0 && whole.x <= last.x && whole.y <= last.y;
-    if !inside {
-        return None;
-    }
-    let across = cubic_weights(corner.x - whole.x);
-    let down = cubic_weights(corner.y - whole.y);
-    let (x, y) = (whole.x as i32 - 1, whole.y as i32 - 1);
-    let mut rows = [[0.0; PATCH_SIDE]; CUBIC_WIDTH];
-    for (r, row) in rows.iter_mut().enumerate() {
-        let source: &[f32; CUBIC_WIDTH] = level.from(x, y + r as i32)?.first_chunk()?;
-        for (c, value) in row.iter_mut().enumerate() {
-            *value = (across[0] * source[c] + across[1] * source[c + 1])
-                + (across[2] * source[c + 2] + across[3] * source[c + 3]);
-        }
-    }
-    // One sum per column, so that the additions of a row are independent.
-    let mut sums = [[0.0; PATCH_SIDE]; 5];
-    for r in 0..PATCH_SIDE {
-        let (value, [gradient_x, gradient_y]) = (&values[r], gradients.map(|gradient| &gradient[r]));
-        for c in 0..PATCH_SIDE {
-            let grey = (down[0] * rows[r][c] + down[1] * rows[r + 1][c])
-                + (down[2] * rows[r + 2][c] + down[3] * rows[r + 3][c])
-                - bias;
-            sums[0][c] += value[c] * grey;
-            sums[1][c] += gradient_x[c] * grey;
-            sums[2][c] += gradient_y[c] * grey;
-            sums[3][c] += grey;
-            sums[4][c] += grey * grey;
-        }
-    }
-    let [values, x, y, sum, squares] = sums.map(total);
-    Some(Sums { values, slope: Vector2::new(x, y), sum, squares })
+fn interpolated<C: WordCpu>(
+    cpu: C,
+    rows: &SampleRows<'_, CUBIC_WIDTH, CUBIC_WIDTH>,
+    [row, column]: [usize; 2],
+    [a, b, c, d]: &[C::Lanes; 4],
+) -> C::Lanes {
+    let sum = *a * cpu.load(rows.at(row, column));
+    let sum = cpu.fused(*b, cpu.load(rows.at(row, column + 1)), sum);
+    let sum = cpu.fused(*c, cpu.load(rows.at(row, column + 2)), sum);
+    cpu.fused(*d, cpu.load(rows.at(row, column + 3)), sum)
 }
 
-/// Columns that the first pass of [`sample_distorted`] produces for a patch of small distortion.
-const MIN_COLUMNS: usize = 24;
+/// Vectors that the first pass of [`sample_distorted`] produces for a row of small distortion.
+const MIN_VECTORS: usize = SAMPLES_WIDTH / FLOATS;
 
-/// Columns that the first pass of [`sample_distorted`] produces at most.
-const MAX_COLUMNS: usize = 40;
+/// Vectors that the first pass of [`sample_distorted`] produces at most.
+const MAX_VECTORS: usize = 5;
 
 /// Zero columns on either side, which a shrinking patch reads with weights of zero.
 const PADDING: usize = 12;
+
+/// The columns along a line, between those of the padding.
+type Columns = [f32; PADDING + MAX_VECTORS * FLOATS + PADDING];
 
 /// Allowed distance in x between neighbouring samples of a row, in pixels.
 const SPACING: std::ops::RangeInclusive<f32> = 0.5..=2.0;
@@ -114,37 +216,40 @@ const SPACING: std::ops::RangeInclusive<f32> = 0.5..=2.0;
 ///
 /// Two passes after Catmull and Smith: row r is first sampled down the columns, along the line on
 /// which its samples lie, then along that line. Both passes weight the pixels near the line by the hat
-/// function of their distance, which needs no gathers: of the order of 3 + 3 taps for each of 18 × 24
-/// samples, five operations each, 13 k operations in vectors.
+/// function of their distance, which needs no gathers: two or three taps of five instructions in each pass, for
+/// each of 18 × 3 vectors, some 1300 in all.
 #[inline(always)]
-pub(super) fn sample_distorted(
+pub(super) fn sample_distorted<C: WordCpu>(
+    cpu: C,
     level: &Level,
     first: Vector2<f32>,
     distortion: &Matrix2<f32>,
 ) -> Option<Samples> {
     let span = (WIDTH_WITH_MARGIN - 1) as f32;
-    let corners = [(0.0, 0.0), (span, 0.0), (0.0, span), (span, span)];
-    let last = Vector2::new(level.width() as f32 - 1.0, level.height() as f32 - 1.0);
-    let inside = corners.iter().all(|&(c, r)| {
+    let [width, height] = level.extent();
+    let mut inside = true;
+    for (c, r) in [(0.0, 0.0), (span, 0.0), (0.0, span), (span, span)] {
         let at = first + distortion * Vector2::new(c, r);
-        at.x >= 0.0 && at.y >= 0.0 && at.x < last.x && at.y < last.y
-    });
+        inside &= at.x >= 0.0 && at.y >= 0.0 && at.x < width - 1.0 && at.y < height - 1.0;
+    }
     let spacing = distortion.m11;
     if !inside || !SPACING.contains(&spacing) {
         return None;
     }
-    let columns = (span * spacing) as usize + 3;
-    let mut samples = [[0.0; WIDTH_WITH_MARGIN]; WIDTH_WITH_MARGIN];
+    let last_column = (span * spacing) as usize + 2;
+    let slope = distortion.m21 / spacing;
+    let (rises, growth) = (multiples(cpu, slope), multiples(cpu, spacing - 1.0));
+    let mut samples = [[0.0; SAMPLES_WIDTH]; WIDTH_WITH_MARGIN];
+    let mut columns = [0.0; PADDING + MAX_VECTORS * FLOATS + PADDING];
     for (r, row) in samples.iter_mut().enumerate() {
-        let start = first + distortion.column(1) * r as f32;
-        let line = SampleLine { start, slope: distortion.m21 / spacing, columns };
-        let mut middle = [0.0; PADDING + MAX_COLUMNS + PADDING];
-        if columns <= MIN_COLUMNS {
-            line.sample_down::<MIN_COLUMNS>(level, &mut middle);
+        let line = SampleLine { start: first + distortion.column(1) * r as f32, slope, last_column };
+        if last_column < MIN_VECTORS * FLOATS {
+            line.sample_down::<C, MIN_VECTORS>(cpu, level, &rises, &mut columns)?;
         } else {
-            line.sample_down::<MAX_COLUMNS>(level, &mut middle);
+            line.sample_down::<C, MAX_VECTORS>(cpu, level, &rises, &mut columns)?;
         }
-        *row = *sample_along(&middle, start.x - start.x.floor(), spacing).first_chunk()?;
+        let fraction = line.start.x - line.start.x.floor();
+        sample_along(cpu, &columns, fraction, span * (spacing - 1.0), &growth, row)?;
     }
     Some(samples)
 }
@@ -153,115 +258,94 @@ pub(super) fn sample_distorted(
 struct SampleLine {
     start: Vector2<f32>,
     slope: f32,
-    /// Whole columns that the line crosses.
-    columns: usize,
+    /// Number of the last whole column that the line crosses, counted from that left of its start.
+    last_column: usize,
 }
 
 impl SampleLine {
-    /// Samples the picture where the line crosses the columns, starting with the column left of its start.
+    /// Samples the picture where the line crosses the columns, starting with the column left of its start; `rises` are
+    /// the multiples of the slope.
     #[inline(always)]
-    fn sample_down<const W: usize>(&self, level: &Level, out: &mut [f32; PADDING + MAX_COLUMNS + PADDING]) {
+    fn sample_down<C: WordCpu, const VECTORS: usize>(
+        &self,
+        cpu: C,
+        level: &Level,
+        rises: &[C::Lanes; MAX_VECTORS],
+        out: &mut Columns,
+    ) -> Option<()> {
         let left = self.start.x.floor();
         let first = self.start.y - self.slope * (self.start.x - left);
-        let end = first + self.slope * (self.columns - 1) as f32;
+        let end = first + self.slope * self.last_column as f32;
         let top = first.min(end).floor();
         let taps = (first.max(end) - top) as usize + 2;
-        let mut sums = [0.0; W];
-        for tap in 0..taps {
-            let row = (top + tap as f32).clamp(0.0, level.height() as f32 - 1.0) as i32;
-            let pixels = padded::<W>(level, row, left as i32, self.columns);
-            let distance = first - top - tap as f32;
-            for (i, sum) in sums.iter_mut().enumerate() {
-                *sum += hat(distance + self.slope * i as f32) * pixels[i];
-            }
+        // Below and beside the picture there is a border, so that no row is too short.
+        let samples = level.from(left as i32, top as i32)?;
+        let mut sums = [cpu.splat(0.0); VECTORS];
+        let mut distance = first - top;
+        for row in samples.chunks(level.stride()).take(taps) {
+            add_tap(cpu, &mut sums, distance, rises, row.as_chunks::<FLOATS>().0.first_chunk::<VECTORS>()?);
+            distance -= 1.0;
         }
-        out[PADDING..PADDING + W].copy_from_slice(&sums);
+        let out = out.get_mut(PADDING..)?.as_chunks_mut::<FLOATS>().0;
+        for (out, sum) in out.iter_mut().zip(sums) {
+            *out = cpu.store(sum);
+        }
+        Some(())
     }
 }
 
-/// `W` pixels of a row of a level, starting at `left`; those past the first `count` are arbitrary.
+/// Samples at `fraction` + (1 + g)·c, counted from the end of the padding: `growth` has the multiples of g, and `most`
+/// is the last of them that counts.
 #[inline(always)]
-fn padded<const W: usize>(level: &Level, row: i32, left: i32, count: usize) -> [f32; W] {
-    let rest = level.from(left, row).unwrap_or(&[]);
-    if let Some(pixels) = rest.first_chunk() {
-        return *pixels;
-    }
-    let mut pixels = [0.0; W];
-    pixels.iter_mut().zip(rest).take(count).for_each(|(out, pixel)| *out = *pixel);
-    pixels
-}
-
-/// Samples at `fraction` + `spacing`·c, counted from the end of the padding.
-#[inline(always)]
-fn sample_along(
-    middle: &[f32; PADDING + MAX_COLUMNS + PADDING],
+fn sample_along<C: WordCpu>(
+    cpu: C,
+    columns: &Columns,
     fraction: f32,
-    spacing: f32,
-) -> [f32; MIN_COLUMNS] {
+    most: f32,
+    growth: &[C::Lanes; MAX_VECTORS],
+    out: &mut [f32; SAMPLES_WIDTH],
+) -> Option<()> {
     // Sample c lies at pixel c + offset; the offset starts at `fraction`.
-    let growth = (spacing - 1.0) * (MIN_COLUMNS - 1) as f32;
-    let (least, most) = (fraction + growth.min(0.0), fraction + growth.max(0.0));
-    let lowest = least.floor();
-    let taps = (most - lowest) as usize + 2;
-    let mut out = [0.0; MIN_COLUMNS];
+    let lowest = (fraction + most.min(0.0)).floor();
+    let taps = (fraction + most.max(0.0) - lowest) as usize + 2;
+    let first = (PADDING as f32 + lowest) as usize;
+    let mut sums = [cpu.splat(0.0); MIN_VECTORS];
     for tap in 0..taps {
-        let at = (PADDING as f32 + lowest) as usize + tap;
-        let Some(pixels) = middle.get(at..).and_then(|rest| rest.first_chunk::<MIN_COLUMNS>()) else { break };
-        let distance = fraction - lowest - tap as f32;
-        for (c, out) in out.iter_mut().enumerate() {
-            *out += hat(distance + (spacing - 1.0) * c as f32) * pixels[c];
-        }
+        let pixels = columns.get(first + tap..)?.as_chunks::<FLOATS>().0.first_chunk::<MIN_VECTORS>()?;
+        add_tap(cpu, &mut sums, fraction - lowest - tap as f32, growth, pixels);
     }
-    out
-}
-
-/// Weight of a pixel in linear interpolation, as a function of its distance.
-#[inline(always)]
-fn hat(distance: f32) -> f32 {
-    let weight = 1.0 - distance.abs();
-    if weight > 0.0 { weight } else { 0.0 }
-}
-
-/// Sum over all columns: pairwise, for a short dependency chain.
-#[inline(always)]
-fn total(sums: [f32; PATCH_SIDE]) -> f32 {
-    let mut eight = [0.0; PATCH_SIDE / 2];
-    for (i, eight) in eight.iter_mut().enumerate() {
-        *eight = sums[i] + sums[i + PATCH_SIDE / 2];
+    for (out, sum) in out.as_chunks_mut::<FLOATS>().0.iter_mut().zip(sums) {
+        *out = cpu.store(sum);
     }
-    let [a, b, c, d, e, f, g, h] = eight;
-    ((a + e) + (c + g)) + ((b + f) + (d + h))
+    Some(())
 }
 
+/// Adds pixels at the distances `first` + `more` from the samples, times their weights in linear interpolation.
 #[inline(always)]
-pub(super) fn dot(a: &PatchValues, b: &PatchValues) -> f32 {
-    let mut sums = [0.0; PATCH_SIDE];
-    for (a, b) in a.iter().zip(b) {
-        for c in 0..PATCH_SIDE {
-            sums[c] += a[c] * b[c];
-        }
-    }
-    total(sums)
-}
-
-/// Adds `factor` times `b` to `a`.
-#[inline(always)]
-pub(super) fn combine(a: &mut PatchValues, b: &PatchValues, factor: f32) {
-    for (a, b) in a.as_flattened_mut().iter_mut().zip(b.as_flattened()) {
-        *a += factor * b;
+fn add_tap<C: WordCpu, const VECTORS: usize>(
+    cpu: C,
+    sums: &mut [C::Lanes; VECTORS],
+    first: f32,
+    more: &[C::Lanes; MAX_VECTORS],
+    pixels: &[[f32; FLOATS]; VECTORS],
+) {
+    let (first, one, zero) = (cpu.splat(first), cpu.splat(1.0), cpu.splat(0.0));
+    for ((sum, more), pixels) in sums.iter_mut().zip(more).zip(pixels) {
+        let weight = cpu.greater(one - cpu.magnitude(first + *more), zero);
+        *sum = cpu.fused(weight, cpu.load(pixels), *sum);
     }
 }
 
-/// Subtracts the mean, and returns it.
+/// 0, 1, 2, … times a number.
 #[inline(always)]
-pub(super) fn remove_mean(a: &mut PatchValues) -> f32 {
-    let mut sums = [0.0; PATCH_SIDE];
-    for row in a.iter() {
-        for c in 0..PATCH_SIDE {
-            sums[c] += row[c];
-        }
+fn multiples<C: WordCpu>(cpu: C, factor: f32) -> [C::Lanes; MAX_VECTORS] {
+    let mut multiples = [cpu.load(&[0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0]); MAX_VECTORS];
+    for (k, multiple) in multiples.iter_mut().enumerate() {
+        *multiple = cpu.splat(factor) * (*multiple + cpu.splat((FLOATS * k) as f32));
     }
-    let mean = total(sums) / (PATCH_SIDE * PATCH_SIDE) as f32;
-    a.as_flattened_mut().iter_mut().for_each(|value| *value -= mean);
-    mean
+    multiples
 }
+
+#[cfg(test)]
+#[path = "patch_tests.rs"]
+mod tests;

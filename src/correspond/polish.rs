@@ -15,7 +15,7 @@
 use super::correspondence::{Correspondence, to_full};
 use super::patch::PATCH_SIDE;
 use super::template::{StoppingCriterion, Template};
-use crate::cpu::for_each_cpu;
+use crate::lanes::WordCpu;
 use crate::pyramid::Level;
 use nalgebra::{Matrix2, Vector2};
 
@@ -55,46 +55,56 @@ pub(super) struct InitialEstimate {
     pub(super) distortion: Matrix2<f32>,
 }
 
-for_each_cpu! {
-    /// Registers a point; `None` if its patch leaves the frame or is not found near the initial estimate.
-    pub(super) fn polish(levels: [&Level; 2], start: &InitialEstimate, scale: f64) -> Option<Correspondence> {
-        let [first, second] = levels;
-        let from = Vector2::new(start.corner.0 as f32, start.corner.1 as f32);
-        let back = start.distortion.try_inverse()?;
-        let template = Template::distorted(first, start.corner, &back, DAMPING)?;
-        let found = template.find(second, from + start.shift, STOPPING)?;
-        let distance = (found.corner - from - start.shift).norm();
-        // Also rejects NaN.
-        if !(distance <= MAX_DISTANCE_FROM_FLOW
-            && found.correlation >= MIN_CORRELATION
-            && template.texture >= 0.0)
-        {
-            return None;
-        }
-        let middle = 0.5 * (PATCH_SIDE as f32 - 1.0);
-        let centre = |corner: Vector2<f32>| to_full(corner.add_scalar(middle), scale);
-        let covariance = covariance(template.matrix, found.residual)?;
-        Some(Correspondence {
-            from: centre(from),
-            to: centre(found.corner),
-            texture: template.texture,
-            residual: found.residual,
-            covariance: covariance.map(f64::from) * (scale * scale),
-        })
+/// Registers a point; `None` if its patch leaves the frame or is not found near the initial estimate. `template` is
+/// scratch.
+#[inline(always)]
+pub(super) fn polish<C: WordCpu>(
+    template: &mut Template<C>,
+    [first, second]: [&Level; 2],
+    start: &InitialEstimate,
+    scale: f64,
+) -> Option<Correspondence> {
+    let from = Vector2::new(start.corner.0 as f32, start.corner.1 as f32);
+    let back = start.distortion.try_inverse()?;
+    template.take(first, start.corner, &back, DAMPING)?;
+    let found = template.find(second, from + start.shift, STOPPING)?;
+    let distance = (found.corner - from - start.shift).norm();
+    // Also rejects NaN.
+    if !(distance <= MAX_DISTANCE_FROM_FLOW
+        && found.correlation >= MIN_CORRELATION
+        && template.texture >= 0.0)
+    {
+        return None;
     }
+    let middle = 0.5 * (PATCH_SIDE as f32 - 1.0);
+    let covariance = covariance(template.matrix, found.residual)?;
+    Some(Correspondence {
+        from: to_full(from.add_scalar(middle), scale),
+        to: to_full(found.corner.add_scalar(middle), scale),
+        texture: template.texture,
+        residual: found.residual,
+        covariance: covariance.map(f64::from) * (scale * scale),
+    })
 }
 
 /// C in squared analysed pixels, from H (without damping) and the residual's standard deviation s.
+#[inline(always)]
 fn covariance(information: Matrix2<f32>, residual: f32) -> Option<Matrix2<f32>> {
     let variance = (residual * residual).max(MIN_RESIDUAL_VARIANCE);
-    let eigen = information.symmetric_eigen();
     let noise = (PATCH_SIDE * PATCH_SIDE) as f32 * 0.25 * variance;
-    let along = eigen.eigenvalues.map(|value| {
+    let along = |value: f32| {
         let own = (value - noise).max(0.1 * value).max(0.0);
         VARIANCE_FACTOR / (own / variance + 1.0 / (FLOW_DEVIATION * FLOW_DEVIATION))
             + MIN_DEVIATION * MIN_DEVIATION
-    });
-    let covariance = eigen.eigenvectors * Matrix2::from_diagonal(&along) * eigen.eigenvectors.transpose();
+    };
+    // The eigenvectors are those of H: C is linear in H, with the eigenvalues in their places.
+    let (xx, xy, yy) = (information.m11, information.m12, information.m22);
+    let (middle, half) = (0.5 * (xx + yy), (0.25 * (xx - yy) * (xx - yy) + xy * xy).sqrt());
+    let [low, high] = [along(middle - half), along(middle + half)];
+    let slope = if half > f32::EPSILON * middle { 0.5 * (high - low) / half } else { 0.0 };
+    let mean = 0.5 * (low + high);
+    let (across, beside) = (0.5 * slope * (xx - yy), slope * xy);
+    let covariance = Matrix2::new(mean + across, beside, beside, mean - across);
     covariance.iter().all(|value| value.is_finite()).then_some(covariance)
 }
 
@@ -113,5 +123,24 @@ mod tests {
             "{found}"
         );
         assert!(found.m12.abs() < 1e-6);
+    }
+
+    /// C = f(H) by the eigenvectors of H, for matrices of many directions and shapes.
+    #[test]
+    fn the_covariance_has_the_eigenvectors_of_the_gradients() {
+        for k in 0..100 {
+            let (angle, ratio) = (0.1 * k as f32, (k % 7) as f32 / 6.0);
+            let [long, short] = [angle.sin_cos(), (-angle.cos(), angle.sin())];
+            let [long, short] = [Vector2::new(long.1, long.0), Vector2::new(short.0, short.1)];
+            let long = long.normalize();
+            let short = Vector2::new(-long.y, long.x) * short.norm();
+            let information = long * long.transpose() * 4e4 + short * short.transpose() * (4e4 * ratio);
+            let found = covariance(information, 3.0).unwrap();
+            for (axis, value) in [(long, 4e4), (short, 4e4 * ratio)] {
+                let own = (value - 64.0 * 9.0f32).max(0.1 * value);
+                let expected = 1.0 / (own / 9.0 + 1.0 / (0.7 * 0.7)) + 0.02 * 0.02;
+                assert!((found * axis - axis * expected).norm() < 1e-3 * expected, "{k}: {found}");
+            }
+        }
     }
 }

@@ -6,8 +6,11 @@ use super::correspondence::{Correspondence, to_full};
 use super::distortion::{DisplacementGradients, GridDisplacement};
 use super::grid::{Grid, centre};
 use super::polish::{InitialEstimate, polish};
+use super::template::Template;
 use crate::cpu::CpuLevel;
 use crate::flow::{DenseFlow, FlowField};
+use crate::lanes::Cpu;
+use crate::lanes::dispatch::with_word_cpu;
 use crate::parallel::*;
 use crate::plane::Luma;
 use crate::pyramid::{Effort, Pyramid, Reducer, block_difference};
@@ -129,17 +132,23 @@ impl Sampler {
         }
         self.gradients.fill(&self.displacements, grid.columns);
         let (displacements, gradients, cpu) = (&self.displacements, &self.gradients, self.cpu);
-        self.found.par_iter_mut().enumerate().with_min_len(16).for_each(|(index, found)| {
-            *found = grid.corner(index).and_then(|corner| {
-                let displacement = displacements.get(index).copied().flatten()?;
-                let start = InitialEstimate {
-                    corner,
-                    shift: displacement.shift,
-                    distortion: gradients.distortion(cpu, index),
-                };
-                polish(cpu, [from, to], &start, scale)
-            });
-        });
+        let initial = |index: usize| {
+            let displacement = displacements.get(index).copied().flatten()?;
+            Some(InitialEstimate {
+                corner: grid.corner(index)?,
+                shift: displacement.shift,
+                distortion: gradients.distortion(cpu, index),
+            })
+        };
+        let found = self.found.par_iter_mut().enumerate().with_min_len(16);
+        with_word_cpu!(cpu, cpu => found.for_each_init(
+            || Template::new(cpu),
+            |template, (index, found)| {
+                *found = initial(index).and_then(|start| {
+                    cpu.vectorize(#[inline(always)] || polish(template, [from, to], &start, scale))
+                });
+            },
+        ));
         let factor = covariance_factor(&self.found, self.grid.columns, &mut self.deviations);
         let scaled =
             |found: &Correspondence| Correspondence { covariance: found.covariance * factor, ..*found };
