@@ -3,7 +3,7 @@
 //! Correspondences sample_flow from dense flow at the grid.
 
 use super::correspondence::{Correspondence, to_full};
-use super::distortion::{DisplacementGradients, GridDisplacement};
+use super::distortion::{Distortions, GridDisplacement};
 use super::grid::{Grid, centre};
 use super::polish::{InitialEstimate, polish};
 use super::template::Template;
@@ -43,7 +43,7 @@ pub struct Sampler {
     flow: DenseFlow,
     displacements: Vec<Option<GridDisplacement>>,
     found: Vec<Option<Correspondence>>,
-    gradients: DisplacementGradients,
+    distortions: Distortions,
     /// Scratch.
     deviations: Vec<f64>,
 }
@@ -93,7 +93,7 @@ impl Sampler {
             flow,
             displacements: vec![None; cells],
             found: vec![None; cells],
-            gradients: DisplacementGradients::default(),
+            distortions: Distortions::default(),
             deviations: Vec::new(),
         }
     }
@@ -130,14 +130,14 @@ impl Sampler {
         for (index, displacement) in self.displacements.iter_mut().enumerate() {
             *displacement = grid.corner(index).and_then(|corner| sample_flow(field, corner, scale));
         }
-        self.gradients.fill(&self.displacements, grid.columns);
-        let (displacements, gradients, cpu) = (&self.displacements, &self.gradients, self.cpu);
+        self.distortions.fill(self.cpu, &self.displacements, grid.columns);
+        let (displacements, distortions, cpu) = (&self.displacements, &self.distortions, self.cpu);
         let initial = |index: usize| {
             let displacement = displacements.get(index).copied().flatten()?;
             Some(InitialEstimate {
                 corner: grid.corner(index)?,
                 shift: displacement.shift,
-                distortion: gradients.distortion(cpu, index),
+                distortion: distortions.at(index),
             })
         };
         let found = self.found.par_iter_mut().enumerate().with_min_len(16);
