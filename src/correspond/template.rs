@@ -8,7 +8,7 @@
 //! made orthogonal to 1 and to T, so that ∑ g·T = 0 and the step is H⁻¹ ∑ g·I / a. Its fixed point
 //! does not depend on the gradient filter, a or b.
 //!
-//! One sampling of N × N pixels takes 4·N·(2N + 3) multiply-adds, its sums 5·N²: 3.5 k for N = 16, in 450
+//! One sampling of N × N pixels takes 4·N·(2N + 3) multiply-adds, its sums 5·N²: 3.5 k for N = 16, in some 800
 //! instructions.
 
 use super::patch::{Block, PATCH_SIDE, Sums, sample_distorted};
