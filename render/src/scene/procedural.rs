@@ -5,6 +5,7 @@
 use super::noise::{Noise, mix};
 use super::texture::{Colour, Texture};
 use rayon::prelude::*;
+use std::sync::{Mutex, PoisonError};
 
 /// What a surface is covered with.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -48,14 +49,14 @@ impl Pattern {
         }
     }
 
-    fn colour(self, noise: Noise, u: f32, v: f32, texel: f32) -> Colour {
+    fn colour(self, noise: Noise, shapes: &[Shape], u: f32, v: f32, texel: f32) -> Colour {
         match self {
             Self::Brick => brick(noise, u, v, texel),
             Self::Planks => planks(noise, u, v, texel),
             Self::Panels => panels(noise, u, v, texel),
             Self::Tiles => tiles(noise, u, v, texel),
             Self::Books => books(noise, u, v, texel),
-            Self::Collage => collage(noise, u, v, texel),
+            Self::Collage => collage(noise, shapes, u, v, texel),
             Self::Crate => crate_wood(noise, u, v, texel),
             Self::Cloth => cloth(noise, u, v),
         }
@@ -67,6 +68,7 @@ impl Pattern {
         let texel = 1.0 / size as f32;
         let noise = Noise::new(seed).fork(self as u32);
         let (coarse, fine) = (noise.fork(100), noise.fork(101));
+        let shapes: Vec<Shape> = (1..48).map(|number| Shape::new(noise, number)).collect();
         let octaves = size.ilog2();
         let pixel = |index: usize| {
             let (u, v) = ((index % size) as f32 + 0.5, (index / size) as f32 + 0.5);
@@ -75,15 +77,24 @@ impl Pattern {
             let detail = fine.fractal(u, v, 3..octaves, 0.8);
             let tint = coarse.fractal(u, v, 1..4, 0.7);
             let gain = (1.0 + 0.34 * detail + 0.25 * tint).clamp(0.15, 1.9);
-            self.colour(noise, u, v, texel).map(|channel| (channel * gain).clamp(0.0, 1.0))
+            self.colour(noise, &shapes, u, v, texel).map(|channel| (channel * gain).clamp(0.0, 1.0))
         };
         Texture::new(size, (0..size * size).into_par_iter().map(pixel).collect())
     }
 }
 
-/// The textures of all patterns for a seed, in the order of [`Pattern::ALL`].
+/// The textures of all patterns for a seed, in the order of [`Pattern::ALL`]. Those of the last seed are kept, as most scenes of a
+/// run have the same seed, and to make them takes seconds.
 pub fn bake_all(seed: u64) -> Vec<Texture> {
-    Pattern::ALL.iter().map(|pattern| pattern.bake(seed)).collect()
+    static LAST: Mutex<Option<(u64, Vec<Texture>)>> = Mutex::new(None);
+    // Held meanwhile, so that whoever else needs them does not make them too.
+    let mut last = LAST.lock().unwrap_or_else(PoisonError::into_inner);
+    let known = last.take().filter(|(other, _)| *other == seed);
+    let textures = known.map(|(_, textures)| textures);
+    let textures =
+        textures.unwrap_or_else(|| Pattern::ALL.iter().map(|pattern| pattern.bake(seed)).collect());
+    *last = Some((seed, textures.clone()));
+    textures
 }
 
 fn blend(a: Colour, b: Colour, share: f32) -> Colour {
@@ -176,22 +187,41 @@ fn books(noise: Noise, u: f32, v: f32, texel: f32) -> Colour {
     blend(blend([0.07, 0.06, 0.06], cover, spine), [0.55, 0.37, 0.2], board)
 }
 
-fn collage(noise: Noise, u: f32, v: f32, texel: f32) -> Colour {
+/// A disc or a bar of the collage.
+struct Shape {
+    is_disc: bool,
+    centre: [f32; 2],
+    radius: f32,
+    /// Sine and cosine of its angle.
+    turn: (f32, f32),
+    paint: Colour,
+}
+
+impl Shape {
+    fn new(noise: Noise, number: u32) -> Self {
+        let own = noise.fork(number);
+        Self {
+            is_disc: number.is_multiple_of(2),
+            centre: [own.cell(1, 0), own.cell(2, 0)],
+            radius: 0.03 + 0.14 * own.cell(3, 0) * own.cell(3, 1),
+            turn: (std::f32::consts::TAU * own.cell(4, 0)).sin_cos(),
+            paint: hue(own.cell(5, 0), 0.85, 0.25 + 0.75 * own.cell(6, 0)),
+        }
+    }
+}
+
+fn collage(noise: Noise, shapes: &[Shape], u: f32, v: f32, texel: f32) -> Colour {
     let mut colour = hue(noise.cell(0, 0), 0.18, 0.92);
-    for shape in 1..48 {
-        let own = noise.fork(shape);
+    for Shape { is_disc, centre, radius, turn: (sin, cos), paint } in shapes {
         let wrap = |t: f32| t - t.round();
-        let (x, y) = (wrap(u - own.cell(1, 0)), wrap(v - own.cell(2, 0)));
-        let radius = 0.03 + 0.14 * own.cell(3, 0) * own.cell(3, 1);
-        let (sin, cos) = (std::f32::consts::TAU * own.cell(4, 0)).sin_cos();
-        let distance = if shape % 2 == 0 {
+        let (x, y) = (wrap(u - centre[0]), wrap(v - centre[1]));
+        let distance = if *is_disc {
             radius - x.hypot(y)
         } else {
             let (along, across) = ((cos * x + sin * y).abs(), (cos * y - sin * x).abs());
             (2.0 * radius - along).min(0.35 * radius - across)
         };
-        let paint = hue(own.cell(5, 0), 0.85, 0.25 + 0.75 * own.cell(6, 0));
-        colour = blend(colour, paint, inside(distance, texel));
+        colour = blend(colour, *paint, inside(distance, texel));
     }
     colour
 }

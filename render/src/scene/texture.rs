@@ -5,6 +5,7 @@
 //! L. Williams, *Pyramidal parametrics*, SIGGRAPH 1983.
 
 use super::noise::split;
+use std::sync::Arc;
 
 /// A colour: red, green, blue; 0 is black, 1 is white.
 pub type Colour = [f32; 3];
@@ -19,7 +20,8 @@ type Texel = [u8; 4];
 /// A square picture that repeats over the plane, with its halved copies.
 #[derive(Clone, Debug)]
 pub struct Texture {
-    levels: Vec<Level>,
+    /// Shared by the scenes that have it.
+    levels: Arc<[Level]>,
 }
 
 #[derive(Clone, Debug)]
@@ -42,7 +44,7 @@ impl Texture {
             let half = level.halved();
             levels.push(half);
         }
-        Self { levels }
+        Self { levels: levels.into() }
     }
 
     /// The same texture with its contrast, the differences from its mean colour, scaled by `share`.
