@@ -6,6 +6,8 @@ mod clock;
 mod duplicates;
 mod engine;
 mod error;
+#[cfg(test)]
+mod film;
 mod settings;
 #[cfg(test)]
 mod sparse_tests;

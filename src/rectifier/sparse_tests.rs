@@ -3,7 +3,7 @@
 //! Streams with fewer frames than the nominal rate, or uneven ones: the number of unknowns follows the number
 //! of frames.
 
-use super::tests::{HEIGHT, PERIOD, VELOCITY, WIDTH, assert_velocity, frame, pops, push};
+use super::film::{HEIGHT, PERIOD, VELOCITY, WIDTH, assert_velocity, frame, pops, push};
 use super::*;
 use crate::readout::{ReadoutDirection, ReadoutTime};
 

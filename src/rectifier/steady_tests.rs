@@ -2,7 +2,7 @@
 
 //! Stabilisation of pictures whose motion is known in closed form.
 
-use super::tests::{HEIGHT, PERIOD, WIDTH, pops, push, texture};
+use super::film::{HEIGHT, PERIOD, WIDTH, pops, push, texture};
 use super::*;
 use crate::plane::{Plane, PlaneLayout, PlaneMut, SampleFormat};
 use crate::readout::{ReadoutDirection, ReadoutTime};

@@ -2,51 +2,13 @@
 
 //! The rectifier on pictures whose motion is known in closed form.
 
+use super::film::*;
 use super::*;
 use crate::motion::{FrameMotion, MotionPath};
 use crate::plane::{Plane, PlaneLayout, SampleFormat};
 use crate::readout::{ReadoutDirection, ReadoutTime};
 use nalgebra::Vector2;
 use proptest::prelude::*;
-
-pub(super) const WIDTH: usize = 320;
-pub(super) const HEIGHT: usize = 240;
-pub(super) const PERIOD: f64 = 0.04;
-
-/// Smooth, non-repetitive texture at three scales.
-pub(super) fn texture(x: f64, y: f64) -> f64 {
-    128.0
-        + 60.0 * noise(x / 4.0, y / 4.0)
-        + 60.0 * noise(x / 11.0, y / 11.0)
-        + 60.0 * noise(x / 31.0, y / 31.0)
-}
-
-/// Noise in −1 to 1 on the integer lattice, smoothly interpolated.
-fn noise(x: f64, y: f64) -> f64 {
-    let (column, row) = (x.floor(), y.floor());
-    let ease = |t: f64| t * t * t * (t * (6.0 * t - 15.0) + 10.0);
-    let (u, v) = (ease(x - column), ease(y - row));
-    let corner = |i: f64, j: f64| {
-        let mixed = ((column + i) * 127.1 + (row + j) * 311.7).sin() * 43758.5453;
-        2.0 * (mixed - mixed.floor()) - 1.0
-    };
-    let upper = corner(0.0, 0.0) * (1.0 - u) + corner(1.0, 0.0) * u;
-    let lower = corner(0.0, 1.0) * (1.0 - u) + corner(1.0, 1.0) * u;
-    upper * (1.0 - v) + lower * v
-}
-
-/// A frame that starts at `time` of a picture that moves by `velocity` px/s, read top to bottom over
-/// a whole period.
-pub(super) fn frame(time: f64, velocity: Vector2<f64>) -> Vec<u8> {
-    let pixels = (0..HEIGHT).flat_map(|row| (0..WIDTH).map(move |column| (row, column)));
-    pixels
-        .map(|(row, column)| {
-            let exposed = time + PERIOD * (row as f64 + 0.5) / HEIGHT as f64;
-            let at = Vector2::new(column as f64, row as f64) - velocity * exposed;
-            texture(at.x, at.y).round().clamp(0.0, 255.0) as u8
-        })
-        .collect()
-}
 
 const ESTIMATORS: [Estimator; 2] = [Estimator::Continuous, Estimator::Sequential];
 
@@ -65,24 +27,6 @@ fn rectifier(estimator: Estimator, lookahead: usize) -> Rectifier {
 /// How a frame is pushed, by whether it is marked as a duplicate.
 fn kind(is_known: bool) -> Duplicate {
     if is_known { Duplicate::Known } else { Duplicate::Detect }
-}
-
-pub(super) fn push(rectifier: &mut Rectifier, pixels: &[u8], time: f64, duplicate: Duplicate) {
-    let layout = PlaneLayout::packed(WIDTH, HEIGHT, SampleFormat::U8);
-    rectifier.push(&Luma::from(Plane::new(pixels, layout).unwrap()), Some(time), duplicate).unwrap();
-}
-
-pub(super) fn pops(rectifier: &mut Rectifier) -> Vec<FrameSolution> {
-    std::iter::from_fn(|| rectifier.pop()).collect()
-}
-
-pub(super) const VELOCITY: Vector2<f64> = Vector2::new(180.0, -60.0);
-
-pub(super) fn assert_velocity(solution: &FrameSolution, velocity: Vector2<f64>) {
-    let twist = solution.motion.path().mean_twist();
-    let off = (twist.velocity - velocity).norm() * PERIOD;
-    assert!(off < 0.1 && (twist.omega * PERIOD).abs() < 5e-4, "{off} px a frame off: {solution:?}");
-    assert!(solution.confidence > 0.9, "{solution:?}");
 }
 
 #[test]
