@@ -137,6 +137,9 @@ impl Film {
         for _ in 0..20 {
             let off = depth(point.normalize()) - point.norm();
             point += ray * off;
+            if off.abs() < 1e-12 {
+                break;
+            }
         }
         let ray = self.turn(to) * (point - self.place(to));
         centre + ray.xy() * (focal / ray.z)
@@ -163,7 +166,11 @@ impl Film {
             let mut to = from;
             for _ in 0..12 {
                 let arrives = second + readout.offset(to.x, to.y);
+                let before = to;
                 to = self.carry(from, exposed, arrives) + self.own(from, arrives) - self.own(from, exposed);
+                if (to - before).norm() < 1e-9 {
+                    break;
+                }
             }
             if from.y > (1.0 - self.fixed) * self.size()[1] as f64 {
                 to = from;
