@@ -19,9 +19,9 @@ use eval::systems::product::{self, Delay};
 use eval::two_frames;
 use render::cache::Cache;
 use render::changes::Changes;
-use render::footage::Footage;
+use render::footage::{Footage, Truth};
 use render::media;
-use render::sequence::{self, Settings};
+use render::sequence::{self, Sequence, Settings};
 use render::stats::{self, Stats, distances};
 use rsrectify::rectifier::{Effort, Estimator, FrameSolution};
 use std::path::PathBuf;
@@ -232,7 +232,7 @@ impl Place {
     fn footage(&self, settings: &Settings) -> Result<Footage> {
         let cache =
             self.cache.as_ref().map_or_else(Cache::in_default_folder, |folder| Ok(Cache::new(folder)))?;
-        cache.footage(settings, self.textures.as_deref())
+        cache.footage(settings, self.textures.as_deref(), Truth::Whole)
     }
 }
 
@@ -271,8 +271,8 @@ fn main() -> Result<()> {
         Command::Quick { record, cache } => {
             let cache = cache.map(Cache::new);
             quick::run(record, &|settings| match &cache {
-                Some(cache) => cache.footage(settings, None),
-                None => Footage::of_settings(settings),
+                Some(cache) => cache.footage(settings, None, Truth::Displacements),
+                None => Footage::render(Sequence::new(settings.clone()), Truth::Displacements),
             })
         }
         Command::Pairs { folder, shutter } => {

@@ -143,12 +143,13 @@ fn judge(footage: &Footage, index: usize, correction: &dyn Correction, sums: &mu
     let inner = |at: usize, length: usize| {
         (at as f64 + 0.5 - 0.5 * length as f64).abs() < 0.5 * INNER * length as f64
     };
+    let Some(global) = &truth.global else { return };
     let mask: Vec<bool> = (0..frame.width * frame.height)
         .map(|k| {
-            truth.visible[k] && inner(k % frame.width, frame.width) && inner(k / frame.width, frame.height)
+            global.visible[k] && inner(k % frame.width, frame.width) && inner(k / frame.width, frame.height)
         })
         .collect();
-    sums.decibels += psnr(&rectified(frame, correction).frame, &truth.global, &mask).unwrap_or(0.0);
+    sums.decibels += psnr(&rectified(frame, correction).frame, &global.picture, &mask).unwrap_or(0.0);
 }
 
 #[cfg(test)]

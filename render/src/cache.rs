@@ -7,13 +7,13 @@
 //! | file | what it holds |
 //! |---|---|
 //! | `frame_0000.png` … | the frames as they arrive |
-//! | `global_0000.png` … | the frames of a global shutter, named by the capture they belong to |
+//! | `global_0000.png` … | the frames of a global shutter, if wanted, named by the capture they belong to |
 //! | `truth.bin` | amplitudes, samples, masks and displacement maps, and a hash of each picture |
 //!
 //! `truth.bin` is written last and checked against its own hash: a folder without it, or with a picture
 //! that has changed, is damaged.
 
-use crate::footage::{Footage, FrameTruth};
+use crate::footage::{Footage, FrameTruth, GlobalView, Truth};
 use crate::scene::Frame;
 use crate::sequence::{Sequence, Settings};
 use crate::truth::{DisplacementMap, Sample};
@@ -66,7 +66,7 @@ struct Record {
 struct Known {
     /// Seen and true place, x and y each.
     samples: Vec<[f64; 4]>,
-    /// Eight pixels a byte, the first in the lowest bit.
+    /// Eight pixels a byte, the first in the lowest bit; none where the global shutter's frame is not wanted.
     visible: Vec<u8>,
     first: DisplacementMap,
     last: DisplacementMap,
@@ -80,7 +80,7 @@ impl Known {
         let byte = |pixels: &[bool]| pixels.iter().rev().fold(0, |byte, bit| byte << 1 | u8::from(*bit));
         Self {
             samples: truth.samples.iter().map(numbers).collect(),
-            visible: truth.visible.chunks(8).map(byte).collect(),
+            visible: truth.global.iter().flat_map(|global| global.visible.chunks(8)).map(byte).collect(),
             first: truth.first.clone(),
             last: truth.last.clone(),
             forward: truth.forward.clone(),
@@ -88,18 +88,19 @@ impl Known {
         }
     }
 
-    fn with(&self, global: Frame) -> FrameTruth {
+    fn with(&self, size: [usize; 2], global: Option<Frame>) -> FrameTruth {
         let sample =
             |[x, y, u, v]: &[f64; 4]| Sample { seen: Vector2::new(*x, *y), truth: Vector2::new(*u, *v) };
         let bits = self.visible.iter().flat_map(|byte| (0..8).map(move |bit| byte >> bit & 1 == 1));
+        let visible = bits.take(size[0] * size[1]).collect();
         FrameTruth {
+            size,
             samples: self.samples.iter().map(sample).collect(),
-            visible: bits.take(global.width * global.height).collect(),
             first: self.first.clone(),
             last: self.last.clone(),
             forward: self.forward.clone(),
             backward: self.backward.clone(),
-            global,
+            global: global.map(|picture| GlobalView { picture, visible }),
         }
     }
 }
@@ -126,15 +127,15 @@ impl Cache {
     /// # Errors
     /// If the textures or the cache's folder cannot be used, or where the settings ask for H.264 and it
     /// is not to be had.
-    pub fn footage(&self, settings: &Settings, textures: Option<&Path>) -> Result<Footage> {
-        let entry = self.folder.join(name(settings, textures)?);
-        if let Ok(footage) = read(&entry, settings, textures) {
+    pub fn footage(&self, settings: &Settings, textures: Option<&Path>, wanted: Truth) -> Result<Footage> {
+        let entry = self.folder.join(name(settings, textures, wanted)?);
+        if let Ok(footage) = read(&entry, settings, textures, wanted) {
             // The time of the last use is that of the truth's file.
             let touched = File::options().append(true).open(entry.join(TRUTH));
             touched.and_then(|file| file.set_modified(SystemTime::now())).ok();
             return Ok(footage);
         }
-        let footage = Footage::render(Sequence::with_textures(settings.clone(), textures)?)?;
+        let footage = Footage::render(Sequence::with_textures(settings.clone(), textures)?, wanted)?;
         self.keep(&entry, &footage).with_context(|| format!("cannot keep footage in {}", entry.display()))?;
         Ok(footage)
     }
@@ -189,10 +190,11 @@ impl Cache {
     }
 }
 
-/// The name of an entry: a hash of the settings, the renderer and the textures' files.
-fn name(settings: &Settings, textures: Option<&Path>) -> Result<String> {
+/// The name of an entry: a hash of the settings, the renderer, the textures' files, and whether the whole truth is wanted.
+fn name(settings: &Settings, textures: Option<&Path>, wanted: Truth) -> Result<String> {
     let mut hasher = blake3::Hasher::new();
     hasher.update(RENDERER.as_bytes());
+    hasher.update(&[u8::from(wanted == Truth::Whole)]);
     hasher.update(&serde_json::to_vec(settings)?);
     for path in textures.map(files).transpose()?.unwrap_or_default() {
         let bytes = fs::read(&path).with_context(|| format!("cannot read {}", path.display()))?;
@@ -257,7 +259,9 @@ fn write(folder: &Path, footage: &Footage) -> Result<()> {
         picture(frame_name(index), frame)?;
         let (capture, known) = (footage.captures[index], &footage.truth[index]);
         if let Entry::Vacant(place) = truth.entry(capture) {
-            picture(global_name(capture), &known.global)?;
+            if let Some(global) = &known.global {
+                picture(global_name(capture), &global.picture)?;
+            }
             place.insert(Known::of(known));
         }
     }
@@ -271,7 +275,7 @@ fn write(folder: &Path, footage: &Footage) -> Result<()> {
 ///
 /// # Errors
 /// If it is missing or damaged.
-fn read(folder: &Path, settings: &Settings, textures: Option<&Path>) -> Result<Footage> {
+fn read(folder: &Path, settings: &Settings, textures: Option<&Path>, wanted: Truth) -> Result<Footage> {
     let bytes = fs::read(folder.join(TRUTH))?;
     let (hash, bytes) = bytes.split_at_checked(32).context("a record that is cut off")?;
     ensure!(blake3::hash(bytes).as_bytes() == hash, "a damaged record");
@@ -287,7 +291,8 @@ fn read(folder: &Path, settings: &Settings, textures: Option<&Path>) -> Result<F
     let frames = (0..deliveries.len()).map(|index| picture(frame_name(index))).collect::<Result<_>>()?;
     let truth = deliveries.iter().map(|delivery| {
         let known = record.truth.get(&delivery.capture).context("a capture without truth")?;
-        Ok(known.with(picture(global_name(delivery.capture))?))
+        let global = (wanted == Truth::Whole).then(|| picture(global_name(delivery.capture)));
+        Ok(known.with([settings.width, settings.height], global.transpose()?))
     });
     let truth = truth.collect::<Result<_>>()?;
     let sequence = Sequence::with_amplitudes(settings.clone(), textures, record.amplitudes)?;
@@ -326,18 +331,21 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let cache = Cache::new(folder.path());
         let settings = Settings { fps: 25.0, frames: 7, timeline: Timeline::Blended(30.0), ..settings() };
-        let rendered = cache.footage(&settings, None).unwrap();
-        assert_same(&cache.footage(&settings, None).unwrap(), &rendered);
+        for wanted in [Truth::Whole, Truth::Displacements] {
+            let rendered = cache.footage(&settings, None, wanted).unwrap();
+            assert_same(&cache.footage(&settings, None, wanted).unwrap(), &rendered);
+            assert_eq!(rendered.truth[1].global.is_some(), wanted == Truth::Whole);
+        }
     }
 
     #[test]
     fn what_is_kept_comes_back_and_damage_is_repaired() {
         let folder = tempfile::tempdir().unwrap();
         let cache = Cache::new(folder.path().join("deep").join("cache"));
-        let rendered = Footage::render(Sequence::new(settings())).unwrap();
-        assert_same(&cache.footage(&settings(), None).unwrap(), &rendered);
+        let rendered = Footage::of_settings(&settings()).unwrap();
+        assert_same(&cache.footage(&settings(), None, Truth::Whole).unwrap(), &rendered);
         let [entry] = &entries(&cache)[..] else { panic!("one entry") };
-        assert_same(&read(entry, &settings(), None).unwrap(), &rendered);
+        assert_same(&read(entry, &settings(), None, Truth::Whole).unwrap(), &rendered);
         // Another picture of the same size is as damaged as half a file.
         let (frame, truth) = (entry.join("frame_0002.png"), entry.join(TRUTH));
         for damage in [0, 1, 2] {
@@ -346,9 +354,9 @@ mod tests {
                 1 => fs::write(&truth, &fs::read(&truth).unwrap()[..100]).unwrap(),
                 _ => fs::remove_file(&frame).unwrap(),
             }
-            assert!(read(entry, &settings(), None).is_err(), "{damage}");
-            assert_same(&cache.footage(&settings(), None).unwrap(), &rendered);
-            assert!(read(entry, &settings(), None).is_ok(), "{damage}");
+            assert!(read(entry, &settings(), None, Truth::Whole).is_err(), "{damage}");
+            assert_same(&cache.footage(&settings(), None, Truth::Whole).unwrap(), &rendered);
+            assert!(read(entry, &settings(), None, Truth::Whole).is_ok(), "{damage}");
         }
         assert_eq!(entries(&cache).len(), 1);
     }
@@ -412,7 +420,7 @@ mod tests {
     #[test]
     fn the_name_depends_on_settings_and_textures() {
         let folder = tempfile::tempdir().unwrap();
-        let named = |settings: &Settings| name(settings, Some(folder.path())).unwrap();
+        let named = |settings: &Settings| name(settings, Some(folder.path()), Truth::Whole).unwrap();
         let empty = named(&settings());
         assert_eq!(empty.len(), 64);
         assert_ne!(empty, named(&Settings { seed: 2, ..settings() }));

@@ -27,16 +27,34 @@ pub struct Footage {
     pub truth: Vec<FrameTruth>,
 }
 
+/// How much of the truth is wanted.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Truth {
+    /// Displacements and what a global shutter sees.
+    Whole,
+    /// Displacements alone: the picture of a global shutter takes as long to render as the frame.
+    Displacements,
+}
+
+/// What a global shutter sees.
+#[derive(Clone, Debug, PartialEq)]
+pub struct GlobalView {
+    /// Its frame.
+    pub picture: Frame,
+    /// For each pixel, row by row, whether the rolling shutter's frame shows what is seen there.
+    pub visible: Vec<bool>,
+}
+
 /// What is known of one frame.
 #[derive(Clone, Debug, PartialEq)]
 pub struct FrameTruth {
+    /// Width and height in pixels.
+    pub size: [usize; 2],
     /// Where every [`STEP`]th pixel belongs at the reference instant, where that can be judged. There are none of a
     /// frame that shows two instants at once: it is to be left as it is.
     pub samples: Vec<Sample>,
-    /// The frame that a global shutter sees at the reference instant.
-    pub global: Frame,
-    /// For each pixel of `global`, row by row, whether the frame shows what is seen there.
-    pub visible: Vec<bool>,
+    /// What a global shutter sees at the reference instant; `None` unless [`Truth::Whole`] was wanted.
+    pub global: Option<GlobalView>,
     /// To where points are at the first instant of the readout, every [`STEP`]th pixel.
     pub first: DisplacementMap,
     /// To where they are at its last instant.
@@ -49,13 +67,14 @@ pub struct FrameTruth {
 
 impl FrameTruth {
     /// The truth of a capture, and of its displacement to the captures shown before and after it.
-    fn of(sequence: &Sequence, capture: usize, before: Option<usize>, after: Option<usize>) -> Self {
+    fn of(sequence: &Sequence, capture: usize, [before, after]: [Option<usize>; 2], wanted: Truth) -> Self {
         let own = sequence.capture(capture);
         let to = |other: usize| own.displacement_to(&sequence.capture(other), STEP);
+        let global = || GlobalView { picture: sequence.global(capture), visible: own.visibility() };
         Self {
+            size: [sequence.settings.width, sequence.settings.height],
             samples: own.samples(STEP),
-            global: sequence.global(capture),
-            visible: own.visibility(),
+            global: (wanted == Truth::Whole).then(global),
             first: own.displacement_to_share(0.0, STEP),
             last: own.displacement_to_share(1.0, STEP),
             forward: after.map(to),
@@ -70,14 +89,14 @@ impl Footage {
     /// # Errors
     /// Where the settings ask for H.264 and it is not to be had.
     pub fn of_settings(settings: &Settings) -> Result<Self> {
-        Self::render(Sequence::new(settings.clone()))
+        Self::render(Sequence::new(settings.clone()), Truth::Whole)
     }
 
     /// Renders a sequence.
     ///
     /// # Errors
     /// Where the settings ask for H.264 and it is not to be had.
-    pub fn render(sequence: Sequence) -> Result<Self> {
+    pub fn render(sequence: Sequence, wanted: Truth) -> Result<Self> {
         let frames = sequence.frames()?.collect();
         let footage = Self::of(sequence, frames, Vec::new());
         let (sequence, captures) = (&footage.sequence, &footage.captures);
@@ -85,8 +104,9 @@ impl Footage {
         for run in footage.runs() {
             for (place, index) in run.iter().enumerate() {
                 let shown = |place: Option<usize>| Some(captures[*run.get(place?)?]);
-                let (before, after) = (shown(place.checked_sub(1)), shown(Some(place + 1)));
-                truth.insert(captures[*index], FrameTruth::of(sequence, captures[*index], before, after));
+                let neighbours = [shown(place.checked_sub(1)), shown(Some(place + 1))];
+                truth
+                    .insert(captures[*index], FrameTruth::of(sequence, captures[*index], neighbours, wanted));
             }
         }
         let truth = captures.iter().map(|capture| truth[capture].clone()).collect();
@@ -153,7 +173,7 @@ mod tests {
     use crate::sequence::{Timeline, named};
 
     fn footage(settings: Settings) -> Footage {
-        Footage::render(Sequence::new(Settings { width: 96, height: 72, ..settings })).unwrap()
+        Footage::of_settings(&Settings { width: 96, height: 72, ..settings }).unwrap()
     }
 
     fn phone(timeline: Timeline, cut: Option<usize>) -> Footage {

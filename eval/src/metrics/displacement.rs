@@ -19,8 +19,7 @@ pub fn left(truth: &[FrameTruth], corrections: &[Box<dyn Correction>]) -> Stats 
 pub fn worst_above_input(truth: &[FrameTruth], corrections: &[Box<dyn Correction>]) -> f64 {
     let above = |(truth, correction): (&FrameTruth, _)| {
         if truth.samples.is_empty() {
-            let size = [truth.global.width, truth.global.height];
-            return harm::added(size, std::slice::from_ref(correction)).rms;
+            return harm::added(truth.size, std::slice::from_ref(correction)).rms;
         }
         let left = left(std::slice::from_ref(truth), std::slice::from_ref(correction));
         left.rms - uncorrected(truth.samples.iter().copied()).rms

@@ -19,11 +19,12 @@ pub struct Likeness {
     pub ssim: f64,
 }
 
-/// Judges the picture that a correction makes of a frame; `None` where no pixel can be judged or the
-/// picture is the truth itself, which no number of dB says.
+/// Judges the picture that a correction makes of a frame; `None` where no pixel can be judged, the
+/// picture is the truth itself, which no number of dB says, or the footage is without pictures of the truth.
 pub fn likeness(footage: &Footage, frame: usize, correction: &dyn Correction) -> Option<Likeness> {
     let picture = rectified(&footage.frames[frame], correction).frame;
-    let (truth, mask) = (&footage.truth[frame].global, &footage.truth[frame].visible);
+    let global = footage.truth[frame].global.as_ref()?;
+    let (truth, mask) = (&global.picture, &global.visible);
     Some(Likeness {
         accuracy: colour::accuracy(&picture, truth, mask)?,
         psnr: colour::psnr(&picture, truth, mask).filter(|psnr| psnr.is_finite())?,

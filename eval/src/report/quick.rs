@@ -2,7 +2,7 @@
 
 //! A few minutes' check that nothing has become worse, in every kind of scene, against recorded figures.
 //!
-//! A figure is the displacement left in pixels (RMS) in one scene: rendering takes two thirds of the time. Its noise is what
+//! A figure is the displacement left in pixels (RMS) in one scene. Its noise is what
 //! another processor's kernels may change, and is recorded with it.
 
 use super::progress::Progress;

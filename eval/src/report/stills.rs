@@ -73,7 +73,9 @@ fn sheet(footage: &Footage, entries: &[Entry]) -> Result<RgbImage> {
         Ok(rectified(before, entry.solve(footage, &pairs)?.0[frame].as_ref()).frame)
     };
     let [after, compared] = [after(SHOWN[0])?, after(SHOWN[1])?];
-    let (truth, mask) = (&footage.truth[frame].global, &footage.truth[frame].visible);
+    let global =
+        footage.truth[frame].global.as_ref().context("footage without pictures of a global shutter")?;
+    let (truth, mask) = (&global.picture, &global.visible);
     let pictures = [
         picture(before),
         picture(&after),

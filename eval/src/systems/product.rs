@@ -112,7 +112,6 @@ pub fn carried(motion: &FrameMotion, pixel: Vector2<f64>) -> Vector2<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use render::sequence::Sequence;
     use rsrectify::motion::{MotionPath, Twist};
     use rsrectify::readout::{Readout, ReadoutDirection};
 
@@ -136,7 +135,7 @@ mod tests {
     fn every_frame_gets_its_motion() {
         let settings =
             sequence::Settings { width: 160, height: 120, frames: 5, ..sequence::named("btt_g085").unwrap() };
-        let footage = Footage::render(Sequence::new(settings)).unwrap();
+        let footage = Footage::of_settings(&settings).unwrap();
         for lookahead in [0, 3, 12] {
             let settings = super::settings(footage.settings(), Delay::True, Estimator::Continuous, lookahead);
             let solutions = solve(&footage, settings).unwrap();

@@ -165,7 +165,7 @@ mod tests {
     use super::*;
     use baselines::correspondences::{Source, of_run};
     use nalgebra::Vector2;
-    use render::sequence::{self, Sequence};
+    use render::sequence;
     use std::collections::HashSet;
 
     #[test]
@@ -180,7 +180,7 @@ mod tests {
     fn every_system_corrects_every_frame_by_a_finite_amount() {
         let settings =
             sequence::Settings { width: 160, height: 120, frames: 5, ..sequence::named("rot1_B40").unwrap() };
-        let footage = Footage::render(Sequence::new(settings)).unwrap();
+        let footage = Footage::of_settings(&settings).unwrap();
         let pairs: Vec<_> =
             footage.runs().iter().map(|run| of_run(&footage, run, Source::Exact).unwrap()).collect();
         for entry in all() {
@@ -197,7 +197,7 @@ mod tests {
     fn delay_0_is_told_as_a_readout_of_the_whole_period() {
         let settings =
             sequence::Settings { width: 160, height: 120, frames: 2, ..sequence::named("btt_g085").unwrap() };
-        let footage = Footage::render(Sequence::new(settings)).unwrap();
+        let footage = Footage::of_settings(&settings).unwrap();
         assert!((readout(&footage, Delay::Zero).time() - 1.0 / 30.0).abs() < 1e-12);
         assert!((readout(&footage, Delay::True).time() - 0.85 / 30.0).abs() < 1e-12);
     }
