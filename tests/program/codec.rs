@@ -3,7 +3,7 @@
 //! `rsrectify fix`: which encoder a clip gets, as ffprobe finds it in the file.
 
 use crate::content::Content;
-use crate::shared::{Folder, rsrectify};
+use crate::shared::{Folder, READOUT, rsrectify};
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
@@ -29,12 +29,7 @@ fn clip(folder: &Folder, name: &str, arguments: &str) -> PathBuf {
 
 fn fix(input: &Path, output: &Path, options: &[&str]) -> Output {
     let mut command = rsrectify("fix");
-    command
-        .arg(input)
-        .arg("--output")
-        .arg(output)
-        .args(["--readout-time", "16", "--overwrite"])
-        .args(options);
+    command.arg(input).arg("--output").arg(output).args(READOUT).arg("--overwrite").args(options);
     command.output().unwrap()
 }
 

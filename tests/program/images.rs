@@ -2,7 +2,7 @@
 
 //! Numbered images as clips, and as what is written.
 
-use crate::shared::{CLIP, Folder, rsrectify};
+use crate::shared::{CLIP, Folder, READOUT, rsrectify};
 use std::path::Path;
 use std::process::{Command, Output};
 
@@ -58,7 +58,7 @@ fn images_become_images_with_the_frames_of_the_film() {
         let from = below.join(format!("{number:04}.png"));
         std::fs::rename(from, below.join(format!("a 7%x {:03}.png", number + 98))).unwrap();
     }
-    let options = ["--readout-time", "20", "--fps", "30"];
+    let options = [&READOUT[..], &["--fps", "30"]].concat();
     let told = succeeds("fix", &[&["my 100% frames"], &options[..]].concat(), &folder);
     assert!(told.contains("images: 12 at 30 frames/s"), "{told}");
     let written = names(&folder, "my 100% frames-rectified");
@@ -86,7 +86,7 @@ fn images_become_images_with_the_frames_of_the_film() {
     // And the film as images, from 1 on.
     succeeds(
         "fix",
-        &["film.mkv", "--output", "again/%d.png", "--readout-time", "20", "--strength", "0"],
+        &[&["film.mkv", "--output", "again/%d.png", "--strength", "0"], &READOUT[..]].concat(),
         &folder,
     );
     assert!(
@@ -106,7 +106,11 @@ fn names_of(folder: &Path) -> Vec<String> {
 fn deep_images_stay_deep() {
     let folder = Folder::new("deep");
     images(&folder, "in", "%d.png", "rgb48be");
-    succeeds("fix", &["in", "--output", "out/%02d.png", "--strength", "0", "--readout-time", "20"], &folder);
+    succeeds(
+        "fix",
+        &[&["in", "--output", "out/%02d.png", "--strength", "0"], &READOUT[..]].concat(),
+        &folder,
+    );
     let [before, after] =
         ["in/%d.png", "out/%02d.png"].map(|name| frames(&folder.0, &["-i", name], "rgb48le"));
     assert!(before == after, "16 bits are not kept");
@@ -120,7 +124,7 @@ fn deep_images_stay_deep() {
     assert_eq!(kind("out/03.png").trim(), "rgb48be");
     // A film of 10 bits becomes images of 16.
     ffmpeg(&folder.0, &["-i", "in/%d.png", "-c:v", "ffv1", "-pix_fmt", "yuv420p10le", "film.mkv"]);
-    succeeds("fix", &["film.mkv", "--output", "ten/%d.png", "--readout-time", "20"], &folder);
+    succeeds("fix", &[&["film.mkv", "--output", "ten/%d.png"], &READOUT[..]].concat(), &folder);
     assert_eq!((kind("ten/1.png").trim(), names(&folder, "ten").len()), ("rgb48be", FRAMES));
 }
 
@@ -130,16 +134,17 @@ fn jpeg_and_tiff_are_read_and_their_times_are_those_of_the_rate() {
     images(&folder, "jpeg", "%d.jpg", "yuvj420p");
     images(&folder, "tiff", "%d.tiff", "rgb24");
     for below in ["jpeg", "tiff"] {
-        let told = succeeds("track", &[below, "--fps", "50", "--readout-time", "10"], &folder);
+        let told = succeeds("track", &[&[below, "--fps", "50"], &READOUT[..]].concat(), &folder);
         let lines: Vec<_> =
             told.lines().filter(|line| line.starts_with(|c: char| c.is_ascii_digit())).collect();
         assert_eq!(lines.len(), FRAMES, "{told}");
         assert!(lines[FRAMES - 1].starts_with("11,0.220000,"), "{told}");
         let told = succeeds("measure", &[below, "--json"], &folder);
         assert!(told.contains("25 frames/s, as --fps is not given"), "{told}");
-        succeeds("plot", &[below], &folder);
-        succeeds("show", &[below, "--readout-time", "10"], &folder);
-        succeeds("fix", &[below, "--readout-time", "10", "--output", &format!("{below}.mp4")], &folder);
+        succeeds("plot", &[&[below], &READOUT[..]].concat(), &folder);
+        succeeds("show", &[&[below], &READOUT[..]].concat(), &folder);
+        let output = format!("{below}.mp4");
+        succeeds("fix", &[&[below, "--output", &output], &READOUT[..]].concat(), &folder);
     }
     for name in ["jpeg-motion.svg", "jpeg-shown.mkv", "tiff-shown.mkv", "tiff.mp4"] {
         assert!(folder.names().contains(&name.to_owned()), "{name}: {:?}", folder.names());
@@ -179,7 +184,7 @@ fn images_that_are_no_clip_are_named() {
         (&[film, "--output", "new/%d.png", "--quality", "3"], 1, "neither --quality"),
         (&["there", "--output", "new/%d.png", "--frames", "1:3"], 1, "takes a file, not numbered images"),
     ] {
-        let result = run("fix", &[arguments, &["--readout-time", "20"]].concat(), &folder);
+        let result = run("fix", &[arguments, &READOUT].concat(), &folder);
         let said = String::from_utf8_lossy(&result.stderr);
         assert_eq!(result.status.code(), Some(code), "{arguments:?}: {said}");
         assert!(said.contains("error: ") && said.contains(reason), "{reason}: {said}");
@@ -200,7 +205,7 @@ fn images_that_are_replaced_may_leave_others() {
     images(&folder, "out", "%d.png", "rgb24");
     std::fs::copy(folder.file("in/1.png"), folder.file("out/13.png")).unwrap();
     let told =
-        succeeds("fix", &["in", "--output", "out/%d.png", "--overwrite", "--readout-time", "20"], &folder);
+        succeeds("fix", &[&["in", "--output", "out/%d.png", "--overwrite"], &READOUT[..]].concat(), &folder);
     assert!(told.contains("warning: out/13.png was there before and is not of this clip"), "{told}");
     assert_eq!(names(&folder, "out").len(), FRAMES + 1);
 }

@@ -5,7 +5,7 @@
 //! With `RSRECTIFY_RECORD=1` the table is written there.
 
 use crate::content::Content;
-use crate::shared::{Folder, rsrectify};
+use crate::shared::{Folder, READOUT, rsrectify};
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -176,7 +176,7 @@ fn cell(row: &Row, before: &Content, after: &Content, told: &str) -> Result<&'st
 fn fix(clip: &Path, container: &str) -> (Content, String) {
     let twin = clip.with_extension(format!("twin.{container}"));
     let mut command = rsrectify("fix");
-    command.arg(clip).args(["--readout-time", "16.7", "--output"]).arg(&twin);
+    command.arg(clip).args(READOUT).arg("--output").arg(&twin);
     let output = command.output().unwrap();
     let told = String::from_utf8([output.stderr, output.stdout].concat()).unwrap();
     assert!(output.status.success(), "{told}");
