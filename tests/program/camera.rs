@@ -9,7 +9,7 @@ use std::path::Path;
 use std::process::Output;
 
 /// Frames that tell nothing, in a mode of a HERO5 Session.
-const VIDEO: &str = "videotestsrc num-buffers=12 pattern=snow \
+const VIDEO: &str = "videotestsrc num-buffers=4 pattern=snow \
     ! video/x-raw,format=I420,width=1280,height=720,framerate=25/1 ! x264enc speed-preset=ultrafast ! mux.";
 
 /// A box of an MP4 file.
@@ -120,7 +120,7 @@ fn what_is_known_of_a_camera_is_stated_beside_what_is_measured() {
 fn a_readout_that_is_stated_is_expected_by_all_commands() {
     let folder = Folder::new("camera-stated");
     let clip = folder.file("clip.mp4");
-    write_shaken(&clip, 1.5);
+    write_shaken(&clip, 0.5);
     write_log(&clip, 20.0, 1);
     let expected = "20.0 ± 2.0 ms expected, stated with the clip: GCSV frame_readout_time";
     let output = fix(&clip, &[]);
@@ -140,7 +140,7 @@ fn a_readout_that_is_stated_is_expected_by_all_commands() {
 fn the_picture_overrules_a_readout_that_is_stated() {
     let folder = Folder::new("camera-overruled");
     let clip = folder.file("clip.mp4");
-    write_shaken(&clip, 3.0);
+    write_shaken(&clip, 1.5);
     // The film is read in 20 ms, from the bottom up.
     write_log(&clip, 8.0, 0);
     let output = fix(&clip, &[]);
@@ -184,7 +184,7 @@ fn stabilisation_in_the_camera_is_reported() {
 fn a_camera_that_is_not_known_is_an_error() {
     let folder = Folder::new("camera-unknown");
     let clip = folder.file("clip.mp4");
-    write_shaken(&clip, 1.5);
+    write_shaken(&clip, 0.5);
     let output = fix(&clip, &["--camera", "Pinhole 3"]);
     assert_eq!(output.status.code(), Some(2));
     let reason = "'Pinhole 3' for '--camera <NAME>': no such camera is known; `rsrectify cameras` lists those that are";

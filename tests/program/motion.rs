@@ -34,7 +34,7 @@ fn succeeds(command: &str, clip: &Path, options: &[&str]) -> String {
 /// The shaken film and its motion.
 fn shaken(folder: &Folder) -> [PathBuf; 2] {
     let (clip, motion) = (folder.file("shaken.mp4"), folder.file("shaken.motion"));
-    write_shaken(&clip, 1.5);
+    write_shaken(&clip, 0.8);
     succeeds("track", &clip, &[&["--motion", text(&motion)], &READOUT[..]].concat());
     [clip, motion]
 }
@@ -124,7 +124,7 @@ fn the_phone_clip_has_the_same_bytes() {
     // Its first frames: what is done of a frame is the same for each that follows.
     let mut cut = std::process::Command::new("ffmpeg");
     cut.args(["-nostdin", "-v", "error", "-i"]).arg(PathBuf::from(data).join("phone/phone.mp4"));
-    assert!(cut.args(["-frames:v", "40", "-c", "copy"]).arg(&clip).status().unwrap().success());
+    assert!(cut.args(["-frames:v", "20", "-c", "copy"]).arg(&clip).status().unwrap().success());
     succeeds("track", &clip, &["--motion", text(&motion)]);
     succeeds("fix", &clip, &["--output", text(&plain)]);
     succeeds("fix", &clip, &["--output", text(&filed), "--motion", text(&motion)]);
@@ -217,9 +217,9 @@ fn a_file_that_does_not_fit_is_refused() {
     fails(&late, &motion, 1, "of another clip");
     // It is longer than the file.
     let long = folder.file("long.mp4");
-    write_shaken(&long, 2.0);
+    write_shaken(&long, 1.0);
     let told = succeeds("fix", &long, &["--output", text(&output), "--motion", text(&motion)]);
-    assert!(told.contains("does not have 15 of 60 frames: they stay as they are"), "{told}");
+    assert!(told.contains("does not have 6 of 30 frames: they stay as they are"), "{told}");
     let both = run("fix", &clip, &["--motion", text(&motion), "--readout-time", "20"]);
     assert_eq!(both.status.code(), Some(2));
     let two = rsrectify("fix").args([&clip, &long]).arg("--motion").arg(&motion).output().unwrap();

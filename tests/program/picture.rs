@@ -195,7 +195,7 @@ fn cameras_colours_are_kept() {
     ] {
         let Some(input) = real(name) else { return };
         let output = folder.file("out.mp4");
-        fix(&input, &output, &["--audio", "none"]);
+        fix(&input, &output, &["--audio", "none", "--estimator", "sequential", "--effort", "fast"]);
         let frame = bare_frame(&folder, &output, "h264");
         assert_eq!(text(&frame, "colorimetry").as_deref(), expected, "{name}");
     }

@@ -134,19 +134,19 @@ fn frames_without_a_motion_are_gaps() {
     let grey = |number: usize| {
         let mut buffer = shaken(number);
         let frame = buffer.get_mut().unwrap();
-        if (25..35).contains(&number) {
+        if (15..25).contains(&number) {
             frame.map_writable().unwrap().fill(128);
         }
         buffer
     };
-    write_film(&clip, 60, grey);
+    write_film(&clip, 40, grey);
     let svg = folder.file("figure.svg");
     assert!(plot(&clip, &["--output", svg.to_str().unwrap()]).status.success());
     let svg = std::fs::read_to_string(svg).unwrap();
     let turns: Vec<_> =
         points(&svg, "polyline", "#009E73").iter().map(Vec::len).filter(|length| *length > 2).collect();
     assert_eq!(turns.len(), 2, "{turns:?}");
-    let missing = 60 - turns.iter().sum::<usize>();
+    let missing = 40 - turns.iter().sum::<usize>();
     assert!((9..=12).contains(&missing), "{turns:?}");
     let texts = texts(&svg);
     assert!(texts.iter().any(|(text, _)| *text == format!("{missing} frames without a motion")), "{texts:?}");
