@@ -3,7 +3,7 @@
 //! `rsrectify measure` and `fix` on files that cameras and other programs write, unlike those of the program's own tests.
 
 use crate::common::shake::{FPS, RATIO, write_shaken};
-use crate::shared::{CLIP, Folder, TONE, rsrectify};
+use crate::shared::{CLIP, Folder, READOUT, TONE, rsrectify};
 use serde_json::Value;
 use std::path::{Path, PathBuf};
 use std::process::Output;
@@ -219,32 +219,6 @@ fn who_reads_half_of_the_completions_is_no_error() {
 }
 
 #[test]
-fn real_files_are_measured() {
-    let Some(data) = std::env::var_os("RSRECTIFY_DATA").map(|data| PathBuf::from(data).join("zoo")) else {
-        eprintln!("skipped: RSRECTIFY_DATA does not name the folder with files that cameras wrote");
-        return;
-    };
-    // As many frames as ffprobe counts.
-    for (name, frames) in [
-        ("ac3.mp4", 30),
-        ("chrome-noduration.webm", 74),
-        ("editlist-shift.mp4", 270),
-        ("h264-in-ps.mpeg", 180),
-        ("h264.avi", 58),
-        ("h264.ts", 30),
-        ("mpeg1-sar64-45.mpg", 36),
-        ("wmv3.wmv", 25),
-    ] {
-        let clip = data.join(name);
-        if !clip.exists() {
-            eprintln!("skipped: {} is not there", clip.display());
-            continue;
-        }
-        assert_eq!(measure(&clip).0["frames"], frames, "{name}");
-    }
-}
-
-#[test]
 fn a_portrait_clip_of_a_phone_is_compared() {
     let Some(data) = std::env::var_os("RSRECTIFY_DATA") else {
         eprintln!("skipped: RSRECTIFY_DATA is not set");
@@ -252,8 +226,9 @@ fn a_portrait_clip_of_a_phone_is_compared() {
     };
     let folder = Folder::new("compared");
     let (clip, output) = (Path::new(&data).join("zoo/iphone-gps.mov"), folder.file("compared.mov"));
-    let options = ["--compare", "--readout-time", "16.7"];
-    let fixed = rsrectify("fix").arg(clip).arg("--output").arg(&output).args(options).output().unwrap();
+    let fixed =
+        rsrectify("fix").arg(clip).arg("--output").arg(&output).arg("--compare").args(READOUT).output();
+    let fixed = fixed.unwrap();
     assert!(fixed.status.success(), "{}", said(&fixed));
     let frames = crate::shared::buffers(&output, "decodebin ! videoconvert");
     // Two pictures of 320 x 568, upright.
