@@ -16,13 +16,13 @@ import pytest
 PROGRAM = os.environ.get("RSRECTIFY", "rsrectify")
 # A shaken film of two shots, rendered by scripts/check-batch.
 FILM = Path(os.environ.get("RSRECTIFY_FILM", "film.mp4")).resolve()
-FRAMES = 120
+FRAMES = 80
 # Its readout is 0.8 frame periods. One that is measured differs from it by a little more than nothing, and by another little on
 # another processor: 3 % of a frame period are allowed, where a wrong one is off by 10 % and more.
 READOUT_MS = 0.8 * 1000 / 30
 READOUT_ERROR_MS = 0.03 * 1000 / 30
 # Frames of a part in the tests.
-PART = 30
+PART = 20
 
 # What a shell runs in the background ignores interruptions, and so would the runs that the tests interrupt.
 signal.signal(signal.SIGINT, signal.default_int_handler)

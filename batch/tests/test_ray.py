@@ -12,8 +12,8 @@ import pytest
 from conftest import FILM, FRAMES, PROGRAM, Output, index
 
 ray_cluster = pytest.importorskip("ray.cluster_utils")
-# Many parts, each of which takes a while.
-OPTIONS = ("--part", "15", "--halo", "90", "--readout-time", "26.7", "--readout-direction", "top-to-bottom")
+# Many parts.
+OPTIONS = ("--part", "10", "--halo", "10", "--readout-time", "26.7", "--readout-direction", "top-to-bottom")
 
 
 @pytest.fixture
