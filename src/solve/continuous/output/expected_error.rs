@@ -55,7 +55,8 @@ impl Expected {
     /// Of a frame of `size` pixels that was moved after its readout; `radius` is half its width in analysed pixels. The mean
     /// squared error of a point at the place p is (p − ½)²·(v + (1 − w)²·|l|²), v the variance of the lean l at the point.
     pub fn of_lean(lean: &Lean, size: [usize; 2], radius: f64) -> Self {
-        let share = trusted_share(lean.error_share());
+        // Half of it or less may be error where a path has been compared with all pairs; of a lean only its process is assumed.
+        let share = (1.0 - lean.error_share()).max(0.0);
         let square = |point: Vector2<f64>| {
             let late = (lean.axis.place(point) - 0.5) * radius;
             late * late * (lean.variance_at(point) + (1.0 - share).powi(2) * lean.at(point).norm_squared())
@@ -82,7 +83,8 @@ impl CameraPosterior {
         let agreement =
             all.iter().map(|(probability, other)| probability * product(other)).sum::<f64>() / square;
         let error_share = errors.iter().sum::<f64>() / square;
-        let share = agreement.clamp(0.0, 1.0) * trusted_share(error_share);
+        let trust = ((1.0 - error_share) / (1.0 - TOLERATED_ERROR)).clamp(0.0, 1.0);
+        let share = agreement.clamp(0.0, 1.0) * trust;
         // 0/0 is the ordinary case of no correction: no motion, or γ = 0.
         let share = if share.is_finite() { share } else { 0.0 };
         let disagreement = |index: usize| {
@@ -96,11 +98,6 @@ impl CameraPosterior {
         let is_finite = squares.iter().all(|square| square.is_finite());
         if is_finite { Expected { share, squares } } else { Expected::default() }
     }
-}
-
-/// The share of a correction that is applied if so much of its mean square is error.
-fn trusted_share(error: f64) -> f64 {
-    ((1.0 - error) / (1.0 - TOLERATED_ERROR)).clamp(0.0, 1.0)
 }
 
 /// The middles of the regions of a frame of this size, row by row, in radii.

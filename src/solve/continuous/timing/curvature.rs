@@ -24,7 +24,7 @@ const ENDS: usize = 2;
 
 /// Deviations from 0 from which on a correlation is none of noise. Over 50 pairs it is 0.45 to 0.97 where a rolling shutter leans
 /// the frames, 0.02 to 0.13 where parallax seems to.
-const SIGNIFICANT: f64 = 2.5;
+const SIGNIFICANT: f64 = 3.0;
 
 /// Estimate of γ from the curvature of all pairs so far.
 #[derive(Clone, Debug, Default)]
