@@ -164,9 +164,7 @@ fn fix(file: &Path, folder: &Path) -> Vec<Fault> {
 
 /// What is wrong with what is measured of a file.
 fn measure(file: &Path) -> Vec<Fault> {
-    // With the edge given it need not be sought: what is measured is not judged.
-    let options = ["--quick", "--json", "--readout-direction", "top-to-bottom"];
-    let output = rsrectify("measure").arg(file).args(options).output().unwrap();
+    let output = rsrectify("measure").arg(file).args(["--quick", "--json"]).output().unwrap();
     let (told, code) = (said(&output), output.status.code());
     if UNREADABLE.contains(&name_of(file)) {
         return failure(code == Some(1), told);

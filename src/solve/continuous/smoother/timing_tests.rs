@@ -107,16 +107,19 @@ fn the_lean_of_stabilised_frames_is_told_from_its_changes() {
         let film = Film { swings: FAST, ..Film::new(gamma, by_rows) };
         let (stamps, solutions, continuous) = stabilised(&film);
         assert_eq!(continuous.timing().stabilised, Some(true));
-        let [mut left, mut whole, mut expected] = [0.0; 3];
+        let [mut left, mut whole, mut untouched, mut expected] = [0.0; 4];
         for (solution, stamp) in solutions.iter().zip(&stamps).skip(16) {
             let solution = solution.as_ref().unwrap();
-            // Of a small lean little is sure, and nothing may be applied.
             assert_eq!(solution.confidence, solution.motion.weight());
             // The frames are moved by some pixels, and their leans with them.
             left += film.error(solution.motion.path(), *stamp).powi(2);
-            whole += film.error(&MotionPath::STILL, *stamp).powi(2);
+            let own = film.error(&MotionPath::STILL, *stamp).powi(2);
+            whole += own;
+            untouched += if solution.confidence > 0.0 { 0.0 } else { own };
             expected += solution.expected_error.unwrap().powi(2);
         }
+        // Of a lean that is nearly 0 little is sure.
+        assert!(untouched < 0.1 * whole, "γ = {gamma}: {untouched} of {whole}");
         assert!(left < 0.25 * whole, "γ = {gamma}: {}", (left / whole).sqrt());
         assert!(expected > 0.5 * left && expected < whole, "γ = {gamma}: {expected} of {whole}, left {left}");
     }

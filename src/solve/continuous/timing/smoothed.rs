@@ -50,62 +50,75 @@ pub struct Component {
 }
 
 impl Series {
-    /// Mean square of the changes that are known, and of their noise.
-    fn mean_squares(&self) -> [f64; 2] {
-        let known = self.changes.iter().filter(|change| change.variance.is_finite());
-        let count = known.clone().count().max(1) as f64;
-        let square = known.clone().map(|change| change.value * change.value).sum::<f64>() / count;
-        [square, known.map(|change| change.variance).sum::<f64>() / count]
-    }
-
-    /// The lean of a frame that is not between the changes.
-    pub fn unknown(&self) -> Component {
-        let variance = self.mean_squares()[0] * LENGTHS.map(spread).into_iter().fold(0.0, f64::max);
-        Component { value: 0.0, variance }
-    }
-
     /// The changes that are known, by the frame before them.
     fn known(&self) -> Vec<(usize, Change)> {
         self.changes.iter().copied().enumerate().filter(|(_, change)| change.variance.is_finite()).collect()
     }
 
-    /// Without γ·v; `None` if the changes contradict each other.
-    fn conditioned(&self, frame: usize, length: f64) -> Option<Conditioned> {
-        let [square, noise] = self.mean_squares();
-        let scale = square * spread(length);
-        let strain = (STRAIN * STRAIN * square).max(STRAIN_OF_NOISE * STRAIN_OF_NOISE * noise);
+    /// The lean of a frame that is not between the changes.
+    pub fn unknown(&self) -> Component {
+        let [square, _] = mean_squares(&self.known());
+        Component { value: 0.0, variance: square * LENGTHS.map(spread).into_iter().fold(0.0, f64::max) }
+    }
+
+    /// What the changes say of the lean of a frame, at each length that they do not contradict.
+    fn conditioned(&self, frame: usize) -> [Option<Conditioned>; LENGTHS.len()] {
         let known = self.known();
-        let covariance = |i: usize, j: usize| scale * correlation(i.abs_diff(j) as f64 / length);
-        let with_change =
-            |frame: usize, index: usize| covariance(frame, index + 1) - covariance(frame, index);
-        let between = |a: usize, b: usize| {
-            let [(i, change), (j, _)] = [known[a], known[b]];
-            let slow = strain * (-(i.abs_diff(j) as f64) / STRAIN_FRAMES).exp();
-            let own = if a == b { change.variance } else { 0.0 };
-            with_change(i + 1, j) - with_change(i, j) + slow + own
-        };
-        let solved = DMatrix::from_fn(known.len(), known.len(), between).cholesky()?;
-        let of_known = |of: &dyn Fn(usize, Change) -> f64| {
-            DVector::from_iterator(known.len(), known.iter().map(|(index, change)| of(*index, *change)))
-        };
-        let seen = of_known(&|_, change| change.value);
-        let turning = of_known(&|index, _| self.velocities[index + 1] - self.velocities[index]);
-        let own = of_known(&|index, _| with_change(frame, index));
-        let [by_seen, by_turning] = [solved.solve(&seen), solved.solve(&turning)];
-        let determinant: f64 = solved.l_dirty().diagonal().iter().map(|root| root.ln()).sum();
-        Some(Conditioned {
-            log_likelihood: -0.5 * seen.dot(&by_seen) - determinant,
-            cross: turning.dot(&by_seen),
-            information: turning.dot(&by_turning),
-            value: own.dot(&by_seen),
-            by_gamma: self.velocities[frame] - own.dot(&by_turning),
-            variance: (scale - own.dot(&solved.solve(&own))).max(0.0),
+        let [square, noise] = mean_squares(&known);
+        let strain = (STRAIN * STRAIN * square).max(STRAIN_OF_NOISE * STRAIN_OF_NOISE * noise);
+        let seen = DVector::from_iterator(known.len(), known.iter().map(|(_, change)| change.value));
+        let turning = DVector::from_iterator(
+            known.len(),
+            known.iter().map(|(index, _)| self.velocities[index + 1] - self.velocities[*index]),
+        );
+        LENGTHS.map(|length| {
+            let scale = square * spread(length);
+            // Covariances of leans, and of changes, that are so many frames apart.
+            let leans: Vec<f64> = (0..self.changes.len() + 2)
+                .map(|distance| scale * correlation(distance as f64 / length))
+                .collect();
+            let changes: Vec<f64> = (0..self.changes.len())
+                .map(|distance| {
+                    let slow = strain * (-(distance as f64) / STRAIN_FRAMES).exp();
+                    2.0 * leans[distance] - leans[distance + 1] - leans[distance.abs_diff(1)] + slow
+                })
+                .collect();
+            let between = |a: usize, b: usize| {
+                let own = if a == b { known[a].1.variance } else { 0.0 };
+                changes[known[a].0.abs_diff(known[b].0)] + own
+            };
+            let own = DVector::from_iterator(
+                known.len(),
+                known
+                    .iter()
+                    .map(|(index, _)| leans[frame.abs_diff(index + 1)] - leans[frame.abs_diff(*index)]),
+            );
+            let solved = DMatrix::from_fn(known.len(), known.len(), between).cholesky()?;
+            let [by_seen, by_turning] = [solved.solve(&seen), solved.solve(&turning)];
+            let determinant: f64 = solved.l_dirty().diagonal().iter().map(|root| root.ln()).sum();
+            Some(Conditioned {
+                log_likelihood: -0.5 * seen.dot(&by_seen) - determinant,
+                cross: turning.dot(&by_seen),
+                information: turning.dot(&by_turning),
+                value: own.dot(&by_seen),
+                by_gamma: self.velocities[frame] - own.dot(&by_turning),
+                variance: (scale - own.dot(&solved.solve(&own))).max(0.0),
+            })
         })
     }
 }
 
+/// Mean square of known changes, and of their noise.
+fn mean_squares(known: &[(usize, Change)]) -> [f64; 2] {
+    let mean = |of: fn(&Change) -> f64| {
+        known.iter().map(|(_, change)| of(change)).sum::<f64>() / known.len().max(1) as f64
+    };
+    [mean(|change| change.value * change.value), mean(|change| change.variance)]
+}
+
 /// A component of the lean of a frame, given the changes and γ: `value` + γ·`by_gamma`, with `variance`. Of γ
 /// the changes say `information`·γ = `cross`.
+#[derive(Clone, Copy)]
 struct Conditioned {
     log_likelihood: f64,
     cross: f64,
@@ -118,10 +131,9 @@ struct Conditioned {
 /// The components of the lean of the frame before the change numbered `frame`, or after the last one; all have the same γ and the same
 /// length.
 pub fn smoothed<const N: usize>(series: &[Series; N], frame: usize) -> [Component; N] {
-    let fits = LENGTHS.into_iter().filter_map(|length| {
-        let all: Option<Vec<Conditioned>> =
-            series.iter().map(|component| component.conditioned(frame, length)).collect();
-        let all = all?;
+    let conditioned = series.each_ref().map(|component| component.conditioned(frame));
+    let fits = (0..LENGTHS.len()).filter_map(|length| {
+        let all: Vec<Conditioned> = conditioned.iter().map(|of| of[length]).collect::<Option<_>>()?;
         let sum = |of: fn(&Conditioned) -> f64| all.iter().map(of).sum::<f64>();
         let information = READOUT_DEVIATION.powi(-2) + sum(|one| one.information);
         let gamma = sum(|one| one.cross) / information;
