@@ -3,6 +3,7 @@
 //! Square patches of grey: sampling at sub-pixel positions, and sums. The pixels of a row are in the lanes.
 
 use crate::lanes::rows::SampleRows;
+use crate::lanes::sums::{SUMS, add_products};
 use crate::lanes::{FLOATS, WordCpu};
 use crate::pyramid::Level;
 use nalgebra::{Matrix2, Vector2};
@@ -81,7 +82,7 @@ impl<C: WordCpu> Block<C> {
             SampleRows::<WIDTH_WITH_MARGIN, SAMPLES_WIDTH>::new(samples.as_flattened(), SAMPLES_WIDTH)?;
         self.pivot = samples[PATCH_SIDE / 2][PATCH_SIDE / 2];
         let (pivot, zero) = (cpu.splat(self.pivot), cpu.splat(0.0));
-        let (mut sums, mut squares) = ([zero; 8], zero);
+        let mut sums = [zero; SUMS];
         for part in 0..PARTS {
             let c = FLOATS * part;
             for r in 0..PATCH_SIDE {
@@ -90,19 +91,12 @@ impl<C: WordCpu> Block<C> {
                 let dy = cpu.load(rows.at(r + 2, c + 1)) - cpu.load(rows.at(r, c + 1));
                 self.values[r][part] = value;
                 (self.gradient_x[r][part], self.gradient_y[r][part]) = (dx, dy);
-                sums[0] = sums[0] + value;
-                sums[1] = sums[1] + dx;
-                sums[2] = sums[2] + dy;
-                sums[3] = cpu.fused(dx, value, sums[3]);
-                sums[4] = cpu.fused(dy, value, sums[4]);
-                sums[5] = cpu.fused(dx, dx, sums[5]);
-                sums[6] = cpu.fused(dx, dy, sums[6]);
-                sums[7] = cpu.fused(dy, dy, sums[7]);
-                squares = cpu.fused(value, value, squares);
+                add_products(cpu, &mut sums, [value, dx, dy]);
             }
         }
-        let [values, x, y, by_x, by_y, xx, xy, yy] = totals(cpu, sums);
-        let [squares, ..] = totals(cpu, [squares, zero, zero, zero, zero, zero, zero, zero]);
+        let [a, b, c, d, e, f, g, h, by_y] = sums;
+        let [values, x, y, xx, xy, yy, squares, by_x] = cpu.store(cpu.totals([a, b, c, d, e, f, g, h]));
+        let [by_y, ..] = cpu.store(cpu.totals([by_y, zero, zero, zero, zero, zero, zero, zero]));
         Some(BlockSums {
             values,
             squares,
@@ -152,16 +146,9 @@ impl<C: WordCpu> Block<C> {
             }
         }
         let [a, b, c, d, e] = sums;
-        let [values, x, y, sum, squares, ..] = totals(cpu, [a, b, c, d, e, zero, zero, zero]);
+        let [values, x, y, sum, squares, ..] = cpu.store(cpu.totals([a, b, c, d, e, zero, zero, zero]));
         Some(Sums { values, slope: Vector2::new(x, y), sum, squares })
     }
-}
-
-/// Of eight vectors the sums over their lanes.
-#[inline(always)]
-fn totals<C: WordCpu>(cpu: C, sums: [C::Lanes; 8]) -> [f32; 8] {
-    let [low, high] = cpu.halves(sums);
-    cpu.store(low + high)
 }
 
 /// Weights of the cubic through four samples, at the fraction `t` between the middle two.

@@ -15,6 +15,7 @@
 
 use super::rows::Scratch;
 use crate::lanes::rows::SampleRows;
+use crate::lanes::sums::{SUMS, add_products};
 use crate::lanes::{FLOATS, WordCpu};
 use crate::pyramid::Level;
 
@@ -26,9 +27,6 @@ pub(super) const AREA: f32 = (SIDE * SIDE) as f32;
 
 /// Patches that are compared side by side: one in each lane.
 pub(super) const GROUP: usize = FLOATS;
-
-/// Sums over the pixels of a template, at most; a comparison has seven.
-const SUMS: usize = 9;
 
 /// The pixels of a patch of the first frame, row by row.
 #[derive(Clone, Copy)]
@@ -56,7 +54,7 @@ pub(super) struct PatchGroup<C: WordCpu> {
     pub(super) energy: C::Lanes,
     /// Half of the negative inverse of the tensor with the noise of gradients added to its diagonal: xx, xy, yy.
     inverse: [C::Lanes; 3],
-    /// Scratch: of each patch, sums over its rows.
+    /// Scratch: of each patch, sums over its rows; a comparison has seven.
     sums: [[C::Lanes; SUMS]; GROUP],
 }
 
@@ -117,15 +115,7 @@ impl<C: WordCpu> PatchGroup<C> {
                 let dx = cpu.load(rows.at(r + 1, 2)) - cpu.load(rows.at(r + 1, 0));
                 let dy = below - above;
                 (block.values[r], block.gradient_x[r], block.gradient_y[r]) = (here, dx, dy);
-                sums[0] = sums[0] + value;
-                sums[1] = sums[1] + dx;
-                sums[2] = sums[2] + dy;
-                sums[3] = cpu.fused(dx, dx, sums[3]);
-                sums[4] = cpu.fused(dx, dy, sums[4]);
-                sums[5] = cpu.fused(dy, dy, sums[5]);
-                sums[6] = cpu.fused(value, value, sums[6]);
-                sums[7] = cpu.fused(dx, value, sums[7]);
-                sums[8] = cpu.fused(dy, value, sums[8]);
+                add_products(cpu, &mut sums, [value, dx, dy]);
                 (above, here) = (here, below);
             }
             self.sums[k] = sums;
@@ -161,15 +151,20 @@ impl<C: WordCpu> PatchGroup<C> {
     /// Sums number `N` of all patches over all lanes.
     #[inline(always)]
     fn total<const N: usize>(&self) -> C::Lanes {
-        let [low, high] = self.halves::<N>();
-        low + high
+        self.cpu.totals(self.of_all::<N>())
     }
 
     /// Sums number `N` of all patches over the first four lanes, and over the last four.
     #[inline(always)]
     fn halves<const N: usize>(&self) -> [C::Lanes; 2] {
+        self.cpu.halves(self.of_all::<N>())
+    }
+
+    /// Sums number `N` of all patches.
+    #[inline(always)]
+    fn of_all<const N: usize>(&self) -> [C::Lanes; GROUP] {
         let [a, b, c, d, e, f, g, h] = &self.sums;
-        self.cpu.halves([a[N], b[N], c[N], d[N], e[N], f[N], g[N], h[N]])
+        [a[N], b[N], c[N], d[N], e[N], f[N], g[N], h[N]]
     }
 
     /// Compares with the patches of `level` that are displaced by `shift`, sampled linearly, those whose bit in

@@ -10,7 +10,7 @@
 //!
 //! All levels add in the same order. AVX2 and NEON give the same results to the last digit. [`Cpu::fused`] rounds
 //! once there, and twice in plain Rust, which would call a function for it on machines without that instruction.
-//! Lanes are created only through a [`Cpu`], whose value proves that the machine has the instructions. All
+//! What several kernels share is in `rows`, `sums` and `dispatch`. Lanes are created only through a [`Cpu`], whose value proves that the machine has the instructions. All
 //! functions that compute with lanes are `inline(always)`, up to a function compiled for that CPU; so must be closures.
 //!
 //! No crate took this place. The products of the warp are [`WordCpu::scaled`], one instruction with AVX2 and with
@@ -24,6 +24,7 @@ pub(crate) mod dispatch;
 mod neon;
 pub(crate) mod rows;
 pub(crate) mod scalar;
+pub(crate) mod sums;
 
 use std::fmt::Debug;
 use std::ops::{Add, Mul, Sub};
@@ -62,6 +63,13 @@ pub(crate) trait Cpu: Copy {
 
     /// Sums of the first four lanes of each of eight vectors, and of the last four lanes of each.
     fn halves(self, eight: [Self::Lanes; 8]) -> [Self::Lanes; 2];
+
+    /// Sums over the lanes of each of eight vectors.
+    #[inline(always)]
+    fn totals(self, eight: [Self::Lanes; 8]) -> Self::Lanes {
+        let [low, high] = self.halves(eight);
+        low + high
+    }
 
     /// Eight vectors as the rows of a matrix, whose columns are the result.
     fn transposed(self, rows: [Self::Lanes; FLOATS]) -> [Self::Lanes; FLOATS];

@@ -17,7 +17,7 @@ use nalgebra::{Matrix4, Vector2, Vector4};
 use std::f64::consts::PI;
 
 /// Mean square of the changes over their variance, from which on they are no parallax and no noise: of rendered scenes
-/// with much parallax and of still ones up to 15, of shaken ones 80 to 28,000.
+/// with much parallax and of still ones up to 15, of a walk between near walls up to 70, of shaken ones 80 to 28,000.
 const MIN_SIGNAL: f64 = 30.0;
 /// Root mean square of the changes of the curvature over those of the lean. With |γ| ≤ 1 a motion below half a cycle a
 /// frame has π at most; above, frames are too rare to know its velocity.
