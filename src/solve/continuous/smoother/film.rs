@@ -4,7 +4,7 @@
 
 use super::*;
 use crate::motion::generators::Model;
-use crate::readout::ReadoutTime;
+use crate::readout::{Readout, ReadoutDirection, ReadoutTime};
 use crate::solve::random::Random;
 use nalgebra::{Matrix2, Rotation3, Vector3};
 use std::f64::consts::TAU;

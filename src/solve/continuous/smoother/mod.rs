@@ -7,11 +7,10 @@
 
 use crate::correspond::Correspondence;
 use crate::motion::{FrameMotion, MotionPath, SampledPath, image_centre, rounded_homography};
-use crate::readout::{Readout, ReadoutDirection, ReadoutHypothesis, ReadoutPosterior};
-use crate::solve::continuous::camera::{Break, Camera, CameraPosterior, Hypothesis, READOUT_BELIEF};
+use crate::solve::continuous::camera::{Break, Camera, CameraPosterior, Hypothesis};
 use crate::solve::continuous::data::{FramePair, PairWindow, StaticOverlay};
 use crate::solve::continuous::output::{Expected, FittedPair};
-use crate::solve::continuous::timing::Timing;
+use crate::solve::continuous::timing::{StatedPair, Timing};
 use crate::solve::continuous::trajectory::FramePath;
 use crate::solve::frame_timing::{FrameTiming, Timeline};
 use crate::solve::residual::{LocalMotion, LocalMotions, Region};
@@ -20,6 +19,7 @@ use nalgebra::{Matrix3, Vector2};
 use std::collections::VecDeque;
 
 mod increments;
+mod readout;
 
 /// Frames kept before the one that is settled.
 const PAST: usize = 10;
@@ -43,6 +43,18 @@ struct Entry {
     is_unmatched: bool,
     /// All correspondences with the next frame, if they are kept.
     found: Vec<Correspondence>,
+}
+
+/// The successive pairs until the last frame.
+fn last_pairs(frames: &VecDeque<Entry>) -> Vec<StatedPair<'_>> {
+    let entries = frames.iter().zip(frames.iter().skip(1)).rev();
+    let pairs = entries.map_while(|(entry, next)| {
+        let pair = entry.to_next.as_ref()?;
+        Some(StatedPair { pair, index: entry.index, stated: next.stated - entry.stated })
+    });
+    let mut pairs: Vec<_> = pairs.collect();
+    pairs.reverse();
+    pairs
 }
 
 /// The unit of timestamps.
@@ -163,14 +175,14 @@ impl Continuous {
     /// Judges the timing with the last pair. If the frames were exposed at other times than was assumed, they get
     /// these, and the camera is sought anew.
     fn judge_timing(&mut self) {
-        let leading = self.posterior.leading();
-        let camera = (leading.setup.scan_axis, leading.gamma());
         let mut latest = self.frames.iter().rev();
         let (Some(last), Some(before)) = (latest.next(), latest.next()) else { return };
-        let Some(pair) = &before.to_next else {
+        if before.to_next.is_none() {
             return if last.is_unmatched { self.timing.cut(last.index) } else { self.timing.interrupt() };
-        };
-        if !self.timing.push(pair, before.index, last.stated - before.stated, camera) {
+        }
+        let leading = self.posterior.leading();
+        let camera = (leading.setup.scan_axis, leading.gamma());
+        if !self.timing.push(&last_pairs(&self.frames), camera) {
             return;
         }
         let Some(mut stamp) = self.frames.front().map(|first| first.stated) else { return };
@@ -263,6 +275,9 @@ impl Continuous {
         };
         let window = self.posterior.window(PairWindow { pairs: &pairs, past });
         self.posterior.settle(window, before);
+        let leading = self.posterior.leading();
+        let gamma = (!self.camera.is_known()).then(|| leading.gamma());
+        self.timing.doubt(&last_pairs(&self.frames), (leading.setup.scan_axis, gamma));
         self.continues = !pairs.is_empty();
         let solution = if pairs.is_empty() { None } else { self.solution(window, own, stamp, local) };
         local.advance();
@@ -277,25 +292,6 @@ impl Continuous {
     /// Whether the last frame was compared with the one before and makes no pair with it.
     pub fn is_at_cut(&self) -> bool {
         self.frames.back().is_some_and(|entry| entry.is_unmatched)
-    }
-
-    /// The posterior of the readout; `None` if it is given, or before the first frame.
-    pub fn posterior(&self) -> Option<ReadoutPosterior> {
-        let period = self.period().filter(|_| !self.camera.is_known())?;
-        let [width, height] = self.size;
-        let least = self.least_deviation(self.last_index());
-        let hypotheses = self.posterior.hypotheses().map(|(probability, hypothesis)| ReadoutHypothesis {
-            readout: self.readout(hypothesis),
-            deviation: hypothesis.setup.camera.gamma_deviation().hypot(self.excess(hypothesis)).max(least)
-                * period,
-            probability,
-        });
-        let [rows, columns] = [true, false].map(|by_rows| Camera::log_prior(by_rows, width, height).exp());
-        Some(ReadoutPosterior {
-            hypotheses: hypotheses.collect(),
-            prior_deviation: READOUT_BELIEF.1 * period,
-            prior_by_rows: rows / (rows + columns),
-        })
     }
 
     /// Number of coefficients of the longest path.
@@ -432,36 +428,6 @@ impl Continuous {
         pair.fit(leading, self.centre, self.radius)
     }
 
-    /// The likeliest shutter, and the standard deviation of its readout ratio.
-    pub fn belief(&self) -> (Readout, f64) {
-        (self.readout(self.posterior.leading()), self.readout_deviation(self.last_index()))
-    }
-
-    /// Number of the last frame.
-    fn last_index(&self) -> usize {
-        self.frames.back().map_or(0, |last| last.index)
-    }
-
-    /// Standard deviation of the readout ratio, as the frame with this number tells it.
-    fn readout_deviation(&self, frame: usize) -> f64 {
-        let deviation = self.posterior.readout_deviation();
-        deviation.hypot(self.excess(self.posterior.leading())).max(self.least_deviation(frame))
-    }
-
-    /// By how much a γ that is estimated from the shifts is too long, where the frames may have been moved.
-    fn excess(&self, hypothesis: &Hypothesis) -> f64 {
-        let (gamma, axis) = (hypothesis.gamma(), hypothesis.setup.scan_axis);
-        if self.camera.is_known() { 0.0 } else { self.timing.excess(gamma, axis) }
-    }
-
-    /// Least standard deviation of an estimated readout ratio: that of the prior where frames may be stabilised or blends, as
-    /// it cannot be estimated from them.
-    fn least_deviation(&self, frame: usize) -> f64 {
-        let axis = self.posterior.leading().setup.scan_axis;
-        let is_unseen = self.timing.contradicts_path(frame, axis) || self.timing.found_of(frame).is_blended();
-        if is_unseen && !self.camera.is_known() { READOUT_BELIEF.1 } else { 0.0 }
-    }
-
     /// What the frames so far say of their timing.
     pub fn timing(&self) -> FrameTiming {
         self.timing.found()
@@ -470,19 +436,6 @@ impl Continuous {
     /// Seconds to a frame period; `None` before the first frame.
     fn period(&self) -> Option<f64> {
         self.clock.map(|clock| clock.period).or(self.period_before)
-    }
-
-    /// The shutter of a hypothesis.
-    fn readout(&self, hypothesis: &Hypothesis) -> Readout {
-        let gamma = hypothesis.gamma();
-        let direction = match (hypothesis.scan.by_rows, gamma < 0.0) {
-            (true, false) => ReadoutDirection::TopToBottom,
-            (true, true) => ReadoutDirection::BottomToTop,
-            (false, false) => ReadoutDirection::LeftToRight,
-            (false, true) => ReadoutDirection::RightToLeft,
-        };
-        let [width, height] = self.size;
-        Readout { width, height, direction, time: gamma.abs() * self.period().unwrap_or(0.0) }
     }
 }
 

@@ -4,6 +4,8 @@
 
 use super::film::*;
 use super::*;
+use crate::solve::continuous::camera::READOUT_BELIEF;
+use crate::solve::continuous::data::ScanAxis;
 use crate::solve::random::Random;
 
 /// The solutions of frames exposed at these times, with these timestamps, and each moved by so many pixels.
@@ -60,6 +62,26 @@ fn frames_as_recorded_are_known_as_such() {
         check_readout(&film, &solutions);
         assert_eq!(continuous.timing().stabilised, Some(false));
         assert_eq!(continuous.timing().timeline, Timeline::Stated);
+    }
+}
+
+#[test]
+fn a_path_of_another_readout_or_axis_contradicts_the_first_pairs() {
+    for by_rows in [true, false] {
+        let film = Film::new(0.7, by_rows);
+        let (_, continuous) = solved(&film, &regular(8), &regular(8), as_seen);
+        let axis = continuous.posterior.leading().setup.scan_axis;
+        let [width, height] = film.size().map(|side| side as f64 / continuous.radius);
+        let other = ScanAxis { by_rows: !by_rows, length: if by_rows { width } else { height } };
+        let mut timing = Timing::new(NOISE / continuous.radius);
+        let mut contradicts = |camera: (ScanAxis, Option<f64>)| {
+            timing.doubt(&last_pairs(&continuous.frames), camera);
+            timing.contradicts_path(0, camera.0)
+        };
+        let along = [None, Some(0.7), Some(-0.4), Some(0.1)].map(|gamma| contradicts((axis, gamma)));
+        assert_eq!(along, [false, false, true, true]);
+        assert!(contradicts((other, Some(0.7))) && contradicts((other, Some(-0.3))));
+        assert!(!contradicts((axis, Some(0.7))));
     }
 }
 

@@ -40,9 +40,16 @@ pub struct Explained {
     pub bend: f64,
     /// Number of changes.
     pub count: usize,
+    sums: Sums,
 }
 
 impl Explained {
+    /// Share of the mean square of the changes that is not explained with this γ; above 1 if it has the wrong sign.
+    pub fn unexplained_with(&self, gamma: f64) -> f64 {
+        let Sums { change, cross, velocity, .. } = self.sums;
+        (change - 2.0 * gamma * cross + gamma * gamma * velocity) / change
+    }
+
     /// Whether the changes are certain enough, and slow enough, to be compared with the shifts, and no parallax.
     pub fn is_telling(&self) -> bool {
         self.signal > MIN_SIGNAL && self.unshared > MIN_UNSHARED && self.bend < MAX_BEND
@@ -86,20 +93,21 @@ pub fn explained(pairs: &[LeanChange], stamps: &[f64], noise: f64, number: Pairs
         all += coordinate_sums(pairs, velocities, coordinate, usual, number)?;
     }
     let gamma = (all.cross / all.velocity).clamp(-1.0, 1.0);
-    let rest = all.change - 2.0 * gamma * all.cross + gamma * gamma * all.velocity;
     let squares = |of: fn(&LeanChange) -> f64| pairs.iter().map(|pair| of(pair).powi(2)).sum::<f64>();
     let found = Explained {
-        unexplained: rest / all.change,
+        unexplained: 0.0,
         signal: all.change / variances.len() as f64,
         unshared: all.change / all.whole,
         bend: (squares(|pair| pair.bend) / squares(|pair| pair.change.x)).sqrt(),
         count: pairs.len(),
+        sums: all,
     };
+    let found = Explained { unexplained: found.unexplained_with(gamma), ..found };
     (found.unexplained.is_finite() && found.bend.is_finite()).then_some(found)
 }
 
 /// Sums of squares and products of changes of lean and velocity without what parallax explains, weighted.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 struct Sums {
     /// Of the changes with what parallax explains.
     whole: f64,
@@ -210,6 +218,10 @@ mod tests {
     fn the_lean_of_frames_as_recorded_follows_from_their_shifts() {
         let found = explained(&pairs(swing, |t| swing(t) * -0.7), &stamps(), NOISE, Pairs::Many).unwrap();
         assert!(found.is_telling() && found.unexplained < 0.05, "{found:?}");
+        let with = [-0.7, 0.0, 0.7].map(|gamma| found.unexplained_with(gamma));
+        for (found, expected) in with.into_iter().zip([0.0, 1.0, 4.0]) {
+            assert!((found - expected).abs() < 0.2, "{with:?}");
+        }
     }
 
     #[test]

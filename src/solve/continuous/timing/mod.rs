@@ -127,6 +127,15 @@ impl Lean {
     }
 }
 
+/// A pair of frames that are `stated` frame periods apart by their timestamps.
+#[derive(Clone, Copy, Debug)]
+pub struct StatedPair<'a> {
+    pub pair: &'a FramePair,
+    /// Number of its first frame.
+    pub index: usize,
+    pub stated: f64,
+}
+
 #[derive(Clone, Debug)]
 struct TimedPair {
     lean: LeanChange,
@@ -246,24 +255,14 @@ impl Timing {
         }
     }
 
-    /// Adds the pair with this number, its frames by their timestamps `stated` frame periods apart, as seen along
-    /// the likeliest scan axis with its readout ratio. Whether the camera is to be sought anew, as what was assumed of its frames has changed.
-    pub fn push(
-        &mut self,
-        pair: &FramePair,
-        index: usize,
-        stated: f64,
-        (axis, gamma): (ScanAxis, f64),
-    ) -> bool {
-        if self.axis.replace(axis) != Some(axis) {
-            self.pairs.clear();
-            self.curvature = Curvature::default();
+    /// Adds the last of some successive pairs, all until now, as seen along the likeliest scan axis with its readout ratio. Whether the
+    /// camera is to be sought anew, as what was assumed of its frames has changed.
+    pub fn push(&mut self, pairs: &[StatedPair<'_>], (axis, gamma): (ScanAxis, f64)) -> bool {
+        if self.axis == Some(axis) {
+            self.add(axis, pairs.last());
+        } else {
+            self.turn(axis, pairs);
         }
-        if self.pairs.len() == PAIRS {
-            self.pairs.pop_front();
-        }
-        self.pairs.push_back(TimedPair { lean: LeanChange::of(pair, axis, self.noise), index, stated });
-        self.doubt();
         let was_carried = self.carried.is_some_and(|_| self.found.is_stabilised());
         // Correspondences between blends are of no single exposure.
         let is_retimed = self.pairs.len() >= MIN_PAIRS && !self.found.is_blended() && self.judge(gamma);
@@ -284,15 +283,37 @@ impl Timing {
         }
     }
 
-    /// Looks whether the path may not hold, while there are too few pairs for a verdict, or for that of another shot to lapse.
-    fn doubt(&mut self) {
-        let is_open = !self.is_given && (self.carried.is_some() || self.found.stabilised.is_none());
-        let are_few = (MIN_DOUBT..MIN_PAIRS).contains(&self.pairs.len());
-        self.is_doubtful = is_open && are_few && self.looks_moved_or_retimed();
+    /// Judges pairs along this axis from now on, beginning with these.
+    fn turn(&mut self, axis: ScanAxis, pairs: &[StatedPair<'_>]) {
+        self.pairs.clear();
+        self.curvature = Curvature::default();
+        self.axis = Some(axis);
+        self.add(axis, &pairs[pairs.len().saturating_sub(PAIRS)..]);
     }
 
-    /// Whether few pairs look as if frames had been moved, or as if another timeline were likelier.
-    fn looks_moved_or_retimed(&mut self) -> bool {
+    fn add<'a>(&mut self, axis: ScanAxis, pairs: impl IntoIterator<Item = &'a StatedPair<'a>>) {
+        for StatedPair { pair, index, stated } in pairs {
+            if self.pairs.len() == PAIRS {
+                self.pairs.pop_front();
+            }
+            let lean = LeanChange::of(pair, axis, self.noise);
+            self.pairs.push_back(TimedPair { lean, index: *index, stated: *stated });
+        }
+    }
+
+    /// Looks whether the path may not hold that was fitted to these successive pairs, all until now, along this axis with this readout
+    /// ratio, `None` if it is given: while there are too few pairs for a verdict, or for that of another shot to lapse.
+    pub fn doubt(&mut self, pairs: &[StatedPair<'_>], (axis, gamma): (ScanAxis, Option<f64>)) {
+        if self.axis != Some(axis) {
+            self.turn(axis, pairs);
+        }
+        let is_open = !self.is_given && (self.carried.is_some() || self.found.stabilised.is_none());
+        let are_few = (MIN_DOUBT..MIN_PAIRS).contains(&self.pairs.len());
+        self.is_doubtful = is_open && are_few && self.looks_moved_or_retimed(gamma);
+    }
+
+    /// Whether few pairs look as if frames had been moved, or as if another timeline were likelier, or another readout ratio.
+    fn looks_moved_or_retimed(&mut self, gamma: Option<f64>) -> bool {
         let leans = self.leans();
         let is_retimed = |now: &Explained| {
             let other = self.likeliest_other(Pairs::Few, &leans);
@@ -300,8 +321,8 @@ impl Timing {
         };
         let now = self.agreement(Pairs::Few, &leans, self.found.timeline);
         let Some(now) = now.filter(Explained::is_telling) else { return false };
-        let contradicts =
-            now.unexplained > STABILISED || now.unexplained > WELL_EXPLAINED && is_retimed(&now);
+        let unexplained = gamma.map_or(now.unexplained, |gamma| now.unexplained_with(gamma));
+        let contradicts = unexplained > STABILISED || now.unexplained > WELL_EXPLAINED && is_retimed(&now);
         if contradicts {
             self.add_curvature(&leans);
         }
