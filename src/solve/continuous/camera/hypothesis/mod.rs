@@ -2,6 +2,8 @@
 
 //! A hypothesis: a scan axis and a knot density, with a fit of its own. The edge that is read first is the sign of γ.
 
+mod density;
+
 use super::evidence::EvidenceRecord;
 use super::given::Scan;
 use super::schedule::Schedule;
@@ -12,8 +14,6 @@ use crate::solve::continuous::fit::{
 use crate::solve::continuous::prior::{Belief, Smoothness};
 use crate::solve::continuous::trajectory::KnotDensity;
 
-/// Prior log odds that a camera vibrates faster than the usual knots follow.
-const VIBRATION_LOG_ODDS: f64 = -5.0;
 /// Residuals and displacements below this many times the noise floor count as noise.
 const NOISE_LIMIT: f64 = 4.0;
 /// EM steps, at most, for the prediction of a vibration: in all until the first path, of these per frame, and
@@ -21,10 +21,6 @@ const NOISE_LIMIT: f64 = 4.0;
 /// so none is skipped. Only the first frame of all takes them at once. Twelve per frame instead of six would
 /// leave up to a twelfth less over 60 frames, and take twice as long for three of them.
 const EM_STEPS: [usize; 3] = [36, 6, 3];
-/// Least share of the residuals common to the matches of a line for a trial of the vibrating density.
-const MIN_LINE_SHARE: f64 = 0.7;
-/// Shares of the greatest and of the least γ from which a vibration is fitted if γ is unknown.
-const VIBRATION_STARTS: [f64; 2] = [0.9, 0.5];
 /// Share of the greatest and of the least γ from which an unknown γ is searched, beside its present value.
 const SEARCH_START: f64 = 0.9;
 /// γ is significant with a standard deviation below this, or at this many standard deviations from zero.
@@ -126,6 +122,11 @@ impl Hypothesis {
     /// Whether γ has not been searched since it was added or rested.
     pub fn awaits_search(&self) -> bool {
         matches!(self.phase, Phase::AwaitsSearch { .. })
+    }
+
+    /// Whether γ has not been searched, and may be with little effort a frame.
+    fn is_sought_at_leisure(&self) -> bool {
+        self.phase == (Phase::AwaitsSearch { at_leisure: true })
     }
 
     /// A hypothesis for each other γ that the last search does not rule out.
@@ -281,8 +282,12 @@ impl Hypothesis {
             self.iterate(window, STEPS[usize::from(!starts)], false);
             return;
         }
-        let found = self.search(window, starts);
-        self.has_converged = found.unwrap_or_else(|| self.follow(window));
+        self.has_converged = match self.search(window, starts) {
+            Some(has_converged) => has_converged,
+            // Its path would be compared with no other.
+            None if self.is_sought_at_leisure() => false,
+            None => self.follow(window),
+        };
     }
 
     /// Fits the window with the smoothness of another hypothesis, and keeps that fit if its evidence exceeds
@@ -352,8 +357,9 @@ impl Hypothesis {
             let starts = self.starts(is_due);
             self.searches.readout = Some(Multistart::new(&self.posterior, &self.setup, &starts));
         }
+        let is_at_leisure = self.is_sought_at_leisure();
         let search = self.searches.readout.as_mut()?;
-        if self.phase == (Phase::AwaitsSearch { at_leisure: true }) {
+        if is_at_leisure {
             search.advance_one(window, &self.setup);
         } else {
             search.advance(window, search.pace(window, at_once), &self.setup);
@@ -428,62 +434,5 @@ impl Hypothesis {
         }
         self.other_optima = other_optima;
         self.is_at_rest
-    }
-
-    /// Ends a trial after as many windows as share no pair with its first; whether it did.
-    pub fn ends_trial(&mut self) -> bool {
-        let has_ended =
-            self.phase == Phase::OnTrial && self.evidence.weight() >= KnotDensity::Vibrating.past() as f64;
-        if has_ended {
-            self.phase = Phase::Established;
-        }
-        has_ended
-    }
-
-    /// Whether the other knot density may explain the residuals.
-    fn wants_other_density(&self, window: PairWindow<'_>) -> bool {
-        let Some(pair) = self.posterior.evaluated.get(window.own()) else { return false };
-        pair.normal.variances.noise.sqrt() >= NOISE_LIMIT * self.setup.noise
-            && self.moves(window)
-            && (self.density() == KnotDensity::Vibrating
-                || pair.residuals.share_by_line(self.setup.scan_axis) > MIN_LINE_SHARE)
-    }
-
-    /// A hypothesis of the other knot density if that may explain the residuals, once it has been fitted.
-    pub fn challenger(&mut self, window: PairWindow<'_>, starts: bool) -> Option<Self> {
-        // Before γ has been sought, its error may be what the residuals come from.
-        if window.pairs.is_empty() || self.is_too_short(window) || self.awaits_search() {
-            return None;
-        }
-        let is_due = self.searches.density.is_none() && self.schedule.density.is_due();
-        if is_due && self.wants_other_density(window) {
-            self.schedule.density.restart();
-            let density = self.density().other();
-            let is_unknown = density == KnotDensity::Vibrating && self.is_vague();
-            let starts = if is_unknown { self.near_limits(&VIBRATION_STARTS) } else { Vec::new() };
-            let trial = Multistart::with_density(&self.posterior, &self.setup, density, &starts);
-            self.searches.density = Some(trial);
-        }
-        let trial = self.searches.density.as_mut()?;
-        let steps = if starts { STEPS[0] } else { trial.pace(window, false) };
-        trial.advance(window, steps, &self.setup);
-        let trial = self.searches.density.take_if(|trial| trial.is_done())?;
-        let (_, mut posterior) = trial.ranked(window, &self.setup).into_iter().next()?;
-        let is_vibrating = posterior.trajectory.density == KnotDensity::Vibrating;
-        // A window without pairs ahead constrains the prediction too little.
-        posterior.predicts = is_vibrating && window.pairs.len() > window.past;
-        let log_odds = if is_vibrating { VIBRATION_LOG_ODDS } else { -VIBRATION_LOG_ODDS };
-        let log_prior = self.log_prior + log_odds;
-        let mut other = Self::new(self.scan, self.signs, self.setup, posterior, log_prior);
-        other.phase = Phase::OnTrial;
-        other.schedule.search = self.schedule.search;
-        other.schedule.density.restart();
-        let steps = match (other.posterior.is_predicting(&other.setup), starts) {
-            (true, _) => other.em_steps(starts),
-            (false, true) => EM_STEPS[0],
-            (false, false) => STEPS[0],
-        };
-        other.has_converged = other.iterate(window, steps, false);
-        Some(other)
     }
 }
