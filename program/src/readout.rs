@@ -123,15 +123,26 @@ impl Found {
         if self.doubt() == Some(Doubt::Stabilised) && analysis.stabilised.is_none() {
             analysis.stabilised = Some(Stabilised::Yes);
         }
-        if self.timing.is_stabilised() || self.timing.timeline != Timeline::Stated {
-            // So that it is known again when the first frame is rectified.
-            analysis.lookahead.get_or_insert(FrameTiming::FRAMES as u32);
+        if let Some(frames) = self.frames_ahead() {
+            analysis.lookahead.get_or_insert(frames);
         }
         if self.doubt().is_none() {
             // 0 would leave it to the rectifier again.
             analysis.readout_time = Some(self.milliseconds.max(1e-6));
             analysis.readout_direction = Some(self.direction.into());
         }
+    }
+
+    /// Frames to look ahead so that what was found of their timing is known again when the first one is rectified; `None` where they
+    /// are as they should be.
+    fn frames_ahead(&self) -> Option<u32> {
+        let shown = match self.timing.timeline {
+            Timeline::Stated if !self.timing.is_stabilised() => return None,
+            // Repetitions, which are left out, take places in the file.
+            Timeline::Even { interval } => interval,
+            _ => 1.0,
+        };
+        Some((FrameTiming::FRAMES as f64 * shown).ceil() as u32)
     }
 
     /// Standard deviation of the time in milliseconds.
@@ -382,5 +393,44 @@ pub fn report_stabilisation(clip: &Path, camera: &CameraChoice) -> Result<()> {
 fn print_stabilisation(known: &Known) {
     if let Some(stabilisation) = known.stabilisation() {
         log::info!("stabilisation: {stabilisation}");
+    }
+}
+
+#[cfg(test)]
+impl Found {
+    /// Of 90 frames, 40 ms apart.
+    pub fn example(direction: ReadoutDirection, milliseconds: f64, deviation: f64) -> Self {
+        Self {
+            milliseconds,
+            direction,
+            deviation,
+            period: 40.0,
+            frame_rate: Some(25.0),
+            size: [640, 480],
+            focal_length: None,
+            frames: 90,
+            followed: 80,
+            expected: None,
+            posterior: None,
+            timing: FrameTiming::default(),
+            cuts: Vec::new(),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn repeated_frames_are_looked_beyond() {
+        let ahead = |stabilised, timeline| {
+            let found = Found::example(ReadoutDirection::TopToBottom, 20.0, 0.01);
+            Found { timing: FrameTiming::new(stabilised, timeline), ..found }.frames_ahead()
+        };
+        assert_eq!(ahead(Some(false), Timeline::Stated), None);
+        assert_eq!(ahead(Some(true), Timeline::Stated), Some(18));
+        assert_eq!(ahead(None, Timeline::Missing { kept: 4, longer: 0 }), Some(18));
+        assert_eq!(ahead(None, Timeline::Even { interval: 1.25 }), Some(23));
     }
 }

@@ -392,24 +392,9 @@ impl fmt::Display for Together {
 mod tests {
     use super::*;
     use rsrectify::readout::ReadoutDirection;
-    use rsrectify::rectifier::FrameTiming;
 
     fn clip(name: &str, direction: ReadoutDirection, milliseconds: f64, deviation: f64) -> Measurement {
-        let found = Found {
-            milliseconds,
-            direction,
-            deviation,
-            period: 40.0,
-            frame_rate: Some(25.0),
-            size: [640, 480],
-            focal_length: None,
-            frames: 90,
-            followed: 80,
-            expected: None,
-            posterior: None,
-            timing: FrameTiming::default(),
-            cuts: Vec::new(),
-        };
+        let found = Found::example(direction, milliseconds, deviation);
         Measurement::new(name.to_owned(), &found)
     }
 
