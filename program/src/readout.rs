@@ -136,13 +136,13 @@ impl Found {
     /// Frames to look ahead so that what was found of their timing is known again when the first one is rectified; `None` where they
     /// are as they should be.
     fn frames_ahead(&self) -> Option<u32> {
-        let shown = match self.timing.timeline {
+        let interval = match self.timing.timeline {
             Timeline::Stated if !self.timing.is_stabilised() => return None,
             // Repetitions, which are left out, take places in the file.
             Timeline::Even { interval } => interval,
             _ => 1.0,
         };
-        Some((FrameTiming::FRAMES as f64 * shown).ceil() as u32)
+        Some((FrameTiming::FRAMES as f64 * interval).ceil() as u32)
     }
 
     /// Standard deviation of the time in milliseconds.

@@ -45,16 +45,12 @@ struct Entry {
     found: Vec<Correspondence>,
 }
 
-/// The successive pairs until the last frame.
-fn last_pairs(frames: &VecDeque<Entry>) -> Vec<StatedPair<'_>> {
-    let entries = frames.iter().zip(frames.iter().skip(1)).rev();
-    let pairs = entries.map_while(|(entry, next)| {
+/// The successive pairs until the last frame, the latest first.
+fn latest_pairs(frames: &VecDeque<Entry>) -> impl Iterator<Item = StatedPair<'_>> {
+    frames.iter().zip(frames.iter().skip(1)).rev().map_while(|(entry, next)| {
         let pair = entry.to_next.as_ref()?;
         Some(StatedPair { pair, index: entry.index, stated: next.stated - entry.stated })
-    });
-    let mut pairs: Vec<_> = pairs.collect();
-    pairs.reverse();
-    pairs
+    })
 }
 
 /// The unit of timestamps.
@@ -182,7 +178,7 @@ impl Continuous {
         }
         let leading = self.posterior.leading();
         let camera = (leading.setup.scan_axis, leading.gamma());
-        if !self.timing.push(&last_pairs(&self.frames), camera) {
+        if !self.timing.push(latest_pairs(&self.frames), camera) {
             return;
         }
         let Some(mut stamp) = self.frames.front().map(|first| first.stated) else { return };
@@ -277,7 +273,7 @@ impl Continuous {
         self.posterior.settle(window, before);
         let leading = self.posterior.leading();
         let gamma = (!self.camera.is_known()).then(|| leading.gamma());
-        self.timing.doubt(&last_pairs(&self.frames), (leading.setup.scan_axis, gamma));
+        self.timing.doubt(latest_pairs(&self.frames), (leading.setup.scan_axis, gamma));
         self.continues = !pairs.is_empty();
         let solution = if pairs.is_empty() { None } else { self.solution(window, own, stamp, local) };
         local.advance();

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT OR Apache-2.0
 
-//! What is known of the readout.
+//! The posterior of the readout: its likeliest value, with deviation and rivals.
 
 use super::Continuous;
 use crate::readout::{Readout, ReadoutDirection, ReadoutHypothesis, ReadoutPosterior};

@@ -46,8 +46,7 @@ pub struct Explained {
 impl Explained {
     /// Share of the mean square of the changes that is not explained with this γ; above 1 if it has the wrong sign.
     pub fn unexplained_with(&self, gamma: f64) -> f64 {
-        let Sums { change, cross, velocity, .. } = self.sums;
-        (change - 2.0 * gamma * cross + gamma * gamma * velocity) / change
+        self.sums.unexplained_with(gamma)
     }
 
     /// Whether the changes are certain enough, and slow enough, to be compared with the shifts, and no parallax.
@@ -95,14 +94,13 @@ pub fn explained(pairs: &[LeanChange], stamps: &[f64], noise: f64, number: Pairs
     let gamma = (all.cross / all.velocity).clamp(-1.0, 1.0);
     let squares = |of: fn(&LeanChange) -> f64| pairs.iter().map(|pair| of(pair).powi(2)).sum::<f64>();
     let found = Explained {
-        unexplained: 0.0,
+        unexplained: all.unexplained_with(gamma),
         signal: all.change / variances.len() as f64,
         unshared: all.change / all.whole,
         bend: (squares(|pair| pair.bend) / squares(|pair| pair.change.x)).sqrt(),
         count: pairs.len(),
         sums: all,
     };
-    let found = Explained { unexplained: found.unexplained_with(gamma), ..found };
     (found.unexplained.is_finite() && found.bend.is_finite()).then_some(found)
 }
 
@@ -114,6 +112,12 @@ struct Sums {
     change: f64,
     cross: f64,
     velocity: f64,
+}
+
+impl Sums {
+    fn unexplained_with(&self, gamma: f64) -> f64 {
+        (self.change - 2.0 * gamma * self.cross + gamma * gamma * self.velocity) / self.change
+    }
 }
 
 impl std::ops::AddAssign for Sums {

@@ -255,13 +255,20 @@ impl Timing {
         }
     }
 
-    /// Adds the last of some successive pairs, all until now, as seen along the likeliest scan axis with its readout ratio. Whether the
-    /// camera is to be sought anew, as what was assumed of its frames has changed.
-    pub fn push(&mut self, pairs: &[StatedPair<'_>], (axis, gamma): (ScanAxis, f64)) -> bool {
-        if self.axis == Some(axis) {
-            self.add(axis, pairs.last());
-        } else {
-            self.turn(axis, pairs);
+    /// Adds the first of some successive pairs, the latest first, as seen along the likeliest scan axis with its readout ratio.
+    /// Whether the camera is to be sought anew, as what was assumed of its frames has changed.
+    pub fn push<'a>(
+        &mut self,
+        mut latest: impl Iterator<Item = StatedPair<'a>>,
+        (axis, gamma): (ScanAxis, f64),
+    ) -> bool {
+        if self.axis != Some(axis) {
+            self.change_axis(axis, latest);
+        } else if let Some(pair) = latest.next() {
+            if self.pairs.len() == PAIRS {
+                self.pairs.pop_front();
+            }
+            self.pairs.push_back(self.timed(&pair, axis));
         }
         let was_carried = self.carried.is_some_and(|_| self.found.is_stabilised());
         // Correspondences between blends are of no single exposure.
@@ -283,29 +290,29 @@ impl Timing {
         }
     }
 
-    /// Judges pairs along this axis from now on, beginning with these.
-    fn turn(&mut self, axis: ScanAxis, pairs: &[StatedPair<'_>]) {
-        self.pairs.clear();
-        self.curvature = Curvature::default();
+    /// Judges pairs along this axis from now on, beginning with these, the latest first.
+    fn change_axis<'a>(&mut self, axis: ScanAxis, latest: impl Iterator<Item = StatedPair<'a>>) {
         self.axis = Some(axis);
-        self.add(axis, &pairs[pairs.len().saturating_sub(PAIRS)..]);
-    }
-
-    fn add<'a>(&mut self, axis: ScanAxis, pairs: impl IntoIterator<Item = &'a StatedPair<'a>>) {
-        for StatedPair { pair, index, stated } in pairs {
-            if self.pairs.len() == PAIRS {
-                self.pairs.pop_front();
-            }
-            let lean = LeanChange::of(pair, axis, self.noise);
-            self.pairs.push_back(TimedPair { lean, index: *index, stated: *stated });
+        self.curvature = Curvature::default();
+        self.pairs.clear();
+        for pair in latest.take(PAIRS) {
+            self.pairs.push_front(self.timed(&pair, axis));
         }
     }
 
-    /// Looks whether the path may not hold that was fitted to these successive pairs, all until now, along this axis with this readout
+    fn timed(&self, &StatedPair { pair, index, stated }: &StatedPair<'_>, axis: ScanAxis) -> TimedPair {
+        TimedPair { lean: LeanChange::of(pair, axis, self.noise), index, stated }
+    }
+
+    /// Looks whether the path may not hold that was fitted to some successive pairs, the latest first, along this axis with this readout
     /// ratio, `None` if it is given: while there are too few pairs for a verdict, or for that of another shot to lapse.
-    pub fn doubt(&mut self, pairs: &[StatedPair<'_>], (axis, gamma): (ScanAxis, Option<f64>)) {
+    pub fn doubt<'a>(
+        &mut self,
+        latest: impl Iterator<Item = StatedPair<'a>>,
+        (axis, gamma): (ScanAxis, Option<f64>),
+    ) {
         if self.axis != Some(axis) {
-            self.turn(axis, pairs);
+            self.change_axis(axis, latest);
         }
         let is_open = !self.is_given && (self.carried.is_some() || self.found.stabilised.is_none());
         let are_few = (MIN_DOUBT..MIN_PAIRS).contains(&self.pairs.len());

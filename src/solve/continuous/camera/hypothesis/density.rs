@@ -11,8 +11,8 @@ use crate::solve::continuous::trajectory::KnotDensity;
 
 /// Prior log odds that a camera vibrates faster than the usual knots follow.
 const VIBRATION_LOG_ODDS: f64 = -5.0;
-/// Least share of the residuals common to the matches of a line for a trial of the vibrating density. In vibrations the median
-/// of a window's pairs is 0.90 to 0.97, where depth varies along the scan axis up to 0.82.
+/// Least share of the squared residuals common to the matches of a line, as the median of a window's pairs, for a trial of the
+/// vibrating density. In vibrations it is 0.90 to 0.97, where depth varies along the scan axis up to 0.82.
 const MIN_LINE_SHARE: f64 = 0.85;
 /// Shares of the greatest and of the least γ from which a vibration is fitted if γ is unknown.
 const VIBRATION_STARTS: [f64; 2] = [0.9, 0.5];
@@ -33,11 +33,11 @@ impl Hypothesis {
         let Some(pair) = self.posterior.evaluated.get(window.own()) else { return false };
         pair.normal.variances.noise.sqrt() >= NOISE_LIMIT * self.setup.noise
             && self.moves(window)
-            && (self.density() == KnotDensity::Vibrating || self.leaves_common_to_lines())
+            && (self.density() == KnotDensity::Vibrating || self.has_residuals_common_to_lines())
     }
 
-    /// Whether most of what the path leaves is common to lines in half of the window's pairs, as a vibration lasts.
-    fn leaves_common_to_lines(&self) -> bool {
+    /// Whether most of the squared residuals of the median pair is common to lines: a vibration lasts, so that it is in all pairs.
+    fn has_residuals_common_to_lines(&self) -> bool {
         let share = |pair: &EvaluatedPair| pair.residuals.share_by_line(self.setup.scan_axis);
         let mut shares: Vec<f64> = self.posterior.evaluated.iter().map(share).collect();
         median(&mut shares) > MIN_LINE_SHARE
