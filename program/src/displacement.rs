@@ -8,6 +8,8 @@ use rsrectify::nalgebra::Vector2;
 /// Intervals along each side of the frame between the points at which the largest displacement is sought: a path bends far less
 /// within one, and so do residual velocities, whose cells are of this order.
 const INTERVALS: usize = 16;
+/// Pixels by which a frame must be corrected for any sample to change: positions are rounded to 1/2048 pixel.
+pub const LEAST: f64 = 0.5 / 2048.0;
 
 /// The displacement of what the frame shows at a pixel to where it is at the instant of `reference`, a share of the readout.
 pub fn at(motion: &FrameMotion, pixel: Vector2<f64>, reference: f64) -> Vector2<f64> {

@@ -5,6 +5,7 @@
 //! The GStreamer element is part of the program; nothing else has to be installed for it to be found.
 
 mod analysis;
+mod as_recorded;
 mod boxes;
 mod camera;
 mod clips;

@@ -7,15 +7,11 @@ mod tally;
 use crate::estimate::Estimate;
 use crate::property_values::{Direction, name_of};
 use crate::readout::{self, Doubt, Found};
-use rsrectify::rectifier::Origin;
 use serde::Serialize;
 use std::fmt;
 use std::time::Duration;
 pub use tally::Tally;
-use tally::{Entry, LastReadout, Left};
-
-/// Pixels a frame: where the picture moves less than that even where it moves fastest, no readout bends it by more than half.
-const STILL: f64 = 0.25;
+use tally::{Entry, LastReadout};
 
 /// Where the readout comes from.
 #[derive(Clone, Debug)]
@@ -164,34 +160,6 @@ fn median(mut values: Vec<f64>) -> Option<f64> {
     values.get(values.len() / 2).copied()
 }
 
-impl Left {
-    /// Why a frame is not corrected, in the element's words where it has some.
-    fn reason(&self, period: f64) -> String {
-        match self {
-            Self::Given { has_motion: false } => "the motion file does not have them".to_owned(),
-            Self::Given { has_motion: true } => "the motion file has no correction of them".to_owned(),
-            Self::Analysed { timing, .. } if timing.is_blended() => timing.timeline.to_string(),
-            Self::Analysed { origin: Origin::Untouched, .. } => "no motion was found".to_owned(),
-            Self::Analysed { timing, .. } if timing.is_stabilised() => {
-                "the frames were moved after their readout".to_owned()
-            }
-            Self::Analysed { readout_deviation, readout_time, speed, .. } => {
-                let (is_known, is_global) =
-                    (*readout_deviation <= readout::SURE, readout_time * 1e3 < readout::NONE);
-                let reason = match (is_known, is_global) {
-                    // Through no readout nothing is seen to move.
-                    (false, true) => "the readout was not known",
-                    (_, false) if speed * period < STILL => "nothing moved",
-                    (false, false) => "the readout was not known",
-                    (true, true) => "the rows are as good as exposed at once",
-                    (true, false) => "the correction was too uncertain",
-                };
-                reason.to_owned()
-            }
-        }
-    }
-}
-
 /// The longest stretch of frames that were left as they were recorded, of so many frames in all.
 fn longest_left(entries: &[Entry], frames: usize, period: f64) -> Option<Stretch> {
     if entries.is_empty() {
@@ -201,16 +169,16 @@ fn longest_left(entries: &[Entry], frames: usize, period: f64) -> Option<Stretch
     }
     let mut longest = 0..0;
     let mut begin = 0;
-    for run in entries.chunk_by(|one, next| one.left.is_some() == next.left.is_some()) {
+    for run in entries.chunk_by(|one, next| one.as_recorded.is_some() == next.as_recorded.is_some()) {
         let end = begin + run.len();
-        if run.iter().all(|entry| entry.left.is_some()) && run.len() > longest.len() {
+        if run.iter().all(|entry| entry.as_recorded.is_some()) && run.len() > longest.len() {
             longest = begin..end;
         }
         begin = end;
     }
     let run = entries.get(longest.clone()).filter(|run| !run.is_empty())?;
     let mut reasons: Vec<(String, usize)> = Vec::new();
-    for reason in run.iter().filter_map(|entry| entry.left.as_ref()).map(|left| left.reason(period)) {
+    for reason in run.iter().filter_map(|entry| Some(entry.as_recorded.as_ref()?.reason(period))) {
         match reasons.iter_mut().find(|(known, _)| *known == reason) {
             Some((_, count)) => *count += 1,
             None => reasons.push((reason, 1)),
@@ -313,21 +281,20 @@ impl fmt::Display for Summary {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use rsrectify::rectifier::{FrameTiming, Timeline};
+    use crate::as_recorded::AsRecorded;
 
-    fn analysed(readout_ms: f64, readout_deviation: f64, speed: f64) -> Left {
-        let (origin, timing) = (Origin::Continuous, FrameTiming::default());
-        Left::Analysed { origin, timing, speed, readout_deviation, readout_time: readout_ms * 1e-3 }
+    fn analysed(readout_ms: f64, readout_deviation: f64, speed: f64) -> AsRecorded {
+        AsRecorded::with_readout(readout_ms, readout_deviation, speed)
     }
 
-    fn entries(left: &[Option<Left>]) -> Vec<Entry> {
-        let entry = |(index, left): (usize, &Option<Left>)| Entry {
+    fn entries(as_recorded: &[Option<AsRecorded>]) -> Vec<Entry> {
+        let entry = |(index, as_recorded): (usize, &Option<AsRecorded>)| Entry {
             time: Some(5.0 + 0.1 * index as f64),
-            pixels: if left.is_some() { 0.0 } else { 2.0 },
+            pixels: if as_recorded.is_some() { 0.0 } else { 2.0 },
             confidence: Some(1.0),
-            left: *left,
+            as_recorded: *as_recorded,
         };
-        left.iter().enumerate().map(entry).collect()
+        as_recorded.iter().enumerate().map(entry).collect()
     }
 
     #[test]
@@ -343,32 +310,5 @@ mod tests {
         assert_eq!(longest_left(&entries[2..3], 1, 0.1), None);
         let long = Stretch { frames: 261, start_s: 0.0, duration_s: 8.7, reason: "nothing moved".to_owned() };
         assert_eq!(long.to_string(), "the first 8.7 s: nothing moved");
-    }
-
-    #[test]
-    fn each_frame_that_is_left_has_the_reason_of_the_element() {
-        let with = |stabilised, timeline, origin| Left::Analysed {
-            origin,
-            timing: FrameTiming::new(stabilised, timeline),
-            speed: 900.0,
-            readout_deviation: 0.0,
-            readout_time: 0.02,
-        };
-        let blended = Timeline::Blended { period: 6 };
-        for (left, reason) in [
-            (with(None, blended, Origin::Continuous), "all frames but one in 6 are blends of two"),
-            (with(None, Timeline::Stated, Origin::Untouched), "no motion was found"),
-            (
-                with(Some(true), Timeline::Stated, Origin::Continuous),
-                "the frames were moved after their readout",
-            ),
-            (with(None, Timeline::Stated, Origin::Continuous), "the correction was too uncertain"),
-            (analysed(20.0, 0.3, 5.0), "nothing moved"),
-            (analysed(20.0, 0.3, 50.0), "the readout was not known"),
-            (analysed(0.0, 0.01, 0.0), "the rows are as good as exposed at once"),
-            (Left::Given { has_motion: false }, "the motion file does not have them"),
-        ] {
-            assert_eq!(left.reason(1.0 / 30.0), reason);
-        }
     }
 }

@@ -2,6 +2,7 @@
 
 //! What the element reports of each frame that it gives out.
 
+use crate::as_recorded::AsRecorded;
 use crate::displacement;
 use crate::rectifier_options::RectifierOptions;
 use crate::streams::Excerpt;
@@ -10,11 +11,8 @@ use gst::prelude::*;
 use gstrsrectify::rsrectify::RsRectify;
 use rsrectify::motion::FrameMotion;
 use rsrectify::readout::Readout;
-use rsrectify::rectifier::{FrameSolution, FrameTiming, Origin};
+use rsrectify::rectifier::{FrameSolution, FrameTiming};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
-
-/// Pixels by which a frame must be corrected for any sample to change: positions are rounded to 1/2048 pixel.
-const LEAST: f64 = 0.5 / 2048.0;
 
 /// A frame that was given out.
 #[derive(Clone, Debug)]
@@ -26,25 +24,7 @@ pub struct Entry {
     /// 0 to 1; `None` where the motion was given.
     pub confidence: Option<f64>,
     /// Why a frame is not corrected.
-    pub left: Option<Left>,
-}
-
-/// A frame that is not corrected, with what tells the reason.
-#[derive(Clone, Copy, Debug)]
-pub enum Left {
-    /// Its motion was to be found.
-    Analysed {
-        origin: Origin,
-        timing: FrameTiming,
-        /// Pixels a second by which the picture moves where it moves fastest.
-        speed: f64,
-        /// Of the readout, as a share of the frame duration; 0 where it was given.
-        readout_deviation: f64,
-        /// Seconds.
-        readout_time: f64,
-    },
-    /// No motion was given for it, or one without a correction.
-    Given { has_motion: bool },
+    pub as_recorded: Option<AsRecorded>,
 }
 
 /// The readout with which the last frame was rectified.
@@ -101,20 +81,11 @@ impl Tally {
         let mut frames = self.lock();
         let Some(pixels) = frames.pixels(time, Some(motion)) else { return };
         let readout = motion.readout();
-        let twist = motion.path().mean_twist();
-        let reach = 0.5 * (readout.width() as f64).hypot(readout.height() as f64);
-        let left = Left::Analysed {
-            origin: solution.origin,
-            timing: solution.timing,
-            speed: twist.velocity.norm() + twist.omega.abs() * reach,
-            readout_deviation: solution.readout_deviation,
-            readout_time: readout.time(),
-        };
         frames.entries.push(Entry {
             time: time.map(gst::ClockTime::seconds_f64),
             pixels,
             confidence: Some(solution.confidence),
-            left: (pixels == 0.0).then_some(left),
+            as_recorded: (pixels == 0.0).then(|| AsRecorded::analysed(solution)),
         });
         let (deviation, timing) = (solution.readout_deviation, solution.timing);
         frames.last = Some(LastReadout { readout: *readout, deviation, timing });
@@ -124,9 +95,9 @@ impl Tally {
     pub fn add_given(&self, time: Option<gst::ClockTime>, motion: Option<&FrameMotion>) {
         let mut frames = self.lock();
         let Some(pixels) = frames.pixels(time, motion) else { return };
-        let left = (pixels == 0.0).then_some(Left::Given { has_motion: motion.is_some() });
+        let as_recorded = (pixels == 0.0).then_some(AsRecorded::Given { has_motion: motion.is_some() });
         let time = time.map(gst::ClockTime::seconds_f64);
-        frames.entries.push(Entry { time, pixels, confidence: None, left });
+        frames.entries.push(Entry { time, pixels, confidence: None, as_recorded });
         if let Some(motion) = motion {
             let (readout, timing) = (*motion.readout(), FrameTiming::default());
             frames.last = Some(LastReadout { readout, deviation: 0.0, timing });
@@ -155,6 +126,6 @@ impl Frames {
         let largest = |motion| displacement::largest(motion, self.reference) * self.strength;
         let is_counted = self.excerpt.as_ref().is_none_or(is_wanted);
         let pixels = is_counted.then(|| motion.map_or(0.0, largest))?;
-        Some(if pixels < LEAST { 0.0 } else { pixels })
+        Some(if pixels < displacement::LEAST { 0.0 } else { pixels })
     }
 }
