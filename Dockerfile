@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT OR Apache-2.0
 # The program `rsrectify`, the GStreamer element, and `rsrectify-batch` with Ray, for batches and as a worker of a cluster.
 #
 #   docker build --tag rsrectify .

@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
 // The same job composed of OpenCV parts, for comparison; `scripts/compare-speed` builds and runs it.
 //
 // Usage: opencv_job VIDEO.y4m THREADS     (8-bit 4:2:0)

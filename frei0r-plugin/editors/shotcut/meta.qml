@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
 import QtQuick 2.0
 import org.shotcut.qml 1.0
 
