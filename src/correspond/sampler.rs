@@ -55,7 +55,7 @@ impl Sampler {
         Self::with_effort(Effort::default(), width, height, grid_columns, grid_rows)
     }
 
-    /// For frames of `width` × `height` pixels that are analysed as finely as `effort` says, and a grid of cells
+    /// For frames of `width` × `height` pixels analysed at the size that `effort` selects, and a grid of cells
     /// with one point each.
     ///
     /// Any size is valid; frames (or grids) too small for a single patch yield no correspondences.

@@ -69,7 +69,7 @@ impl Reducer {
         Self::with_effort(width, height, Effort::default())
     }
 
-    /// For full frames of `width` × `height` pixels, any size, analysed as finely as `effort` says.
+    /// For full frames of `width` × `height` pixels, any size, analysed at the size that `effort` selects.
     pub fn with_effort(width: usize, height: usize, effort: Effort) -> Self {
         let reduction = Reduction::new(width, height, effort.scale(width.max(height)));
         let count = level_count(reduction.size());

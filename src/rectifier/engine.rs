@@ -140,7 +140,7 @@ impl Engine {
         }
     }
 
-    /// What the frames so far say of their timing.
+    /// Timing and placement of the frames, as estimated so far.
     pub fn timing(&self) -> FrameTiming {
         match self {
             Self::Sequential(_) => FrameTiming::default(),

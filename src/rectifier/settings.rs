@@ -18,12 +18,12 @@ pub enum Estimator {
     Sequential,
 }
 
-/// Most frames that the motion waits for where the picture is stabilised: more do not make it better (`docs/accuracy.md`), but the
-/// smoothing.
+/// Number of later frames that the motion is estimated from, at most, in a stabilised stream. More do not improve it
+/// (`docs/accuracy.md`); only the smoothing uses them.
 pub const MOTION_LOOKAHEAD: usize = 8;
 
-/// What [`Settings::lookahead`] must be so that all later frames which the smoothing takes are there: for a deviation and an interval
-/// from frame to frame in seconds.
+/// The [`Settings::lookahead`] that covers all later frames used by the smoothing, given its standard deviation
+/// ([`Settings::stabilization`]) and the interval from frame to frame, both in seconds.
 #[must_use]
 pub fn stabilization_lookahead(deviation: f64, interval: f64) -> usize {
     // No overflow: conversions saturate.
@@ -63,14 +63,14 @@ pub struct Settings {
     /// estimator.
     pub readout_prior: Option<ReadoutPrior>,
     /// Whether the frames were moved after their readout, as by stabilisation in the camera, so that only the
-    /// changes of their lean are used; `None` to find out from the picture. Ignored by the sequential estimator.
+    /// changes of their lean are used; `None` to estimate it from the picture. Ignored by the sequential estimator.
     pub stabilised: Option<bool>,
     /// Standard deviation in seconds of the smoothing of the virtual camera's path, 0 to 10; 0: the picture is rectified but not
     /// stabilised. Frames are smoothed over 2.65 deviations before and after, as far as [`lookahead`](Self::lookahead) reaches:
     /// of that, the motion itself takes at most [`MOTION_LOOKAHEAD`] frames.
     pub stabilization: f64,
-    /// How far an edge of the frame may come into the picture where it is stabilised, as a share of the width or height, 0 to
-    /// 0.5: what a zoom hides, (1 − 1/zoom)/2.
+    /// Largest distance by which stabilisation may move an edge of the frame into the picture, as a share of the width or height,
+    /// 0 to 0.5. A zoom hides (1 − 1/zoom)/2.
     pub margin: f64,
     /// Whether [`FrameSolution::fitted`](super::FrameSolution::fitted) is filled, which takes memory for each frame.
     pub keep_correspondences: bool,

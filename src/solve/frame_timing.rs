@@ -4,20 +4,19 @@
 
 use std::fmt;
 
-/// What the frames so far say of their timing and placement.
+/// Timing and placement of the frames, as estimated so far.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[non_exhaustive]
 pub struct FrameTiming {
-    /// Whether the frames were moved after their readout, as by stabilisation in the camera: they are rectified
-    /// by the changes of their lean alone, as far as these tell it. `None` if they do not say.
+    /// Whether the frames were moved after their readout, as by stabilisation in the camera: they are then rectified only as
+    /// far as their lean can be estimated from its changes. `None`: undecided.
     pub stabilised: Option<bool>,
     /// When the frames were exposed.
     pub timeline: Timeline,
 }
 
 impl FrameTiming {
-    /// Frames that it takes to find out, where they move enough. With as many looked ahead it is known when the first frame
-    /// is rectified.
+    /// Number of moving frames that a verdict takes. With a lookahead of as many it holds from the first frame on.
     pub const FRAMES: usize = 18;
 
     /// From whether frames were moved after their readout, and when they were exposed.
@@ -56,8 +55,7 @@ pub enum Timeline {
     /// As stated.
     #[default]
     Stated,
-    /// Evenly, so many frame periods apart: frames were repeated and the repetitions are not counted, so that the
-    /// stated intervals are uneven.
+    /// Evenly spaced: frames were repeated and the repetitions are not counted, so that the stated intervals are uneven.
     Even {
         /// Frame periods from one distinct frame to the next.
         interval: f64,

@@ -81,8 +81,8 @@ pub struct FrameSolution {
     /// Whether very few points of the previous frame were found in this one, as at a cut; always false with
     /// the sequential estimator.
     pub begins_shot: bool,
-    /// What the frames up to the last one that was pushed say of their timing and placement; undecided from the
-    /// sequential estimator.
+    /// Timing and placement of the frames, as estimated from all that were pushed so far; undecided from the sequential
+    /// estimator.
     pub timing: FrameTiming,
     /// The focal length; `None` for a frame without a motion, from the sequential estimator, and for a model
     /// without perspective.

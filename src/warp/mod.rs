@@ -3,8 +3,8 @@
 //! A frame's motion path and a plane → the rectified plane.
 //!
 //! A point at x in the frame (centred pixels, exposed at share s) is moved to
-//! z · (x + α·(carry(x, s, ref) − x)) in the rectified frame: 25.11 with a strength α and a zoom z. A frame that is stabilised
-//! has a placement besides, a homography P after all this but the zoom: by z · P(…).
+//! z · (x + α·(carry(x, s, ref) − x)) in the rectified frame: 25.11 with a strength α and a zoom z. If the frame is stabilised,
+//! its placement P, a homography, is applied before the zoom: z · P(x + α·(…)).
 //! [`Warper::prepare`] inverts this map once a frame, [`PreparedFrame::warp_frame`] resamples the
 //! frame's planes by it, in two passes: first down the columns, then along the rows (see `kernels`).
 //!
@@ -55,7 +55,7 @@ pub enum WarpError {
     /// A frame has more or fewer planes than its layout.
     #[error("a frame has more or fewer planes than its layout")]
     Planes,
-    /// The bytes of a plane are not as its layout says.
+    /// The bytes of a plane do not fit its layout.
     #[error(transparent)]
     Plane(#[from] PlaneError),
 }

@@ -78,8 +78,8 @@ pub struct WarpSettings {
     pub strength: f64,
     /// Magnification about the picture's centre, at least 1, to hide borders.
     pub zoom: f64,
-    /// Whether borders stay out of sight even where a zoom above 1 does not hide them: of such a frame the placement is applied in
-    /// part, and if that does not do, the correction of the path.
+    /// Whether borders are hidden even where a zoom above 1 is too small for it: the placement of such a frame is then applied in
+    /// part, and if that is not enough, also the correction of the path.
     pub hide_borders: bool,
 }
 

@@ -273,7 +273,7 @@ impl Continuous {
         self.posterior.settle(window, before);
         let leading = self.posterior.leading();
         let gamma = (!self.camera.is_known()).then(|| leading.gamma());
-        self.timing.doubt(latest_pairs(&self.frames), (leading.setup.scan_axis, gamma));
+        self.timing.update_doubt(latest_pairs(&self.frames), (leading.setup.scan_axis, gamma));
         self.continues = !pairs.is_empty();
         let solution = if pairs.is_empty() { None } else { self.solution(window, own, stamp, local) };
         local.advance();
@@ -424,7 +424,7 @@ impl Continuous {
         pair.fit(leading, self.centre, self.radius)
     }
 
-    /// What the frames so far say of their timing.
+    /// Timing and placement of the frames, as estimated so far.
     pub fn timing(&self) -> FrameTiming {
         self.timing.found()
     }

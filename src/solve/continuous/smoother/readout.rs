@@ -36,7 +36,7 @@ impl Continuous {
         self.frames.back().map_or(0, |last| last.index)
     }
 
-    /// Standard deviation of the readout ratio, as the frame with this number tells it.
+    /// Standard deviation of the readout ratio that is reported with the frame of this number.
     pub(super) fn readout_deviation(&self, frame: usize) -> f64 {
         let deviation = self.posterior.readout_deviation();
         deviation.hypot(self.excess(self.posterior.leading())).max(self.least_deviation(frame))

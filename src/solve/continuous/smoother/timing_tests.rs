@@ -75,7 +75,7 @@ fn a_path_of_another_readout_or_axis_contradicts_the_first_pairs() {
         let other = ScanAxis { by_rows: !by_rows, length: if by_rows { width } else { height } };
         let mut timing = Timing::new(NOISE / continuous.radius);
         let mut contradicts = |camera: (ScanAxis, Option<f64>)| {
-            timing.doubt(latest_pairs(&continuous.frames), camera);
+            timing.update_doubt(latest_pairs(&continuous.frames), camera);
             timing.contradicts_path(0, camera.0)
         };
         let along = [None, Some(0.7), Some(-0.4), Some(0.1)].map(|gamma| contradicts((axis, gamma)));

@@ -9,7 +9,7 @@
 //!
 //! and dl/dt follows from the changes of the lean as the velocity does from shifts. A stabiliser that takes the same
 //! share out of all shifts, as of an even pan, leaves leans that follow from the shifts: with a γ that is too long
-//! by what it took out, |γ|/(1 − share). The curvature says so, if less precisely than shifts say γ.
+//! by what it took out, |γ|/(1 − share). The curvature shows it, if less precisely than the shifts determine γ.
 //!
 //! As the changes of dl/dt are noisy, γ is their slope by those of the acceleration of the shifts (an instrumental variable):
 //! γ = Σ ΔQ·Δa / Σ Δ(dl/dt)·Δa, of each coordinate, both weighted by their inverse variances.

@@ -62,10 +62,10 @@ impl Explained {
     }
 }
 
-/// How many pairs say how the changes agree with the shifts.
+/// Number of pairs from which the agreement of the changes with the shifts is judged.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Pairs {
-    /// Enough to tell parallax from γ.
+    /// Enough to separate parallax from γ.
     Many,
     /// Three at least, too few for that: parallax is neglected. The first and the last one are left out, as the velocities at the
     /// ends have a neighbour on one side only.

@@ -15,7 +15,7 @@
 //! roll and zoom during the readout leave a trace in it.
 //!
 //! The variance of the lean is what strips of the picture, side by side along the lines, do not share: misfit and parallax are
-//! correlated between neighbours, which the residuals do not say.
+//! correlated between neighbours, which the residuals do not show.
 
 use crate::robust::loss::GemanMcClure;
 use crate::robust::motion::{Motion, Round, Sample, Scale, fit, quadratic};
@@ -31,7 +31,7 @@ const MIN_STRIP: usize = 12;
 const ROUNDS: usize = 4;
 const LOSS: GemanMcClure = GemanMcClure(9.0);
 
-/// What a pair says of the lean of its frames. Vectors have the coordinate across the scan axis first, in radii.
+/// The change of the lean in a pair. Vectors have the coordinate across the scan axis first, in radii.
 #[derive(Clone, Copy, Debug)]
 pub struct LeanChange {
     /// l′ − l.

@@ -46,7 +46,7 @@ const PAIRS: usize = 30;
 const MIN_PAIRS: usize = 16;
 /// Fewest pairs that raise doubts before there are enough for a verdict.
 const MIN_DOUBT: usize = 3;
-/// Fewest pairs from which the lean of a frame is told.
+/// Fewest pairs from which the lean of a frame is estimated.
 const MIN_LEANS: usize = 8;
 /// Shares of the changes that the shifts leave unexplained: more from stabilised footage, less from other. Of rendered
 /// clips 0.01 to 0.5 are as recorded, the most where the camera shakes at 0.4 cycles a frame; 0.7 to 1 stabilised.
@@ -73,11 +73,11 @@ pub struct Timing {
     curvature: Curvature,
     /// Least variance of the position of a match, in squared radii.
     noise: f64,
-    /// Of the frames of this shot; until these say it themselves, as of the shot before.
+    /// Of the frames of this shot; before its own verdict, that of the shot before.
     found: FrameTiming,
-    /// Pairs of this shot so far while that is so.
+    /// Pairs of this shot so far, while the verdict is that of the shot before.
     carried: Option<usize>,
-    /// Number of the first frame of this shot, and what was found of the frames before.
+    /// Number of the first frame of this shot, and the verdict about the frames before.
     first: usize,
     before: FrameTiming,
     /// Whether it is given that frames are stabilised, or are not.
@@ -177,14 +177,14 @@ impl Timing {
         if frame < self.first { self.before } else { self.found }
     }
 
-    /// Whether a path does not tell how the frame with this number leans along an axis: it was moved after its readout, or may have
-    /// been, or exposed at another time.
+    /// Whether the lean of the frame with this number along an axis must not be computed from a path: the frame was moved after its
+    /// readout, or is in doubt (see [`update_doubt`](Self::update_doubt)).
     pub fn contradicts_path(&self, frame: usize, axis: ScanAxis) -> bool {
         let is_in_doubt = self.is_doubtful && self.axis == Some(axis) && frame >= self.first;
         self.found_of(frame).is_stabilised() || is_in_doubt
     }
 
-    /// The lean, along this axis, of a frame of which no path tells it; `None` for other frames.
+    /// The lean, along this axis, of a frame that contradicts the path, estimated from the changes around it; `None` for other frames.
     pub fn lean(&self, frame: usize, axis: ScanAxis) -> Option<Lean> {
         if !self.contradicts_path(frame, axis) {
             return None;
@@ -214,14 +214,14 @@ impl Timing {
         Some(Lean { axis, across, along, roll })
     }
 
-    /// By how much γ along an axis, as found from the shifts, is too long by the curvature of the frames: where the frames were
-    /// moved evenly after their readout, only this says so. 0 if they do not say.
+    /// By how much |γ| along an axis, as estimated from the shifts, is too large according to the curvature of the frames, which alone
+    /// detects that the same share of every shift was taken out after the readout. 0 if the curvature does not contradict γ.
     pub fn excess(&self, gamma: f64, axis: ScanAxis) -> f64 {
         if self.axis == Some(axis) { self.curvature.excess(gamma) } else { 0.0 }
     }
 
-    /// Begins another shot with the frame of this number. It is likelier of the same camera and conversion than not, so that
-    /// what was found is kept for the pairs that it takes to find out.
+    /// Begins another shot with the frame of this number. Camera and conversion are more likely the same than not, so the verdict is kept
+    /// for as many pairs as are judged together.
     pub fn cut(&mut self, first: usize) {
         self.interrupt();
         self.before = self.found;
@@ -277,7 +277,7 @@ impl Timing {
         is_retimed || was_carried && !self.found.is_stabilised()
     }
 
-    /// Drops what was found of the shot before, if this one has not said so itself in the pairs that are judged together. Its timeline stays:
+    /// Drops the verdict of the shot before, if this one has not confirmed it in the pairs that are judged together. Its timeline stays:
     /// it is compared with all others as soon as frames move.
     fn lapse(&mut self) {
         self.carried = self.carried.map(|pairs| pairs + 1);
@@ -304,9 +304,9 @@ impl Timing {
         TimedPair { lean: LeanChange::of(pair, axis, self.noise), index, stated }
     }
 
-    /// Looks whether the path may not hold that was fitted to some successive pairs, the latest first, along this axis with this readout
-    /// ratio, `None` if it is given: while there are too few pairs for a verdict, or for that of another shot to lapse.
-    pub fn doubt<'a>(
+    /// Determines whether a path is in doubt that was fitted to some successive pairs, the latest first, along this axis with this readout
+    /// ratio, `None` if it is given. There is doubt only while the pairs are too few for a verdict, or for that of the shot before to lapse.
+    pub fn update_doubt<'a>(
         &mut self,
         latest: impl Iterator<Item = StatedPair<'a>>,
         (axis, gamma): (ScanAxis, Option<f64>),
@@ -319,7 +319,7 @@ impl Timing {
         self.is_doubtful = is_open && are_few && self.looks_moved_or_retimed(gamma);
     }
 
-    /// Whether few pairs look as if frames had been moved, or as if another timeline were likelier, or another readout ratio.
+    /// Whether the few pairs so far look as if frames had been moved after their readout, or another timeline or readout ratio is likelier.
     fn looks_moved_or_retimed(&mut self, gamma: Option<f64>) -> bool {
         let leans = self.leans();
         let is_retimed = |now: &Explained| {

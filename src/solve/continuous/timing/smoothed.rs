@@ -61,7 +61,7 @@ impl Series {
         Component { value: 0.0, variance: square * LENGTHS.map(spread).into_iter().fold(0.0, f64::max) }
     }
 
-    /// What the changes say of the lean of a frame, at each length that they do not contradict.
+    /// The lean of a frame as estimated from the changes, at each correlation length that they do not contradict.
     fn conditioned(&self, frame: usize) -> [Option<Conditioned>; LENGTHS.len()] {
         let known = self.known();
         let [square, noise] = mean_squares(&known);
