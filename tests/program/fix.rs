@@ -3,7 +3,7 @@
 //! `rsrectify fix`, run as a user runs it, on clips made here.
 
 use crate::common::shake::{FPS, RATIO, shake, write_shaken};
-use crate::shared::{CLIP, Folder, TONE, buffers, rsrectify, size, times};
+use crate::shared::{CLIP, Folder, TONE, buffers, rsrectify, size, times, undocumented};
 use serde_json::Value;
 use std::path::Path;
 use std::process::Output;
@@ -222,6 +222,9 @@ fn what_was_done_is_told_in_numbers() {
     let reports = reports(&result);
     let number = |value: &Value, pointer: &str| value.pointer(pointer).and_then(Value::as_f64).unwrap();
     let [one, other, bad] = &reports[..] else { panic!("{reports:?}") };
+    for report in &reports {
+        assert_eq!(undocumented(report, "### What was done"), [""; 0]);
+    }
     assert_eq!((&one["clip"], &one["frames"]), (&Value::from(shaken.to_str().unwrap()), &Value::from(45)));
     assert_eq!((&one["readout"]["certainty"], &one["error"]), (&Value::from("found"), &Value::Null));
     let truth = -1e3 * RATIO / FPS;
@@ -239,6 +242,8 @@ fn what_was_done_is_told_in_numbers() {
         .collect();
     let largest = corrections.iter().copied().fold(0.0, f64::max);
     assert!((number(one, "/correction_px/largest") - largest).abs() < 0.1 * largest, "{one} for {largest}");
+    let frame = number(one, "/correction_px/largest_frame") as usize;
+    assert!(corrections[frame] > 0.95 * largest, "frame {frame} of {corrections:?}");
     assert!(number(one, "/confidence") > 0.9 && number(one, "/zoom") == 1.0);
     assert_eq!((&other["corrected_frames"], &other["correction_px"]), (&Value::from(0), &Value::Null));
     assert_eq!(other["as_recorded"]["frames"], Value::from(30));

@@ -3,7 +3,7 @@
 //! `rsrectify measure`, run as a user runs it.
 
 use crate::common::shake::{FPS, RATIO, write_shaken};
-use crate::shared::{CLIP, Folder, rsrectify};
+use crate::shared::{CLIP, Folder, rsrectify, undocumented};
 use serde_json::Value;
 use std::path::Path;
 
@@ -23,6 +23,7 @@ fn a_shaken_camera_is_measured() {
     let (said, code) = measure(&[&clip], &["--json"]);
     assert_eq!(code, Some(0));
     let report: Value = serde_json::from_str(&said).unwrap();
+    assert_eq!(undocumented(&report, "## rsrectify measure"), [""; 0]);
     let found = &report["clips"][0];
     let number = |value: &Value| value.as_f64().unwrap();
     assert!((number(&found["signed_readout_ms"]) - truth).abs() < 2.0, "{said}");
@@ -50,6 +51,7 @@ fn clips_that_tell_nothing_say_why_and_count_for_nothing() {
     let (said, code) = measure(&[&still, &shaken, &text], &["--json", "--same-camera"]);
     assert_eq!(code, Some(1));
     let report: Value = serde_json::from_str(&said).unwrap();
+    assert_eq!(undocumented(&report, "## rsrectify measure"), [""; 0]);
     assert_eq!(report["clips"][0]["certain"], false);
     assert!(report["clips"][0]["doubts"][0].as_str().unwrap().contains("hardly moved"), "{said}");
     assert!(report["failed"][0]["clip"].as_str().unwrap().ends_with("text.mp4"), "{said}");

@@ -3,6 +3,7 @@
 //! What the program's tests share: a folder of clips, and the program.
 
 use gst::prelude::*;
+use serde_json::Value;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
@@ -65,6 +66,26 @@ impl Folder {
 impl Drop for Folder {
     fn drop(&mut self) {
         let _ = std::fs::remove_dir_all(&self.0);
+    }
+}
+
+/// The keys of a JSON value, at any depth, that a section of `docs/program.md` does not name.
+pub fn undocumented<'a>(value: &'a Value, heading: &str) -> Vec<&'a str> {
+    let page = concat!(env!("CARGO_MANIFEST_DIR"), "/../docs/program.md");
+    let text = std::fs::read_to_string(page).unwrap();
+    let begin = text.find(&format!("\n{heading}\n")).unwrap() + heading.len();
+    let end = text[begin..].find("\n#").map_or(text.len(), |length| begin + length);
+    keys(value).into_iter().filter(|key| !text[begin..end].contains(&format!("`{key}`"))).collect()
+}
+
+fn keys(value: &Value) -> Vec<&str> {
+    match value {
+        Value::Object(fields) => {
+            fields.iter().flat_map(|(key, value)| [vec![key.as_str()], keys(value)].concat()).collect()
+        }
+        // The others have the same.
+        Value::Array(values) => values.first().map_or(Vec::new(), keys),
+        _ => Vec::new(),
     }
 }
 

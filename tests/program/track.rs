@@ -3,7 +3,7 @@
 //! `rsrectify track`, run as a user runs it.
 
 use crate::common::shake::{shake, write_shaken};
-use crate::shared::{CLIP, Folder, rsrectify};
+use crate::shared::{CLIP, Folder, rsrectify, undocumented};
 use serde_json::Value;
 use std::path::Path;
 use std::process::Output;
@@ -93,6 +93,11 @@ fn rows_and_gyroscope_follow_a_shaken_camera() {
     let row = &list[last]["rows"][7];
     assert!((row["vx"].as_f64().unwrap() - rows[last * 240 + 7][5]).abs() < 1e-3);
     assert_eq!(list[0]["readout_direction"], "bottom-to-top");
+    assert!(list.iter().all(|frame| frame["as_recorded"].is_null()));
+    assert_eq!(undocumented(&all, "## rsrectify track"), [""; 0]);
+    let text = std::fs::read_to_string(&csv).unwrap();
+    let columns: Vec<&str> = text.lines().next().unwrap().split(',').collect();
+    assert!(columns.iter().all(|column| list[0].get(column).is_some()), "{columns:?}");
 }
 
 #[test]
@@ -115,6 +120,8 @@ fn what_cannot_be_written_is_refused() {
     let printed = String::from_utf8(output.stdout).unwrap();
     assert_eq!(printed.lines().count(), 31, "{printed}");
     assert!(printed.starts_with("frame,time,"), "{printed}");
+    // The clip has no texture to follow.
+    assert!(printed.lines().skip(1).all(|line| line.ends_with(",no motion was found")), "{printed}");
 }
 
 /// Against the gyroscope of the phone that recorded a clip.

@@ -50,6 +50,8 @@ pub struct Readout {
 pub struct Pixels {
     pub median: f64,
     pub largest: f64,
+    /// The frame with the largest, counted from 0 over those that were written.
+    pub largest_frame: usize,
 }
 
 /// Frames in a row that were left as they were recorded.
@@ -92,7 +94,9 @@ impl Summary {
         let period = period(&entries);
         let corrected: Vec<f64> =
             entries.iter().map(|entry| entry.pixels).filter(|pixels| *pixels > 0.0).collect();
-        let largest = corrected.iter().copied().fold(0.0, f64::max);
+        // Of several the first.
+        let pixels = entries.iter().map(|entry| entry.pixels).enumerate().rev();
+        let (largest_frame, largest) = pixels.max_by(|a, b| a.1.total_cmp(&b.1)).unwrap_or_default();
         let seconds = time.as_secs_f64();
         Self {
             frames,
@@ -101,7 +105,7 @@ impl Summary {
             period,
             readout: Readout::new(source, tally.last_readout(), period),
             corrected_frames: corrected.len(),
-            correction_px: median(corrected).map(|median| Pixels { median, largest }),
+            correction_px: median(corrected).map(|median| Pixels { median, largest, largest_frame }),
             confidence: median(entries.iter().filter_map(|entry| entry.confidence).collect()),
             zoom,
             as_recorded: longest_left(&entries, frames, period),
@@ -251,7 +255,7 @@ impl Summary {
         // 100 % are all of them.
         let share = if corrected_frames < frames { share.min(99.0) } else { share };
         let mut corrected = format!("{share:.0} % of the frames");
-        if let Some(Pixels { median, largest }) = self.correction_px {
+        if let Some(Pixels { median, largest, .. }) = self.correction_px {
             corrected += &format!(", by {median:.1} px in the median, {largest:.1} px at most");
         }
         if let Some(confidence) = self.confidence {

@@ -4,6 +4,8 @@
 
 use super::velocity::Instant;
 use crate::analysis::Frame;
+use crate::as_recorded::AsRecorded;
+use crate::displacement;
 use crate::property_values::{Direction, name_of};
 use anyhow::Result;
 use rsrectify::motion::image_centre;
@@ -31,6 +33,8 @@ pub struct FrameRow {
     pub correspondences: usize,
     pub inliers: usize,
     pub residual: f64,
+    /// Why the frame keeps its picture; absent of one that is corrected.
+    pub as_recorded: Option<String>,
 }
 
 /// The motion of a row, of a column where the readout runs sideways.
@@ -50,7 +54,7 @@ pub struct LineRow {
 
 /// The columns of frames.
 pub const FRAME_HEADER: &str = "frame,time,origin,confidence,expected_error,omega,vx,vy,readout_ms,readout_direction,\
-readout_deviation,correspondences,inliers,residual";
+readout_deviation,correspondences,inliers,residual,as_recorded";
 /// The columns of rows.
 pub const LINE_HEADER: &str = "frame,line,time,dx,dy,vx,vy,omega";
 
@@ -59,11 +63,12 @@ fn number(value: Option<f64>) -> String {
 }
 
 impl FrameRow {
-    /// Of the frame with this number.
-    pub fn new(index: u64, frame: &Frame) -> Self {
+    /// Of the frame with this number; `period` is the time from frame to frame in seconds.
+    pub fn new(index: u64, frame: &Frame, period: f64) -> Self {
         let solution = &frame.solution;
         let readout = solution.motion.readout();
         let twist = solution.motion.path().mean_twist();
+        let keeps_picture = displacement::largest(&solution.motion, 0.5) < displacement::LEAST;
         Self {
             frame: index,
             time: frame.time,
@@ -79,6 +84,7 @@ impl FrameRow {
             correspondences: solution.correspondences,
             inliers: solution.inliers,
             residual: solution.residual,
+            as_recorded: keeps_picture.then(|| AsRecorded::analysed(solution).reason(period)),
         }
     }
 
@@ -87,7 +93,9 @@ impl FrameRow {
         write!(out, "{},{},{},{:.4},", self.frame, number(self.time), self.origin, self.confidence)?;
         write!(out, "{},{:.6},{:.3},{:.3},", number(self.expected_error), self.omega, self.vx, self.vy)?;
         write!(out, "{:.4},{},{:.4},", self.readout_ms, self.readout_direction, self.readout_deviation)?;
-        writeln!(out, "{},{},{:.4}", self.correspondences, self.inliers, self.residual)?;
+        // No reason holds a comma.
+        let as_recorded = self.as_recorded.as_deref().unwrap_or_default();
+        writeln!(out, "{},{},{:.4},{as_recorded}", self.correspondences, self.inliers, self.residual)?;
         Ok(())
     }
 }
