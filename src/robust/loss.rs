@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT OR Apache-2.0
 
-//! Robust losses, with one convention.
+//! Robust losses, with one convention. Which loss is used where: the table "Robust losses" of `CONTRIBUTING.md`.
 //!
 //! s = |r|²/σ² is the squared, whitened residual of a measurement of d coordinates: each of them has variance
 //! 1 if the measurement belongs to the model, so that s is then about d. A fit minimises ½·Σ ρ(s), where ρ(0)
