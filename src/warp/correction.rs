@@ -2,7 +2,7 @@
 
 //! The correction of one frame: displacements from the frame to the rectified frame.
 
-use super::axis::Axis;
+use super::nodes::Nodes;
 use super::settings::WarpSettings;
 use crate::motion::{FrameMotion, IntervalMotion, MotionPath, image_centre, project};
 use crate::readout::Readout;
@@ -63,7 +63,7 @@ impl<'a> Correction<'a> {
     }
 
     /// The intervals to the reference, one per row of nodes, or per column if the sensor is read by columns.
-    pub fn intervals(&self, x: &Axis, y: &Axis, intervals: &mut Vec<IntervalMotion>) {
+    pub fn intervals(&self, x: &Nodes, y: &Nodes, intervals: &mut Vec<IntervalMotion>) {
         let axis = if self.readout.direction.is_by_rows() { y } else { x };
         intervals.clear();
         intervals.extend((0..axis.count).map(|index| self.interval(axis.at(index), axis.at(index))));

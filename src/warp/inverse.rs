@@ -33,10 +33,10 @@
 //! 1080p: 23 × 100 nodes, or 125 × 100 with a field on nodes 16 px apart; some 90 ns a node on one core:
 //! 0.2 and 1.1 ms, distributed by lines of nodes.
 
-use super::axis::Axis;
 use super::borders::kept_inside;
 use super::correction::Correction;
 use super::monotone::{Inverse, limit_slopes};
+use super::nodes::Nodes;
 use super::settings::WarpSettings;
 use crate::motion::{FrameMotion, IntervalMotion, MotionPath};
 use crate::parallel::*;
@@ -57,15 +57,15 @@ const MIN_STRETCH: f64 = 0.25;
 #[derive(Debug, Default)]
 pub(super) struct MapField {
     /// Columns of nodes.
-    pub x: Axis,
+    pub x: Nodes,
     /// Rows of nodes.
-    pub y: Axis,
+    pub y: Nodes,
     /// One value per node, row by row, in frame pixels.
     pub values: Vec<f32>,
 }
 
 impl MapField {
-    fn reset(&mut self, x: Axis, y: Axis) {
+    fn reset(&mut self, x: Nodes, y: Nodes) {
         (self.x, self.y) = (x, y);
         self.values.clear();
         self.values.resize(x.count * y.count, 0.0);
@@ -111,10 +111,10 @@ impl InverseMap {
         let correction = kept_inside(motion, settings);
         let spacing = spacing(readout, path);
         let last = [readout.width as f64 - 1.0, readout.height as f64 - 1.0];
-        let [x, y] = [0, 1].map(|axis| Axis::over(0.0, last[axis], spacing[axis]));
+        let [x, y] = [0, 1].map(|axis| Nodes::over(0.0, last[axis], spacing[axis]));
         let visible = correction.visible(&[x, y].map(|axis| [axis.first, axis.at(axis.count - 1)]));
         let [frame_x, frame_y] =
-            [0, 1].map(|axis| Axis::over(visible[axis][0], visible[axis][1], spacing[axis]));
+            [0, 1].map(|axis| Nodes::over(visible[axis][0], visible[axis][1], spacing[axis]));
         self.across.reset(x, y);
         self.down.reset(frame_x, y);
         self.crossings.resize(frame_x.count * y.count, Crossing::default());
@@ -147,11 +147,11 @@ struct Lines<'a> {
     correction: Correction<'a>,
     by_rows: bool,
     /// Nodes of the frame.
-    frame_x: Axis,
-    frame_y: Axis,
+    frame_x: Nodes,
+    frame_y: Nodes,
     /// Nodes of the output.
-    x: Axis,
-    y: Axis,
+    x: Nodes,
+    y: Nodes,
 }
 
 impl Lines<'_> {

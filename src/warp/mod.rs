@@ -11,7 +11,6 @@
 //! Positions are accurate to 0.01 px: the map is solved at nodes, interpolated between them, and
 //! rounded to 1/2048 px.
 
-mod axis;
 mod blocks;
 mod border;
 mod borders;
@@ -21,6 +20,7 @@ mod inverse;
 mod kernels;
 mod knots;
 mod monotone;
+mod nodes;
 mod rows;
 mod sample_grid;
 mod settings;

@@ -179,14 +179,14 @@ mod tests {
     use crate::cpu::CpuLevel;
     use crate::motion::generators::GENERATORS;
     use crate::solve::continuous::data::{ScanAxis, Shutter};
-    use crate::solve::continuous::trajectory::{BLOCK, KnotDensity, Splines, Trajectory, ratio};
+    use crate::solve::continuous::trajectory::{KnotDensity, Splines, Trajectory, ratio};
     use nalgebra::Matrix2;
 
     const RADIUS: f64 = 320.0;
 
     /// A path over 9 blocks that goes to and fro by this many pixels, the same for the same instants.
     fn path(base: i64, pixels: f64) -> Splines {
-        let mut path = Splines { base, coefficients: vec![0.0; 9 * BLOCK], kappa: 0.3 };
+        let mut path = Splines::still(base, 9, 0.3);
         for j in 0..GENERATORS {
             for knot in path.knots(j) {
                 let place = path.place(j, knot) as usize;

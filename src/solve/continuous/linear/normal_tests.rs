@@ -7,7 +7,7 @@ use crate::correspond::Correspondence;
 use crate::cpu::CpuLevel;
 use crate::motion::generators::GENERATORS;
 use crate::solve::continuous::data::{FramePair, Match, ScanAxis, Shutter, Track};
-use crate::solve::continuous::trajectory::{BLOCK, KnotDensity, Splines, Trajectory, ratio};
+use crate::solve::continuous::trajectory::{KnotDensity, Splines, Trajectory, ratio};
 use nalgebra::{Matrix2, Vector2};
 
 const RADIUS: f64 = 320.0;
@@ -27,7 +27,7 @@ impl Setting {
     /// Up to a pixel a frame of everything: the slopes are those of small motions.
     fn new(by_rows: bool, readout: f64, density: KnotDensity) -> Self {
         let blocks = 10;
-        let mut path = Splines { base: -2, coefficients: vec![0.0; blocks * BLOCK], kappa: 0.35 };
+        let mut path = Splines::still(-2, blocks, 0.35);
         for j in 0..GENERATORS {
             for knot in path.knots(j) {
                 let place = path.place(j, knot) as usize;

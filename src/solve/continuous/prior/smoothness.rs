@@ -184,7 +184,7 @@ mod tests {
         let blocks = 50;
         let mut random = Random(11);
         for variance in [0.01, 0.2] {
-            let mut truth = Splines { base: 0, coefficients: vec![0.0; blocks * BLOCK], kappa: 0.3 };
+            let mut truth = Splines::still(0, blocks, 0.3);
             // Yaw has second differences of this variance, everything else is still.
             let (mut value, mut rate) = (0.0, 0.0);
             for knot in truth.knots(0) {
@@ -208,7 +208,7 @@ mod tests {
         // variance `held`.
         let (held, measured) = (LIMITS[0], 0.01);
         let share = held / (held + measured);
-        let mut path = Splines { base: 0, coefficients: vec![0.0; 10 * BLOCK], kappa: 0.3 };
+        let mut path = Splines::still(0, 10, 0.3);
         let mut covariance = Banded::default();
         covariance.reset(band(path.coefficients.len()));
         for knot in path.knots(TURNS) {
@@ -228,7 +228,7 @@ mod tests {
     #[test]
     fn generators_that_the_model_lacks_stay_still() {
         let smoothness = Smoothness::new(Model::Translation.generators(), 1.0);
-        let path = Splines { base: 0, coefficients: vec![0.0; 4 * BLOCK], kappa: 0.0 };
+        let path = Splines::still(0, 4, 0.0);
         let mut matrix = Banded::default();
         matrix.reset(band(path.coefficients.len()));
         smoothness.add(&path, 1.0, &mut matrix, &mut vec![0.0; path.coefficients.len()]);
@@ -240,7 +240,7 @@ mod tests {
     #[test]
     fn a_constant_rate_costs_next_to_nothing() {
         // xᵀ·P·x for a line: only first differences and levels count.
-        let mut path = Splines { base: 0, coefficients: vec![0.0; 4 * BLOCK], kappa: 0.0 };
+        let mut path = Splines::still(0, 4, 0.0);
         let smoothness = Smoothness::new(Model::Auto.generators(), 1.0);
         let energy = |path: &Splines| {
             let mut matrix = Banded::default();

@@ -164,7 +164,6 @@ fn exponential(a: Matrix3<f64>) -> Matrix3<f64> {
 mod tests {
     use super::*;
     use crate::motion::generators::fields;
-    use crate::solve::continuous::trajectory::splines::BLOCK;
     use nalgebra::{Rotation3, SVector, Vector3};
 
     const RADIUS: f64 = 320.0;
@@ -172,7 +171,7 @@ mod tests {
 
     /// A path over blocks −1 to 5 whose coefficient of generator j at time t is `coefficient(j, t)`.
     fn path(kappa: f64, coefficient: impl Fn(usize, f64) -> f64) -> Splines {
-        let mut path = Splines { base: -1, coefficients: vec![0.0; 9 * BLOCK], kappa };
+        let mut path = Splines::still(-1, 9, kappa);
         for j in 0..GENERATORS {
             for knot in path.knots(j) {
                 let spacing = if path.knots(j).end > 8 { 0.25 } else { 1.0 };

@@ -31,6 +31,11 @@ pub const fn ratio(generator: usize) -> i64 {
 }
 
 impl Splines {
+    /// Paths that do not move, over the `blocks` blocks from `base` on.
+    pub fn still(base: i64, blocks: usize, kappa: f64) -> Self {
+        Self { base, coefficients: vec![0.0; blocks * BLOCK], kappa }
+    }
+
     /// Index of a coefficient, negative or past the end outside the path.
     pub fn place(&self, generator: usize, knot: i64) -> i64 {
         let block = knot.div_euclid(ratio(generator)) - self.base;
@@ -89,7 +94,7 @@ impl Splines {
 
     /// Moves to the `blocks` blocks from `base` on. New coefficients continue at the last rate.
     pub fn shift(&mut self, base: i64, blocks: usize) {
-        let mut moved = Self { base, coefficients: vec![0.0; blocks * BLOCK], kappa: self.kappa };
+        let mut moved = Self::still(base, blocks, self.kappa);
         for j in 0..GENERATORS {
             let known = self.knots(j);
             let places = moved.places(j);
@@ -139,7 +144,7 @@ mod tests {
 
     #[test]
     fn every_coefficient_has_a_place_of_its_own() {
-        let path = Splines { base: -3, coefficients: vec![0.0; 5 * BLOCK], kappa: 0.0 };
+        let path = Splines::still(-3, 5, 0.0);
         let mut places: Vec<i64> = (0..GENERATORS)
             .flat_map(|j| path.knots(j).map(|knot| path.place(j, knot)).collect::<Vec<_>>())
             .collect();
@@ -157,7 +162,7 @@ mod tests {
 
     #[test]
     fn a_shift_keeps_coefficients_and_extrapolates_linearly() {
-        let mut path = Splines { base: 10, coefficients: vec![0.0; 4 * BLOCK], kappa: 0.2 };
+        let mut path = Splines::still(10, 4, 0.2);
         for j in 0..GENERATORS {
             for knot in path.knots(j) {
                 let place = path.place(j, knot) as usize;

@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: MIT OR Apache-2.0
 
-//! Nodes along an axis of the frame.
+//! The nodes of the warp's map along x or y.
 
-/// Equidistant nodes along one axis of the frame.
+/// Equidistant nodes along x or y.
 #[derive(Clone, Copy, Debug, Default)]
-pub(super) struct Axis {
+pub(super) struct Nodes {
     /// Frame pixel of the first node.
     pub first: f64,
     /// Frame pixels from one node to the next.
@@ -13,7 +13,7 @@ pub(super) struct Axis {
     pub count: usize,
 }
 
-impl Axis {
+impl Nodes {
     /// Nodes from `from` to `to` with a margin of at least one on each side.
     pub fn over(from: f64, to: f64, spacing: f64) -> Self {
         let first = ((from / spacing).floor() - 1.0) * spacing;
