@@ -3,6 +3,20 @@
 //! `rsrectify`: takes rolling-shutter distortion out of video files, and measures it.
 //!
 //! The GStreamer element is part of the program; nothing else has to be installed for it to be found.
+//!
+//! | task | modules |
+//! |---|---|
+//! | the commands, each with its options | `fix`, `measure`, `track`, `index`, `join`, `plot`, `show` |
+//! | clips by name, files, images, pipes, parts of a clip | `clips`, `input`, `part` |
+//! | decoding and analysis of the frames | `decoder`, `analysis`, `playback`, `elements` |
+//! | readout, camera and focal length, before a clip is rectified | `readout`, `camera`, `estimate` |
+//! | lookahead and crop for stabilisation, before a clip is rectified | `steady` |
+//! | motion of a clip from a motion file | `motions` |
+//! | what was done with a clip, and why frames keep their picture | `summary`, `as_recorded`, `displacement` |
+//! | codecs, encoders, containers, the finished file | `output` |
+//! | audio, subtitles, timecode and other streams of the clip | `streams` |
+//! | containers read without GStreamer | `isobmff`, `boxes`, `corrections`, `matroska`, `packets`, `times` |
+//! | options of the rectifier and their values | `rectifier_options`, `property_values` |
 
 mod analysis;
 mod as_recorded;
@@ -53,8 +67,8 @@ use std::process::ExitCode;
 
 const EXIT_CODES: &str = "Exit codes:
   0    everything was done
-  1    a clip failed, the others were done
-  2    the command line asks for something that cannot be
+  1    a clip failed or is damaged; the others were done
+  2    the command line cannot be carried out
   130  interrupted; no half file is left";
 
 /// Takes rolling-shutter distortion out of video files.
