@@ -52,17 +52,24 @@ struct Frame<'a> {
 }
 
 impl Expected {
-    /// Of a frame of `size` pixels that was moved after its readout; `radius` is half its width in analysed pixels. The mean
-    /// squared error of a point at the place p is (p − ½)²·(v + (1 − w)²·|l|²), v the variance of the lean l at the point.
+    /// Of a frame of `size` pixels that was moved after its readout; `radius` is half its width in analysed pixels. With the share w of
+    /// the displacement d taken out, whose variance is v, the mean squared error is v + (1 − w)²·|d|².
     pub fn of_lean(lean: &Lean, size: [usize; 2], radius: f64) -> Self {
-        // Half of it or less may be error where a path has been compared with all pairs; of a lean only its process is assumed.
-        let share = (1.0 - lean.error_share()).max(0.0);
-        let square = |point: Vector2<f64>| {
-            let late = (lean.axis.place(point) - 0.5) * radius;
-            late * late * (lean.variance_at(point) + (1.0 - share).powi(2) * lean.at(point).norm_squared())
-        };
-        Self { share, squares: middles(size).into_iter().map(square).collect() }
+        let area = radius * radius;
+        let points = middles(size);
+        let displacements = points.iter().map(|point| lean.displacement(*point).norm_squared() * area);
+        let errors: Vec<f64> = points.iter().map(|point| lean.variance(*point) * area).collect();
+        let share = trust(errors.iter().sum::<f64>() / displacements.clone().sum::<f64>());
+        let squares = errors.iter().zip(displacements).map(|(error, d)| error + (1.0 - share).powi(2) * d);
+        Self { share, squares: squares.collect() }
     }
+}
+
+/// The share of a correction that is applied, by the share of its mean square that is error. Without any correction there
+/// is nothing to apply.
+fn trust(error_share: f64) -> f64 {
+    let trust = ((1.0 - error_share) / (1.0 - TOLERATED_ERROR)).clamp(0.0, 1.0);
+    if trust.is_finite() { trust } else { 0.0 }
 }
 
 impl CameraPosterior {
@@ -82,9 +89,7 @@ impl CameraPosterior {
         // The share of d₁ with the least squared distance from all corrections.
         let agreement =
             all.iter().map(|(probability, other)| probability * product(other)).sum::<f64>() / square;
-        let error_share = errors.iter().sum::<f64>() / square;
-        let trust = ((1.0 - error_share) / (1.0 - TOLERATED_ERROR)).clamp(0.0, 1.0);
-        let share = agreement.clamp(0.0, 1.0) * trust;
+        let share = agreement.clamp(0.0, 1.0) * trust(errors.iter().sum::<f64>() / square);
         // 0/0 is the ordinary case of no correction: no motion, or γ = 0.
         let share = if share.is_finite() { share } else { 0.0 };
         let disagreement = |index: usize| {

@@ -14,7 +14,7 @@
 //! As the changes of dl/dt are noisy, γ is their slope by those of the acceleration of the shifts (an instrumental variable):
 //! γ = Σ ΔQ·Δa / Σ Δ(dl/dt)·Δa, of each coordinate, both weighted by their inverse variances.
 
-use super::lean::LeanChange;
+use super::lean_change::LeanChange;
 use super::velocity::velocities;
 use nalgebra::Vector2;
 

@@ -10,7 +10,7 @@
 //! is 1, the shift and the stretch of the lines. With b eliminated, γ is limited to ±1. The median of the variances is added
 //! to each, as the three degrees of freedom of a pair's do not determine it.
 
-use super::lean::LeanChange;
+use super::lean_change::LeanChange;
 use super::velocity::velocities;
 use crate::robust::median::median;
 use nalgebra::{Matrix4, Vector2, Vector4};

@@ -1,132 +1,119 @@
 // SPDX-License-Identifier: MIT OR Apache-2.0
 
-//! The change of the lean between two frames, and its variance.
-//!
-//! In the motion quadratic in the point that most displacements of a pair share, shift, roll and zoom take up all but
-//! two terms of the first degree: with y along the scan axis of length s, the shear ∂dₓ/∂y + ∂d_y/∂x and the stretch
-//! ∂d_y/∂y − ∂dₓ/∂x. Times s they are the change of the lean across and along the axis.
-//!
-//! The roll during the readout leans the picture by the place times a turn, which is in two of the second degree: with σ = 1 of a
-//! scan along rows, −1 along columns, −σ·∂²dₓ/2∂y² and σ·(∂²d_y/∂x∂y − ∂²dₓ/2∂x²), times s; the mean of both is taken.
-//!
-//! The curvature, the second derivative of a displacement by the place, is in three of the second degree each, of which one
-//! combination is left by all else: across the axis ∂²dₓ/∂y² − ∂²dₓ/∂x² + 2·∂²d_y/∂x∂y, in units of ½, along it
-//! ∂²d_y/∂y² − 2·∂²dₓ/∂x∂y − ∂²d_y/∂x². Neither perspective, nor the first term of a radial distortion of the lens, nor changes of
-//! roll and zoom during the readout leave a trace in it.
-//!
-//! The variance of the lean is what strips of the picture, side by side along the lines, do not share: misfit and parallax are
-//! correlated between neighbours, which the residuals do not show.
+//! The lean and bend of a frame that was moved after its readout.
 
-use crate::robust::loss::GemanMcClure;
-use crate::robust::motion::{Motion, Round, Sample, Scale, fit, quadratic};
-use crate::solve::continuous::data::{FramePair, Match, ScanAxis};
-use nalgebra::{SMatrix, Vector2};
+use super::lean_change::LeanChange;
+use super::smoothed::{Change, Component, Series, smoothed};
+use crate::solve::continuous::data::ScanAxis;
+use nalgebra::{Matrix3, Vector2};
 
-/// Terms of a quadratic: 1, x, y, x², xy, y².
-const TERMS: usize = 6;
-/// Strips, and fewest matches in one.
-const STRIPS: usize = 4;
-const MIN_STRIP: usize = 12;
-/// Rounds of re-weighting, and their loss: weight ¼ at three standard deviations.
-const ROUNDS: usize = 4;
-const LOSS: GemanMcClure = GemanMcClure(9.0);
-
-/// The change of the lean in a pair. Vectors have the coordinate across the scan axis first, in radii.
-#[derive(Clone, Copy, Debug)]
-pub struct LeanChange {
-    /// l′ − l.
-    pub change: Vector2<f64>,
-    /// Variance of each coordinate of `change` in squared radii; infinite if unknown.
-    pub variance: Vector2<f64>,
-    /// Shift of the image centre.
-    pub shift: Vector2<f64>,
-    /// Stretch along the lines, which the shutter does not change.
-    pub stretch: f64,
-    /// Change of the roll during the readout, in radians.
-    pub roll: f64,
-    /// Second derivative, by the place along the axis, of the displacement across it: change of the bend within the frame, with
-    /// whatever else bends it, such as perspective.
-    pub bend: f64,
-    /// What is left of the second derivative of the displacement by the place without all else that bends a frame.
-    pub curvature: Vector2<f64>,
+/// The lean and bend of a frame that was moved after its readout: with the lean l, the bend Q and the place p along the scan axis,
+/// points are displaced by (p − ½)·l + ½·(p − ½)²·Q. Pairs have the component across the axis first; lengths are in radii.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Lean {
+    axis: ScanAxis,
+    lean: [Component; 2],
+    /// Turn in radians.
+    roll: Component,
+    bend: [Component; 2],
 }
 
-impl LeanChange {
-    /// Along a scan axis; `noise` is the least variance of a coordinate of a match in squared radii.
-    pub fn of(pair: &FramePair, axis: ScanAxis, noise: f64) -> Self {
-        let [across, along] = if axis.by_rows { [0, 1] } else { [1, 0] };
-        let motion = shared_motion(pair, noise);
-        let slopes = strip_leans(pair, &motion, axis, noise);
-        let variance = scatter(&slopes).unwrap_or(Vector2::repeat(f64::INFINITY));
-        let a = |coordinate: usize, term: usize| motion.0[(coordinate, term)];
-        let shear = a(across, 1 + along) + a(along, 1 + across);
-        let stretch = a(across, 1 + across);
-        let [along_twice, across_twice] = if axis.by_rows { [5, 3] } else { [3, 5] };
-        let sign = if axis.by_rows { 1.0 } else { -1.0 };
-        let turns = [-a(across, along_twice), a(along, 4) - a(across, across_twice)];
-        let curvature = Vector2::new(
-            a(across, along_twice) - a(across, across_twice) + a(along, 4),
-            a(along, along_twice) - a(across, 4) - a(along, across_twice),
-        );
-        Self {
-            change: Vector2::new(shear, a(along, 1 + along) - stretch) * axis.length,
-            variance: Vector2::new(variance[across], variance[along]),
-            shift: Vector2::new(a(across, 0), a(along, 0)),
-            stretch,
-            roll: 0.5 * sign * turns.iter().sum::<f64>() * axis.length,
-            bend: 2.0 * a(across, along_twice) * axis.length * axis.length,
-            curvature: curvature * (2.0 * axis.length * axis.length),
-        }
+impl Lean {
+    /// Of a frame along an axis, from the changes between successive frames and the velocities at them, one more; `number` is that of the
+    /// frame among them, `None` if nothing is known of its lean.
+    pub fn of(
+        axis: ScanAxis,
+        number: Option<usize>,
+        changes: &[LeanChange],
+        velocities: &[Vector2<f64>],
+    ) -> Self {
+        let series = |coordinate: usize| {
+            let change = |pair: &LeanChange| Change {
+                value: pair.change[coordinate],
+                variance: pair.variance[coordinate],
+            };
+            Series::of_lean(
+                changes.iter().map(change).collect(),
+                velocities.iter().map(|velocity| velocity[coordinate]).collect(),
+            )
+        };
+        let lean = [series(0), series(1)];
+        let roll = |pair: &LeanChange| Change { value: pair.roll, variance: 0.5 * pair.variance.sum() };
+        // A stabiliser leaves no roll.
+        let roll = [Series::of_lean(changes.iter().map(roll).collect(), vec![0.0; velocities.len()])];
+        let bends = |coordinate: usize| changes.iter().map(|pair| pair.curvature[coordinate]).collect();
+        let bend = [Series::of_bend(bends(0), &lean[0]), Series::of_bend(bends(1), &lean[1])];
+        let [roll] = of_frame(&roll, number);
+        Self { axis, lean: of_frame(&lean, number), roll, bend: of_frame(&bend, number) }
+    }
+
+    /// A pair of components as x and y.
+    fn to_frame(&self, [across, along]: &[Component; 2]) -> Vector2<f64> {
+        let [across, along] = [across.value, along.value];
+        if self.axis.by_rows { Vector2::new(across, along) } else { Vector2::new(along, across) }
+    }
+
+    /// Displacement of a point in radii.
+    pub fn displacement(&self, point: Vector2<f64>) -> Vector2<f64> {
+        let late = self.axis.place(point) - 0.5;
+        let lean = self.to_frame(&self.lean) + Vector2::new(-point.y, point.x) * self.roll.value;
+        lean * late + self.to_frame(&self.bend) * (0.5 * late * late)
+    }
+
+    /// Variance of the displacement in squared radii, of both coordinates.
+    pub fn variance(&self, point: Vector2<f64>) -> f64 {
+        let square = (self.axis.place(point) - 0.5).powi(2);
+        let of = |[across, along]: &[Component; 2]| across.variance + along.variance;
+        let lean = of(&self.lean) + self.roll.variance * point.norm_squared();
+        square * lean + 0.25 * square * square * of(&self.bend)
+    }
+
+    /// The homography in centred pixels that takes the displacement from the points at a place along the axis; `radius` is half the
+    /// frame's width.
+    pub fn homography(&self, place: f64, radius: f64) -> Matrix3<f64> {
+        let late = place - 0.5;
+        let shift = (self.to_frame(&self.lean) + self.to_frame(&self.bend) * (0.5 * late)) * (late * radius);
+        let turn = late * self.roll.value;
+        Matrix3::new(1.0, turn, -shift.x, -turn, 1.0, -shift.y, 0.0, 0.0, 1.0)
     }
 }
 
-fn middle(m: &Match) -> Vector2<f64> {
-    (m.from + m.to) / 2.0
+/// The components of a frame.
+fn of_frame<const N: usize>(series: &[Series; N], number: Option<usize>) -> [Component; N] {
+    number.map_or_else(|| series.each_ref().map(Series::unknown), |number| smoothed(series, number))
 }
 
-/// The motion that most displacements share, about the middles between their ends.
-fn shared_motion(pair: &FramePair, noise: f64) -> Motion<f64, TERMS> {
-    let sample = |m: &Match| Sample { terms: quadratic(middle(m)), displacement: m.to - m.from, weight: 1.0 };
-    let round = Round { scale: Scale::Median { least: noise }, ridge: [0.0; TERMS] };
-    let start = pair.dominant_motion();
-    fit(pair.matches.iter().map(sample), start, LOSS, [round; ROUNDS]).unwrap_or(start)
-}
+#[cfg(test)]
+mod tests {
+    use super::*;
 
-/// The lean that the displacements of each strip have beside the shared motion.
-fn strip_leans(
-    pair: &FramePair,
-    shared: &Motion<f64, TERMS>,
-    axis: ScanAxis,
-    noise: f64,
-) -> Vec<Vector2<f64>> {
-    let place = |m: &Match| if axis.by_rows { middle(m).x } else { middle(m).y };
-    let [low, high] = pair
-        .matches
-        .iter()
-        .map(place)
-        .fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], place| [low.min(place), high.max(place)]);
-    let strip_of = |m: &Match| ((place(m) - low) / (high - low) * STRIPS as f64) as usize;
-    let rest = |m: &Match| Sample {
-        terms: [1.0, axis.place(middle(m)) - 0.5].into(),
-        displacement: m.to - m.from - shared.at(&quadratic(middle(m))),
-        weight: 1.0,
-    };
-    let of_strip = |strip: usize| pair.matches.iter().filter(move |m| strip_of(m).min(STRIPS - 1) == strip);
-    (0..STRIPS).filter_map(|strip| slope(of_strip(strip).map(rest), noise)).collect()
-}
+    const KNOWN: fn(f64) -> Component = |value| Component { value, variance: 0.01 };
 
-/// The lean that the displacements of a strip share; `None` if they are too few.
-fn slope(strip: impl Iterator<Item = Sample<f64, 2>> + Clone, noise: f64) -> Option<Vector2<f64>> {
-    let round = Round { scale: Scale::Median { least: noise }, ridge: [0.0; 2] };
-    let still = Motion(SMatrix::zeros());
-    let shared = (strip.clone().count() >= MIN_STRIP).then(|| fit(strip, still, LOSS, [round; ROUNDS]))??;
-    Some(shared.0.column(1).into_owned())
-}
+    fn lean(by_rows: bool) -> Lean {
+        let axis = ScanAxis { by_rows, length: 1.5 };
+        Lean { axis, lean: [KNOWN(0.04), KNOWN(-0.02)], roll: KNOWN(0.03), bend: [KNOWN(0.1), KNOWN(0.06)] }
+    }
 
-/// Variance of the mean of some values, by coordinate; `None` for fewer than three.
-fn scatter(values: &[Vector2<f64>]) -> Option<Vector2<f64>> {
-    let count = values.len() as f64;
-    let mean = values.iter().sum::<Vector2<f64>>() / count;
-    let squares: Vector2<f64> = values.iter().map(|value| (value - mean).map(|rest| rest * rest)).sum();
-    (values.len() >= 3).then(|| squares / (count * (count - 1.0)))
+    #[test]
+    fn the_homographies_take_the_displacement_out() {
+        const RADIUS: f64 = 320.0;
+        for lean in [true, false].map(lean) {
+            for point in [Vector2::new(0.3, -0.6), Vector2::new(-0.9, 0.5)] {
+                let place = lean.axis.place(point);
+                let seen = (point * RADIUS).push(1.0);
+                let moved = (lean.homography(place, RADIUS) * seen - seen).xy() / RADIUS;
+                let off = (moved + lean.displacement(point)).norm();
+                assert!(off < 1e-12, "{moved} {}", lean.displacement(point));
+            }
+        }
+    }
+
+    #[test]
+    fn a_bend_displaces_both_ends_the_same_way() {
+        let bent = Lean { lean: [KNOWN(0.0); 2], roll: KNOWN(0.0), ..lean(true) };
+        let ends = [-0.75, 0.75].map(|y| bent.displacement(Vector2::new(0.2, y)));
+        let expected = Vector2::new(0.1, 0.06) / 8.0;
+        assert!(ends.into_iter().all(|end| (end - expected).norm() < 1e-12), "{ends:?}");
+        assert_eq!(bent.displacement(Vector2::new(0.2, 0.0)).norm(), 0.0);
+    }
 }

@@ -14,11 +14,12 @@
 //!
 //! | file | what it holds |
 //! |---|---|
-//! | `lean` | the change of the lean in a pair, and its variance |
+//! | `lean_change` | the change of the lean in a pair, and its variance |
 //! | `velocity` | velocities at the frames from the shifts between them |
 //! | `explained` | the share of the changes that the shifts do not explain |
 //! | `curvature` | the readout ratio from the curvature of frames, however they were placed, and whether they are leaned at all |
-//! | `smoothed` | the leans of frames from their changes, where they do not follow from shifts |
+//! | `lean` | the lean and bend of a frame that was moved, and the displacements by them |
+//! | `smoothed` | leans and bends of frames from their changes, where they do not follow from shifts |
 //! | `timeline` | when frames were exposed: as stated, evenly, or with one of several missing |
 //! | `blends` | whether frames are blends of two exposures, by their sharpness |
 
@@ -26,6 +27,7 @@ mod blends;
 mod curvature;
 mod explained;
 mod lean;
+mod lean_change;
 mod smoothed;
 mod timeline;
 mod velocity;
@@ -35,9 +37,9 @@ use crate::solve::frame_timing::{FrameTiming, Timeline};
 use blends::Blends;
 use curvature::Curvature;
 use explained::{Explained, Pairs, explained};
-use lean::LeanChange;
-use nalgebra::{Matrix3, Vector2};
-use smoothed::{Change, Component, Series, smoothed};
+pub use lean::Lean;
+use lean_change::LeanChange;
+use nalgebra::Vector2;
 use std::collections::VecDeque;
 use velocity::velocities;
 
@@ -84,47 +86,6 @@ pub struct Timing {
     is_given: bool,
     /// Whether the first pairs contradict the path, while they are too few for a verdict.
     is_doubtful: bool,
-}
-
-/// The lean of a frame that was moved after its readout: a point at the place p along the scan axis is displaced by p − ½
-/// times it. Lengths are in radii.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Lean {
-    pub axis: ScanAxis,
-    /// Across and along the axis.
-    pub across: Component,
-    pub along: Component,
-    /// Turn in radians.
-    pub roll: Component,
-}
-
-impl Lean {
-    /// The displacement of a point by the values, per place along the axis, as x and y.
-    pub fn at(&self, point: Vector2<f64>) -> Vector2<f64> {
-        let [across, along] = [self.across.value, self.along.value];
-        let shift = if self.axis.by_rows { Vector2::new(across, along) } else { Vector2::new(along, across) };
-        shift + Vector2::new(-point.y, point.x) * self.roll.value
-    }
-
-    /// The homography in centred pixels from a place along the axis to the middle of the readout, x − (p − ½)·l; `radius` is half
-    /// the frame's width.
-    pub fn homography(&self, place: f64, radius: f64) -> Matrix3<f64> {
-        let late = place - 0.5;
-        let shift = self.at(Vector2::zeros()) * radius;
-        let turn = late * self.roll.value;
-        Matrix3::new(1.0, turn, -late * shift.x, -turn, 1.0, -late * shift.y, 0.0, 0.0, 1.0)
-    }
-
-    /// Variance of the displacement, of both coordinates.
-    pub fn variance_at(&self, point: Vector2<f64>) -> f64 {
-        self.across.variance + self.along.variance + self.roll.variance * point.norm_squared()
-    }
-
-    /// Share of the mean square of the correction that is error, infinite if nothing is known.
-    pub fn error_share(&self) -> f64 {
-        let square = self.across.value.powi(2) + self.along.value.powi(2);
-        if square > 0.0 { (self.across.variance + self.along.variance) / square } else { f64::INFINITY }
-    }
 }
 
 /// A pair of frames that are `stated` frame periods apart by their timestamps.
@@ -194,24 +155,10 @@ impl Timing {
             && self.pairs.len() >= MIN_LEANS
             && self.axis == Some(axis)
             && (self.is_given || self.curvature.shows_leans());
-        let shifts: Vec<Vector2<f64>> = self.pairs.iter().map(|pair| pair.lean.shift).collect();
+        let changes = self.leans();
+        let shifts: Vec<Vector2<f64>> = changes.iter().map(|lean| lean.shift).collect();
         let velocities = velocities(&shifts, &self.stamps(self.found_of(frame).timeline));
-        let series = |change: fn(&LeanChange) -> Change, velocity: fn(&Vector2<f64>) -> f64| Series {
-            changes: self.pairs.iter().map(|pair| change(&pair.lean)).collect(),
-            velocities: velocities.iter().map(velocity).collect(),
-        };
-        let shifts = [
-            series(|lean| Change { value: lean.change.x, variance: lean.variance.x }, |velocity| velocity.x),
-            series(|lean| Change { value: lean.change.y, variance: lean.variance.y }, |velocity| velocity.y),
-        ];
-        // A stabiliser leaves no roll.
-        let roll = [series(|lean| Change { value: lean.roll, variance: 0.5 * lean.variance.sum() }, |_| 0.0)];
-        let ([across, along], [roll]) = if is_inside {
-            (smoothed(&shifts, frame - first), smoothed(&roll, frame - first))
-        } else {
-            (shifts.each_ref().map(Series::unknown), roll.each_ref().map(Series::unknown))
-        };
-        Some(Lean { axis, across, along, roll })
+        Some(Lean::of(axis, is_inside.then(|| frame - first), &changes, &velocities))
     }
 
     /// By how much |γ| along an axis, as estimated from the shifts, is too large according to the curvature of the frames, which alone
