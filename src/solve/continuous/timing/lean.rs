@@ -48,7 +48,7 @@ impl Lean {
     }
 
     /// A pair of components as x and y.
-    fn to_frame(&self, [across, along]: &[Component; 2]) -> Vector2<f64> {
+    fn in_xy(self, [across, along]: &[Component; 2]) -> Vector2<f64> {
         let [across, along] = [across.value, along.value];
         if self.axis.by_rows { Vector2::new(across, along) } else { Vector2::new(along, across) }
     }
@@ -56,8 +56,8 @@ impl Lean {
     /// Displacement of a point in radii.
     pub fn displacement(&self, point: Vector2<f64>) -> Vector2<f64> {
         let late = self.axis.place(point) - 0.5;
-        let lean = self.to_frame(&self.lean) + Vector2::new(-point.y, point.x) * self.roll.value;
-        lean * late + self.to_frame(&self.bend) * (0.5 * late * late)
+        let lean = self.in_xy(&self.lean) + Vector2::new(-point.y, point.x) * self.roll.value;
+        lean * late + self.in_xy(&self.bend) * (0.5 * late * late)
     }
 
     /// Variance of the displacement in squared radii, of both coordinates.
@@ -72,7 +72,7 @@ impl Lean {
     /// frame's width.
     pub fn homography(&self, place: f64, radius: f64) -> Matrix3<f64> {
         let late = place - 0.5;
-        let shift = (self.to_frame(&self.lean) + self.to_frame(&self.bend) * (0.5 * late)) * (late * radius);
+        let shift = (self.in_xy(&self.lean) + self.in_xy(&self.bend) * (0.5 * late)) * (late * radius);
         let turn = late * self.roll.value;
         Matrix3::new(1.0, turn, -shift.x, -turn, 1.0, -shift.y, 0.0, 0.0, 1.0)
     }
