@@ -174,7 +174,7 @@ fn median_of<C: WordCpu>(cpu: C, mut values: [C::Lanes; PAIRS]) -> C::Lanes {
 #[inline(always)]
 fn order<C: WordCpu>(cpu: C, values: &mut [C::Lanes; PAIRS], first: usize, second: usize) {
     let (a, b) = (values[first], values[second]);
-    values[first] = cpu.above_floats(a, b, b, a);
+    values[first] = cpu.lesser(b, a);
     values[second] = cpu.greater(a, b);
 }
 

@@ -4,6 +4,7 @@
 
 use crate::lanes::rows::SampleRows;
 use crate::lanes::sums::{SUMS, add_products};
+use crate::lanes::wholes::{ROUND, floor, whole};
 use crate::lanes::{FLOATS, WordCpu};
 use crate::pyramid::Level;
 use nalgebra::{Matrix2, Vector2};
@@ -183,10 +184,10 @@ fn interpolated<C: WordCpu>(
     cpu.fused(*d, cpu.load(rows.at(row, column + 3)), sum)
 }
 
-/// Vectors that the first pass of [`sample_distorted`] produces for a row of small distortion.
+/// Vectors that the first pass of [`DistortedPatch::sample`] produces for a row of small distortion.
 const MIN_VECTORS: usize = SAMPLES_WIDTH / FLOATS;
 
-/// Vectors that the first pass of [`sample_distorted`] produces at most.
+/// Vectors that the first pass of [`DistortedPatch::sample`] produces at most.
 const MAX_VECTORS: usize = 5;
 
 /// Zero columns on either side, which a shrinking patch reads with weights of zero.
@@ -198,128 +199,197 @@ type Columns = [f32; PADDING + MAX_VECTORS * FLOATS + PADDING];
 /// Allowed distance in x between neighbouring samples of a row, in pixels.
 const SPACING: std::ops::RangeInclusive<f32> = 0.5..=2.0;
 
-/// Samples at `first` + `distortion`·(c, r), for 18 columns c and rows r, linearly interpolated;
-/// `None` if they leave the image or their spacing is not in [`SPACING`].
-///
-/// Two passes after Catmull and Smith: row r is first sampled down the columns, along the line on
-/// which its samples lie, then along that line. Both passes weight the pixels near the line by the hat
-/// function of their distance, which needs no gathers: two or three taps of five instructions in each pass, for
-/// each of 18 × 3 vectors, some 1300 in all.
-#[inline(always)]
-pub(super) fn sample_distorted<C: WordCpu>(
-    cpu: C,
-    level: &Level,
-    first: Vector2<f32>,
-    distortion: &Matrix2<f32>,
-) -> Option<Samples> {
-    let span = (WIDTH_WITH_MARGIN - 1) as f32;
-    let [width, height] = level.extent();
-    let mut inside = true;
-    for (c, r) in [(0.0, 0.0), (span, 0.0), (0.0, span), (span, span)] {
-        let at = first + distortion * Vector2::new(c, r);
-        inside &= at.x >= 0.0 && at.y >= 0.0 && at.x < width - 1.0 && at.y < height - 1.0;
-    }
-    let spacing = distortion.m11;
-    if !inside || !SPACING.contains(&spacing) {
-        return None;
-    }
-    let last_column = (span * spacing) as usize + 2;
-    let slope = distortion.m21 / spacing;
-    let (rises, growth) = (multiples(cpu, slope), multiples(cpu, spacing - 1.0));
-    let mut samples = [[0.0; SAMPLES_WIDTH]; WIDTH_WITH_MARGIN];
-    let mut columns = [0.0; PADDING + MAX_VECTORS * FLOATS + PADDING];
-    for (r, row) in samples.iter_mut().enumerate() {
-        let line = SampleLine { start: first + distortion.column(1) * r as f32, slope, last_column };
-        if last_column < MIN_VECTORS * FLOATS {
-            line.sample_down::<C, MIN_VECTORS>(cpu, level, &rises, &mut columns)?;
-        } else {
-            line.sample_down::<C, MAX_VECTORS>(cpu, level, &rises, &mut columns)?;
+/// Memory for sampling a distorted patch, used again for the next one.
+pub(super) struct DistortedPatch {
+    /// Of each row the columns along its line.
+    columns: [Columns; WIDTH_WITH_MARGIN],
+    samples: Samples,
+}
+
+impl DistortedPatch {
+    pub(super) fn new() -> Self {
+        Self {
+            columns: [[0.0; PADDING + MAX_VECTORS * FLOATS + PADDING]; WIDTH_WITH_MARGIN],
+            samples: [[0.0; SAMPLES_WIDTH]; WIDTH_WITH_MARGIN],
         }
-        let fraction = line.start.x - line.start.x.floor();
-        sample_along(cpu, &columns, fraction, span * (spacing - 1.0), &growth, row)?;
     }
-    Some(samples)
+
+    /// Samples at `first` + `distortion`·(c, r), for 18 columns c and rows r, linearly interpolated;
+    /// `None` if they leave the image or their spacing is not in [`SPACING`].
+    ///
+    /// Two passes after Catmull and Smith: row r is first sampled down the columns, along the line on
+    /// which its samples lie, then along that line. Both passes go from tap to tap, which needs no gathers: two or three
+    /// taps of four instructions in each pass, for each of 18 × 3 vectors, some 1000 in all. All rows are through the
+    /// first pass before the second, which would wait for what it reads to be written.
+    #[inline(always)]
+    pub(super) fn sample<C: WordCpu>(
+        &mut self,
+        cpu: C,
+        level: &Level,
+        first: Vector2<f32>,
+        distortion: &Matrix2<f32>,
+    ) -> Option<&Samples> {
+        let span = (WIDTH_WITH_MARGIN - 1) as f32;
+        let [width, height] = level.extent();
+        let mut inside = true;
+        for (c, r) in [(0.0, 0.0), (span, 0.0), (0.0, span), (span, span)] {
+            let at = first + distortion * Vector2::new(c, r);
+            inside &= at.x >= 0.0 && at.y >= 0.0 && at.x < width - 1.0 && at.y < height - 1.0;
+        }
+        let spacing = distortion.m11;
+        if !inside || !SPACING.contains(&spacing) {
+            return None;
+        }
+        let last_column = (span * spacing).floor() + 2.0;
+        let slope = distortion.m21 / spacing;
+        let (rises, growth) = (multiples(cpu, slope), multiples(cpu, spacing - 1.0));
+        let lines =
+            SampleLines::of(cpu, level, [first, distortion.column(1).into()], [slope, spacing], last_column);
+        for (r, columns) in self.columns.iter_mut().enumerate() {
+            if last_column < (MIN_VECTORS * FLOATS) as f32 {
+                lines.sample_down::<C, MIN_VECTORS>(cpu, level, r, &rises, columns)?;
+            } else {
+                lines.sample_down::<C, MAX_VECTORS>(cpu, level, r, &rises, columns)?;
+            }
+        }
+        for (r, (columns, row)) in self.columns.iter().zip(&mut self.samples).enumerate() {
+            lines.sample_along(cpu, columns, r, &growth, row)?;
+        }
+        Some(&self.samples)
+    }
 }
 
-/// The line on which the samples of one row lie.
-struct SampleLine {
-    start: Vector2<f32>,
-    slope: f32,
-    /// Number of the last whole column that the line crosses, counted from that left of its start.
-    last_column: usize,
+/// A number for each row of a patch.
+type Rows = [f32; SAMPLES_WIDTH];
+
+/// Where taps begin, how many there are, and how far beyond the first of them the first sample lies. To the whole numbers
+/// [`ROUND`] was added.
+#[derive(Default)]
+struct Taps {
+    first: Rows,
+    count: Rows,
+    distance: Rows,
 }
 
-impl SampleLine {
-    /// Samples the picture where the line crosses the columns, starting with the column left of its start; `rises` are
-    /// the multiples of the slope.
+/// The lines on which the samples of each row lie.
+struct SampleLines {
+    /// Down the columns, from the picture's sample in the column left of the line's start.
+    down: Taps,
+    /// Along the line, from the column that belongs to sample 0.
+    along: Taps,
+}
+
+impl SampleLines {
+    /// Those that begin at `first` and, from one to the next, `next` further. `last_column` is the number of the last whole
+    /// column that a line crosses, counted from that left of its start.
+    #[inline(always)]
+    fn of<C: WordCpu>(
+        cpu: C,
+        level: &Level,
+        [first, next]: [Vector2<f32>; 2],
+        [slope, spacing]: [f32; 2],
+        last_column: f32,
+    ) -> Self {
+        let mut lines = Self { down: Taps::default(), along: Taps::default() };
+        let (zero, two, round) = (cpu.splat(0.0), cpu.splat(2.0), cpu.splat(ROUND));
+        // Sample c lies at pixel c + offset; the offset grows from one sample to the next.
+        let most = cpu.splat((WIDTH_WITH_MARGIN - 1) as f32 * (spacing - 1.0));
+        let (down, along) = (multiples(cpu, next.y), multiples(cpu, next.x));
+        for part in 0..MIN_VECTORS {
+            let (x, y) = (cpu.splat(first.x) + along[part], cpu.splat(first.y) + down[part]);
+            let left = floor(cpu, x);
+            let fraction = x - left;
+            let y = y - cpu.splat(slope) * fraction;
+            let end = y + cpu.splat(slope * last_column);
+            let top = floor(cpu, cpu.lesser(y, end));
+            let start =
+                cpu.splat(level.origin() as f32 + ROUND) + left + top * cpu.splat(level.stride() as f32);
+            let count = floor(cpu, cpu.greater(y, end) - top) + two + round;
+            lines.down.put(cpu, part, [start, count, y - top]);
+            let lowest = floor(cpu, fraction + cpu.lesser(most, zero));
+            let count = floor(cpu, fraction + cpu.greater(most, zero) - lowest) + two + round;
+            let start = cpu.splat(PADDING as f32 + ROUND) + lowest;
+            lines.along.put(cpu, part, [start, count, fraction - lowest]);
+        }
+        lines
+    }
+
+    /// Samples the picture where the line of row `r` crosses the columns, starting with the column left of its start; `rises`
+    /// are the multiples of the slope.
     #[inline(always)]
     fn sample_down<C: WordCpu, const VECTORS: usize>(
         &self,
         cpu: C,
         level: &Level,
+        r: usize,
         rises: &[C::Lanes; MAX_VECTORS],
         out: &mut Columns,
     ) -> Option<()> {
-        let left = self.start.x.floor();
-        let first = self.start.y - self.slope * (self.start.x - left);
-        let end = first + self.slope * self.last_column as f32;
-        let top = first.min(end).floor();
-        let taps = (first.max(end) - top) as usize + 2;
         // Below and beside the picture there is a border, so that no row is too short.
-        let samples = level.from(left as i32, top as i32)?;
-        let mut sums = [cpu.splat(0.0); VECTORS];
-        let mut distance = first - top;
-        for row in samples.chunks(level.stride()).take(taps) {
-            add_tap(cpu, &mut sums, distance, rises, row.as_chunks::<FLOATS>().0.first_chunk::<VECTORS>()?);
-            distance -= 1.0;
-        }
+        let samples = level.samples().get(whole(self.down.first[r]) as usize..)?;
         let out = out.get_mut(PADDING..)?.as_chunks_mut::<FLOATS>().0;
-        for (out, sum) in out.iter_mut().zip(sums) {
-            *out = cpu.store(sum);
+        self.down.sample::<C, VECTORS>(cpu, samples, level.stride(), r, rises, out)
+    }
+
+    /// Samples along the line of row `r`; `growth` has the multiples of g, the samples' distance less 1.
+    #[inline(always)]
+    fn sample_along<C: WordCpu>(
+        &self,
+        cpu: C,
+        columns: &Columns,
+        r: usize,
+        growth: &[C::Lanes; MAX_VECTORS],
+        out: &mut Rows,
+    ) -> Option<()> {
+        let pixels = columns.get(whole(self.along.first[r]) as usize..)?;
+        self.along.sample::<C, MIN_VECTORS>(cpu, pixels, 1, r, growth, out.as_chunks_mut::<FLOATS>().0)
+    }
+}
+
+impl Taps {
+    /// Those of eight rows.
+    #[inline(always)]
+    fn put<C: WordCpu>(&mut self, cpu: C, part: usize, [first, count, distance]: [C::Lanes; 3]) {
+        let outs = [(&mut self.first, first), (&mut self.count, count), (&mut self.distance, distance)];
+        for (out, lanes) in outs {
+            out.as_chunks_mut::<FLOATS>().0[part] = cpu.store(lanes);
+        }
+    }
+
+    /// Interpolates linearly between the taps of row `r`, `stride` apart, at its distance and `more` from the first one.
+    #[inline(always)]
+    fn sample<C: WordCpu, const VECTORS: usize>(
+        &self,
+        cpu: C,
+        pixels: &[f32],
+        stride: usize,
+        r: usize,
+        more: &[C::Lanes; MAX_VECTORS],
+        out: &mut [[f32; FLOATS]],
+    ) -> Option<()> {
+        let (distance, one) = (cpu.splat(self.distance[r]), cpu.splat(1.0));
+        let (mut before, mut sums, mut rest) = ([one; VECTORS], [one; VECTORS], [one; VECTORS]);
+        let first = pixels.as_chunks::<FLOATS>().0.first_chunk::<VECTORS>()?;
+        for v in 0..VECTORS {
+            before[v] = cpu.load(&first[v]);
+            (sums[v], rest[v]) = (before[v], distance + more[v]);
+        }
+        // What lies between two taps counts as far as a sample lies beyond the first of them.
+        let last = (whole(self.count[r]) - 1) as usize;
+        for tap in 1..last {
+            let pixels = pixels.get(tap * stride..)?.as_chunks::<FLOATS>().0.first_chunk::<VECTORS>()?;
+            for v in 0..VECTORS {
+                let (pixel, share) = (cpu.load(&pixels[v]), cpu.lesser(rest[v], one));
+                sums[v] = cpu.fused(share, pixel - before[v], sums[v]);
+                (before[v], rest[v]) = (pixel, rest[v] - share);
+            }
+        }
+        let pixels =
+            pixels.get(last.checked_mul(stride)?..)?.as_chunks::<FLOATS>().0.first_chunk::<VECTORS>()?;
+        for (v, out) in out.iter_mut().enumerate().take(VECTORS) {
+            *out = cpu.store(cpu.fused(rest[v], cpu.load(&pixels[v]) - before[v], sums[v]));
         }
         Some(())
-    }
-}
-
-/// Samples at `fraction` + (1 + g)·c, counted from the end of the padding: `growth` has the multiples of g, and `most`
-/// is the last of them that counts.
-#[inline(always)]
-fn sample_along<C: WordCpu>(
-    cpu: C,
-    columns: &Columns,
-    fraction: f32,
-    most: f32,
-    growth: &[C::Lanes; MAX_VECTORS],
-    out: &mut [f32; SAMPLES_WIDTH],
-) -> Option<()> {
-    // Sample c lies at pixel c + offset; the offset starts at `fraction`.
-    let lowest = (fraction + most.min(0.0)).floor();
-    let taps = (fraction + most.max(0.0) - lowest) as usize + 2;
-    let first = (PADDING as f32 + lowest) as usize;
-    let mut sums = [cpu.splat(0.0); MIN_VECTORS];
-    for tap in 0..taps {
-        let pixels = columns.get(first + tap..)?.as_chunks::<FLOATS>().0.first_chunk::<MIN_VECTORS>()?;
-        add_tap(cpu, &mut sums, fraction - lowest - tap as f32, growth, pixels);
-    }
-    for (out, sum) in out.as_chunks_mut::<FLOATS>().0.iter_mut().zip(sums) {
-        *out = cpu.store(sum);
-    }
-    Some(())
-}
-
-/// Adds pixels at the distances `first` + `more` from the samples, times their weights in linear interpolation.
-#[inline(always)]
-fn add_tap<C: WordCpu, const VECTORS: usize>(
-    cpu: C,
-    sums: &mut [C::Lanes; VECTORS],
-    first: f32,
-    more: &[C::Lanes; MAX_VECTORS],
-    pixels: &[[f32; FLOATS]; VECTORS],
-) {
-    let (first, one, zero) = (cpu.splat(first), cpu.splat(1.0), cpu.splat(0.0));
-    for ((sum, more), pixels) in sums.iter_mut().zip(more).zip(pixels) {
-        let weight = cpu.greater(one - cpu.magnitude(first + *more), zero);
-        *sum = cpu.fused(weight, cpu.load(pixels), *sum);
     }
 }
 

@@ -21,8 +21,9 @@ type Found = ([f32; 9], [f32; 5]);
 fn found<C: WordCpu>(cpu: C, levels: [&Level; 2], corner: Vector2<f32>) -> Option<(f32, Found)> {
     let mut block = Block::new(cpu);
     // The patch at (5, 7), whose margin begins a pixel before.
-    let samples = sample_distorted(cpu, levels[0], Vector2::new(4.0, 6.0), &Matrix2::identity())?;
-    let own = block.take(cpu, &samples)?;
+    let mut distorted = DistortedPatch::new();
+    let samples = distorted.sample(cpu, levels[0], Vector2::new(4.0, 6.0), &Matrix2::identity())?;
+    let own = block.take(cpu, samples)?;
     let other = block.sample_sums(cpu, levels[1], corner, 100.0)?;
     let (d, p, t) = (own.gradients, own.products, own.tensor);
     let own = [own.values, own.squares, d.x, d.y, p.x, p.y, t.m11, t.m12, t.m22];
@@ -94,9 +95,10 @@ fn distorted_patches_are_sampled_where_they_lie_on_all_levels() {
     ] {
         let (first, distortion) = (Vector2::new(20.3, 17.8), Matrix2::new(m11, m12, m21, m22));
         for cpu in CpuLevel::supported() {
+            let mut distorted = DistortedPatch::new();
             let samples = with_word_cpu!(
                 cpu,
-                cpu => cpu.vectorize(#[inline(always)] || sample_distorted(cpu, &level, first, &distortion))
+                cpu => cpu.vectorize(#[inline(always)] || distorted.sample(cpu, &level, first, &distortion))
             )
             .unwrap();
             for (c, r) in (0..WIDTH_WITH_MARGIN * WIDTH_WITH_MARGIN).map(|i| (i % 18, i / 18)) {
@@ -114,8 +116,9 @@ fn corners_anywhere_are_safe() {
     let cpu = crate::lanes::scalar::Scalar;
     for at in [-1e30, -9.0, 0.0, 0.999, 23.0, 40.0, 1e30, f32::INFINITY, f32::NAN] {
         assert!(found(cpu, levels.each_ref(), Vector2::new(at, 5.0)).is_none(), "{at}");
-        let none = sample_distorted(cpu, &levels[0], Vector2::new(5.0, at), &Matrix2::identity()).is_none();
+        let mut distorted = DistortedPatch::new();
+        let none = distorted.sample(cpu, &levels[0], Vector2::new(5.0, at), &Matrix2::identity()).is_none();
         assert!(none || (0.0..18.0).contains(&at), "{at}");
-        assert!(sample_distorted(cpu, &levels[0], Vector2::new(4.0, 4.0), &Matrix2::repeat(at)).is_none());
+        assert!(distorted.sample(cpu, &levels[0], Vector2::new(4.0, 4.0), &Matrix2::repeat(at)).is_none());
     }
 }

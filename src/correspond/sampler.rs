@@ -159,7 +159,11 @@ impl Sampler {
     /// where a pyramid is empty or not of the sampler's size.
     pub fn difference(&self, first: &Pyramid, second: &Pyramid) -> f64 {
         let size = self.reducer.size();
-        if first.is_of(size) && second.is_of(size) { block_difference(first, second) } else { f64::INFINITY }
+        if first.is_of(size) && second.is_of(size) {
+            block_difference(self.cpu, first, second)
+        } else {
+            f64::INFINITY
+        }
     }
 
     /// The flow of the pair measured last.

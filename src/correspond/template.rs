@@ -11,7 +11,7 @@
 //! One sampling of N × N pixels takes 4·N·(2N + 3) multiply-adds, its sums 5·N²: 3.5 k for N = 16, in some 800
 //! instructions.
 
-use super::patch::{Block, PATCH_SIDE, Sums, sample_distorted};
+use super::patch::{Block, DistortedPatch, PATCH_SIDE, Sums};
 use crate::lanes::WordCpu;
 use crate::pyramid::Level;
 use nalgebra::{Matrix2, Vector2};
@@ -28,6 +28,8 @@ const AREA: f32 = (PATCH_SIDE * PATCH_SIDE) as f32;
 /// subtracted pixel by pixel, as ∑ g′·I and ∑ g′·g′ᵀ follow from the sums of g, v and I.
 pub(super) struct Template<C: WordCpu> {
     cpu: C,
+    /// Scratch.
+    distorted: DistortedPatch,
     block: Block<C>,
     /// Mean grey, and the mean of the block's values.
     mean: f32,
@@ -73,6 +75,7 @@ impl<C: WordCpu> Template<C> {
         let (vector, matrix) = (Vector2::zeros(), Matrix2::zeros());
         Self {
             cpu,
+            distorted: DistortedPatch::new(),
             block: Block::new(cpu),
             mean: 0.0,
             values_mean: 0.0,
@@ -102,8 +105,8 @@ impl<C: WordCpu> Template<C> {
         let half = 0.5 * (PATCH_SIDE as f32 - 1.0);
         let centre = Vector2::new(corner.0 as f32 + half, corner.1 as f32 + half);
         let first = centre - distortion * Vector2::new(half + 1.0, half + 1.0);
-        let samples = sample_distorted(self.cpu, level, first, distortion)?;
-        let sums = self.block.take(self.cpu, &samples)?;
+        let samples = self.distorted.sample(self.cpu, level, first, distortion)?;
+        let sums = self.block.take(self.cpu, samples)?;
         self.values_mean = sums.values / AREA;
         self.mean = self.block.pivot + self.values_mean;
         self.energy = sums.squares - self.values_mean * sums.values;

@@ -20,26 +20,24 @@ impl<C: WordCpu, const N: usize> Candidates<C, N> {
     /// Of `count` patches, from the candidates of each.
     #[inline(always)]
     pub(super) fn distinct(cpu: C, count: usize, candidates: impl Fn(usize) -> [[f32; 2]; N]) -> Self {
-        let mut shifts = [[[0.0; GROUP]; 2]; N];
-        let mut active = [0; N];
+        let mut all = [[[0.0; GROUP]; 2]; N];
         for k in (0..GROUP).take(count) {
-            let candidates = candidates(k);
-            let mut count = 0;
-            for (number, shift) in candidates.iter().enumerate() {
-                let is_same = |other: &[f32; 2]| {
-                    (other[0] - shift[0]).abs() < SAME_CANDIDATE
-                        && (other[1] - shift[1]).abs() < SAME_CANDIDATE
-                };
-                if !candidates.iter().take(number).any(is_same) {
-                    (shifts[count][0][k], shifts[count][1][k]) = (shift[0], shift[1]);
-                    active[count] |= 1 << k;
-                    count += 1;
-                }
+            for (out, [x, y]) in all.iter_mut().zip(candidates(k)) {
+                (out[0][k], out[1][k]) = (x, y);
             }
         }
-        let mut out = Self { shifts: [[cpu.splat(0.0); 2]; N], active };
-        for (out, [x, y]) in out.shifts.iter_mut().zip(&shifts) {
+        let mut out = Self { shifts: [[cpu.splat(0.0); 2]; N], active: [u32::MAX; N] };
+        for (out, [x, y]) in out.shifts.iter_mut().zip(&all) {
             *out = [cpu.load(x), cpu.load(y)];
+        }
+        for number in 1..N {
+            let mut nearest = cpu.splat(f32::INFINITY);
+            for earlier in 0..number {
+                let ([x, y], [other_x, other_y]) = (out.shifts[number], out.shifts[earlier]);
+                let distance = cpu.greater(cpu.magnitude(x - other_x), cpu.magnitude(y - other_y));
+                nearest = cpu.lesser(distance, nearest);
+            }
+            out.active[number] = !cpu.bits_above(cpu.splat(SAME_CANDIDATE), nearest);
         }
         out
     }
@@ -118,10 +116,7 @@ impl CoarserCells<'_> {
         }
         let [x, y] =
             [cpu.magnitude(furthest[0] - interpolated[0]), cpu.magnitude(furthest[1] - interpolated[1])];
-        let mut others = 0;
-        for (k, apart) in cpu.store(cpu.greater(x, y)).into_iter().enumerate() {
-            others |= u32::from(apart >= SAME_CANDIDATE) << k;
-        }
+        let others = !cpu.bits_above(cpu.splat(SAME_CANDIDATE), cpu.greater(x, y));
         Candidates { shifts: [interpolated, furthest], active: [u32::MAX, others] }
     }
 }

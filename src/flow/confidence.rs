@@ -47,7 +47,8 @@ pub(super) fn fill_field(
     field: &mut FlowField,
 ) {
     (field.columns, field.rows, field.side) = (own.columns, own.rows, scale.side);
-    field.cells.resize(own.means.len(), Cell::default());
+    // All are written.
+    field.cells.resize(own.means().len(), Cell::default());
     fill(cpu, &CellKernel { own, other, scale }, own.columns, &mut field.cells);
 }
 
@@ -62,7 +63,7 @@ impl RowKernel<Cell> for CellKernel<'_> {
 
     #[inline(always)]
     fn fill<C: WordCpu>(&self, cpu: C, (): &mut (), row: usize, out: &mut [Cell]) {
-        let means = self.own.means.get(row * self.own.columns..).unwrap_or_default();
+        let means = self.own.means().get(row * self.own.columns..).unwrap_or_default();
         for (group, (out, means)) in out.chunks_mut(GROUP).zip(means.chunks(GROUP)).enumerate() {
             let mut rows = [cpu.splat(0.0); GROUP];
             for (out, mean) in rows.iter_mut().zip(means) {

@@ -12,6 +12,7 @@ use super::rows::{RowKernel, fill};
 use super::search::Spreads;
 use crate::cpu::CpuLevel;
 use crate::lanes::WordCpu;
+use crate::lanes::wholes::{ROUND, floor, whole};
 
 /// Gauss–Newton steps from the best candidate: on the coarse levels, where steps are long, and on the finest.
 const COARSE_STEPS: usize = 3;
@@ -69,8 +70,8 @@ pub(super) struct FlowDirection {
     /// Of the level run last, and as many as the largest has.
     patches: Vec<PatchFlow>,
     next_patches: Vec<PatchFlow>,
-    /// Cells of the level run last.
-    pub(super) means: Vec<Mean>,
+    /// As many as the largest level has; [`means`](Self::means) are those of the level run last.
+    cells: Vec<Mean>,
     pub(super) columns: usize,
     pub(super) rows: usize,
     /// Per cell, the negated displacement of the opposite direction that ends there and its residual, if any.
@@ -101,7 +102,11 @@ impl FlowDirection {
         let kernel = CoarseToFine {
             stage: *stage,
             prediction: &self.prediction,
-            coarse: CoarserCells { means: &self.means, columns: self.columns, rows: self.rows },
+            coarse: CoarserCells {
+                means: self.cells.get(..self.columns * self.rows).unwrap_or_default(),
+                columns: self.columns,
+                rows: self.rows,
+            },
             reversed: &self.reversed,
             spreads: &self.spreads,
         };
@@ -126,9 +131,18 @@ impl FlowDirection {
             std::mem::swap(&mut patches, &mut next);
         }
         (self.columns, self.rows) = (columns, rows);
-        self.means.resize(columns * rows, Mean::default());
+        let count = columns * rows;
+        if self.cells.len() < count {
+            self.cells.resize(count, Mean::default());
+        }
         let overlap = Overlap { patches, across };
-        fill(stage.cpu, &overlap, columns, &mut self.means);
+        fill(stage.cpu, &overlap, columns, &mut self.cells[..count]);
+    }
+
+    /// The cells of the level run last.
+    #[inline(always)]
+    pub(super) fn means(&self) -> &[Mean] {
+        self.cells.get(..self.columns * self.rows).unwrap_or_default()
     }
 
     /// Stores the negated displacements of the opposite direction at the cells where they end; of two that
@@ -137,7 +151,7 @@ impl FlowDirection {
         self.reversed.clear();
         self.reversed.resize(self.columns * self.rows, None);
         let side = CELL as f32;
-        for (index, mean) in other.means.iter().enumerate() {
+        for (index, mean) in other.means().iter().enumerate() {
             let (column, row) = (index % other.columns.max(1), index / other.columns.max(1));
             let x = column as f32 + mean.shift()[0] / side + 0.5;
             let y = row as f32 + mean.shift()[1] / side + 0.5;
@@ -154,7 +168,6 @@ impl FlowDirection {
 
     /// Clears the state of the previous pair.
     pub(super) fn restart(&mut self) {
-        self.means.clear();
         self.reversed.clear();
         (self.columns, self.rows) = (0, 0);
     }
@@ -165,29 +178,22 @@ impl FlowDirection {
     pub(super) fn at<C: WordCpu>(&self, cpu: C, [x, y]: [C::Lanes; 2]) -> [C::Lanes; 2] {
         let last = [self.columns, self.rows].map(|count| count.saturating_sub(1));
         let (x, y) = (place(cpu, x, last[0]), place(cpu, y, last[1]));
-        let (mut columns, mut rows) = ([0.0; GROUP], [0.0; GROUP]);
-        // Above left, above right, below left, below right; of each the axes.
-        let mut corners = [[[0.0; GROUP]; 2]; 4];
-        for (k, (x, y)) in cpu.store(x).into_iter().zip(cpu.store(y)).enumerate() {
-            let (column, row) = (x as usize, y as usize);
-            (columns[k], rows[k]) = (column as f32, row as f32);
-            let right = usize::from(column < last[0]);
-            let below = if row < last[1] { self.columns } else { 0 };
-            let first = row * self.columns + column;
-            for (corner, index) in corners.iter_mut().zip([0, right, below, below + right]) {
-                let [x, y] = self.means.get(first + index).map(Mean::shift).unwrap_or_default();
-                (corner[0][k], corner[1][k]) = (x, y);
-            }
+        let (column, row) = (floor(cpu, x), floor(cpu, y));
+        let index = column + cpu.splat(self.columns as f32) * row;
+        let (across, down) = (cpu.store(x - column), cpu.store(y - row));
+        let means = self.means();
+        // Beyond the last column and row a cell counts nothing.
+        let at = |index: usize| means.get(index).map(|mean| &mean.0).unwrap_or(&[0.0; GROUP]);
+        let mut cells = [x; GROUP];
+        for (k, index) in cpu.store(index + cpu.splat(ROUND)).into_iter().enumerate() {
+            let (first, across) = (whole(index) as usize, cpu.splat(across[k]));
+            let below = first + self.columns;
+            let upper = blended(cpu, [at(first), at(first + 1)], across);
+            let lower = blended(cpu, [at(below), at(below + 1)], across);
+            cells[k] = upper + cpu.splat(down[k]) * (lower - upper);
         }
-        let (across, down) = (x - cpu.load(&columns), y - cpu.load(&rows));
-        let [a, b, c, d] = &corners;
-        let mut out = [x, y];
-        for (axis, out) in out.iter_mut().enumerate() {
-            let above = blended(cpu, [&a[axis], &b[axis]], across);
-            let below = blended(cpu, [&c[axis], &d[axis]], across);
-            *out = above + down * (below - above);
-        }
-        out
+        let [x, y, ..] = cpu.transposed(cells);
+        [x, y]
     }
 }
 

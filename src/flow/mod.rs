@@ -118,11 +118,11 @@ impl DenseFlow {
         second: &Pyramid,
         predict: impl Fn(Vector2<f64>) -> Vector2<f64>,
     ) {
-        self.fields.iter_mut().for_each(|field| field.cells.clear());
         self.forward.restart();
         self.backward.restart();
         let is_usable = first.is_of(self.size) && second.is_of(self.size);
         if !is_usable || self.size.0.min(self.size.1) < 2 * patch::SIDE {
+            self.fields.iter_mut().for_each(|field| field.cells.clear());
             return;
         }
         self.forward.prediction.fill(self.size, self.scale, false, &predict);

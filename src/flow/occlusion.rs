@@ -181,7 +181,7 @@ impl OcclusionKernel<'_> {
         let here = predicted(index);
         let motion = |neighbour: &u32| {
             let neighbour = *neighbour as usize;
-            let (shift, there) = (own.means.get(neighbour)?.shift(), predicted(neighbour));
+            let (shift, there) = (own.means().get(neighbour)?.shift(), predicted(neighbour));
             Some([shift[0] + here[0] - there[0], shift[1] + here[1] - there[1]])
         };
         let motions = self.neighbours.get(index)?.each_ref().map(motion);
@@ -224,7 +224,7 @@ impl OcclusionKernel<'_> {
         };
         let (column, row) = (arrival(column, x, field.columns)?, arrival(row, y, field.rows)?);
         let there = row * field.columns + column;
-        let back = reverse.means.get(there)?.shift();
+        let back = reverse.means().get(there)?.shift();
         let return_error = (back[0] + x).hypot(back[1] + y);
         let is_trusted = field.cells.get(there)?.confidence >= MIN_CONFIDENCE;
         Some(is_trusted && return_error > MIN_RETURN_ERROR + MIN_RETURN_SHARE * x.hypot(y))

@@ -16,6 +16,7 @@
 use super::rows::Scratch;
 use crate::lanes::rows::SampleRows;
 use crate::lanes::sums::{SUMS, add_products};
+use crate::lanes::wholes::{ROUND, whole};
 use crate::lanes::{FLOATS, WordCpu};
 use crate::pyramid::Level;
 
@@ -68,6 +69,8 @@ pub(super) struct Difference<C: WordCpu> {
     pub(super) squares: [C::Lanes; 4],
     /// The same sum over the whole patch.
     pub(super) total: C::Lanes,
+    /// By how much the step lowers it, as far as the picture is linear.
+    pub(super) gain: C::Lanes,
 }
 
 impl<C: WordCpu> Scratch<C> for PatchGroup<C> {
@@ -178,14 +181,18 @@ impl<C: WordCpu> PatchGroup<C> {
     ) -> Option<Difference<C>> {
         let cpu = self.cpu;
         let [width, height] = level.extent();
-        let (lefts, across) = split(cpu, self.corners[0] + shift[0], width);
-        let (tops, down) = split(cpu, self.corners[1] + shift[1], height);
+        let (column, across) = split(cpu, self.corners[0] + shift[0], width);
+        let (row, down) = split(cpu, self.corners[1] + shift[1], height);
+        let first = cpu.splat(level.origin() as f32 + ROUND) + column;
+        let firsts = cpu.store(first + row * cpu.splat(level.stride() as f32));
+        let (across, down) = (cpu.store(across), cpu.store(down));
         let zero = cpu.splat(0.0);
-        for (k, block) in self.blocks.iter().enumerate() {
-            if active >> k & 1 == 0 {
-                continue;
-            }
-            let samples = level.from(whole(lefts[k]), whole(tops[k]))?;
+        let mut left = active;
+        while left != 0 {
+            let k = left.trailing_zeros() as usize % GROUP;
+            left &= left - 1;
+            let block = &self.blocks[k];
+            let samples = level.samples().get(whole(firsts[k]) as usize..)?;
             let rows = SampleRows::<{ SIDE + 1 }, { SIDE + 1 }>::new(samples, level.stride())?;
             let (across, down) = (cpu.splat(across[k]), cpu.splat(down[k]));
             let mut slopes = [zero; 3];
@@ -208,7 +215,8 @@ impl<C: WordCpu> PatchGroup<C> {
                 above = below;
             }
             let [x, y, value] = slopes;
-            self.sums[k] = [x, y, value, differences[0], differences[1], squares[0], squares[1], zero, zero];
+            let sums = [x, y, value, differences[0], differences[1], squares[0], squares[1]];
+            self.sums[k][..sums.len()].copy_from_slice(&sums);
         }
         Some(self.difference())
     }
@@ -232,7 +240,10 @@ impl<C: WordCpu> PatchGroup<C> {
         let y = self.total::<1>() - self.means[2] * sum - self.shares[1] * value;
         let [a, b, c] = self.inverse;
         let total = (squares[0] + squares[1]) + (squares[2] + squares[3]);
-        Difference { step: [a * x + b * y, b * x + c * y], squares, total }
+        let step = [a * x + b * y, b * x + c * y];
+        // The gradients are doubled.
+        let gain = cpu.splat(-0.5) * (step[0] * x + step[1] * y);
+        Difference { step, squares, total, gain }
     }
 
     /// The patch in lane `k` less its mean.
@@ -285,24 +296,13 @@ fn blended<C: WordCpu>(
     cpu.fused_less(across, left - cpu.load(rows.at(row, 1)), left)
 }
 
-/// Numbers between 2²³ and 2²⁴ have no fraction, so that adding 1.5·2²³ rounds, and leaves the whole number
-/// in the lowest bits.
-const ROUND: f32 = 1.5 * (1 << 23) as f32;
-
-/// Positions much smaller than 2²², clamped to one patch outside a level of `length` pixels: whole pixels, to be read
-/// by [`whole`], and fraction, 0 to 1.
+/// Positions much smaller than 2²², clamped to one patch outside a level of `length` pixels: whole pixels and fraction,
+/// 0 to 1.
 #[inline(always)]
-fn split<C: WordCpu>(cpu: C, at: C::Lanes, length: f32) -> ([f32; GROUP], [f32; GROUP]) {
+fn split<C: WordCpu>(cpu: C, at: C::Lanes, length: f32) -> (C::Lanes, C::Lanes) {
     let (at, round) = (cpu.clamped(at, -(SIDE as f32), length), cpu.splat(ROUND));
-    let rounded = (at - cpu.splat(0.5)) + round;
-    (cpu.store(rounded), cpu.store(at - (rounded - round)))
-}
-
-/// The whole number in the lowest bits: half as many instructions as a conversion, which must be defined for every
-/// number.
-#[inline(always)]
-fn whole(rounded: f32) -> i32 {
-    rounded.to_bits().wrapping_sub(ROUND.to_bits()) as i32
+    let whole = ((at - cpu.splat(0.5)) + round) - round;
+    (whole, at - whole)
 }
 
 #[cfg(test)]

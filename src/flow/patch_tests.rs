@@ -39,7 +39,7 @@ fn compared<C: WordCpu>(cpu: C, [first, second]: [&Level; 2], noise: f32, corner
     group.take(first, noise, &corners).unwrap();
     let [x, y] = corner;
     let shift = [cpu.splat(x - 5.0), cpu.splat(y - 3.0)];
-    let Difference { step: [a, b], squares: [p, q, r, s], total } =
+    let Difference { step: [a, b], squares: [p, q, r, s], total, gain } =
         group.compare(second, shift, 1 << LAST).unwrap();
     let (x, y) = (x as i32, y as i32);
     let rows = SampleRows::new(second.from(x, y).unwrap(), second.stride()).unwrap();
@@ -47,8 +47,12 @@ fn compared<C: WordCpu>(cpu: C, [first, second]: [&Level; 2], noise: f32, corner
     let last = |lanes: C::Lanes| cpu.store(lanes)[LAST];
     let [xx, xy, yy] = group.tensor;
     let (tensor, squares) = ([last(xx), last(xy), last(yy)], [last(p), last(q), last(r), last(s)]);
+    // A least-squares step s lowers the sum of squares by sᵀ·T·s, T the tensor; the noise in T is little here.
+    let ([xx, xy, yy], [a, b]) = (tensor, [last(a), last(b)]);
+    let (gain, lowered) = (last(gain), a * a * xx + 2.0 * a * b * xy + b * b * yy);
+    assert!((gain - lowered).abs() <= 1e-3 * lowered, "{gain} {lowered}");
     let whole = last(group.energy) + spread(second, x, y) - 2.0 * product;
-    (last(group.energy), tensor, squares, last(total), [last(a), last(b)], whole)
+    (last(group.energy), tensor, squares, last(total), [a, b], whole)
 }
 
 /// The same by definition, in double precision.
@@ -123,9 +127,12 @@ fn sums_are_those_of_their_definition_on_all_levels() {
 #[test]
 fn a_position_is_split_into_whole_pixels_and_the_rest() {
     for at in [-8.0, -7.75, -0.25, 0.0, 0.5, 1.0, 479.998, 480.0, 1e6] {
-        let ([rounded, ..], [rest, ..]) = split(Scalar, Scalar.splat(at), 2e6);
-        let whole = whole(rounded);
-        assert!((0.0..=1.0).contains(&rest) && whole as f32 + rest == at, "{at}: {whole} {rest}");
+        let (whole, rest) = split(Scalar, Scalar.splat(at), 2e6);
+        let ([whole, ..], [rest, ..]) = (Scalar.store(whole), Scalar.store(rest));
+        assert!(
+            (0.0..=1.0).contains(&rest) && whole.fract() == 0.0 && whole + rest == at,
+            "{at}: {whole} {rest}"
+        );
     }
 }
 

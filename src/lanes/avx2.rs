@@ -267,6 +267,22 @@ impl WordCpu for Avx2 {
     }
 
     #[inline(always)]
+    fn bits_above(self, value: Floats, limit: Floats) -> u32 {
+        avx2!(_mm256_movemask_ps(_mm256_cmp_ps::<_CMP_GT_OQ>(value.0, limit.0))) as u32
+    }
+
+    // Both instructions give the second number where either is none, or both are zero: as `above_floats` does.
+    #[inline(always)]
+    fn greater(self, a: Floats, b: Floats) -> Floats {
+        Floats(avx2!(_mm256_max_ps(a.0, b.0)))
+    }
+
+    #[inline(always)]
+    fn lesser(self, a: Floats, b: Floats) -> Floats {
+        Floats(avx2!(_mm256_min_ps(a.0, b.0)))
+    }
+
+    #[inline(always)]
     fn load_samples(self, bytes: &[u8; 2 * FLOATS], shift: u32) -> Floats {
         Floats(avx2!({
             let words = _mm_loadu_si128(bytes.as_ptr().cast());

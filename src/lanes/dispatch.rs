@@ -29,7 +29,7 @@ pub(crate) use with_word_cpu;
 #[cfg(test)]
 mod tests {
     use crate::cpu::CpuLevel;
-    use crate::lanes::{Cpu, FLOATS};
+    use crate::lanes::{Cpu, FLOATS, WordCpu};
 
     const ROWS: [[f32; FLOATS]; FLOATS] = {
         let mut rows = [[0.0; FLOATS]; FLOATS];
@@ -58,6 +58,47 @@ mod tests {
         let magnitude = cpu.magnitude(rows[4] - rows[5]);
         let others = [cpu.store(quotient), cpu.store(cpu.root(rows[3])), cpu.store(magnitude)];
         (columns, [cpu.store(low), cpu.store(high)], others)
+    }
+
+    /// Each of these with each: what is equal, of either sign or no number is where instructions differ.
+    const NUMBERS: [f32; FLOATS] =
+        [0.0, -0.0, f32::NAN, 1.5, -2.5, f32::INFINITY, f32::NEG_INFINITY, f32::MIN_POSITIVE];
+
+    /// The greater and the lesser of [`NUMBERS`] and `other`, and [`NUMBERS`] limited to −1 to 1.
+    #[inline(always)]
+    fn bounded<C: WordCpu>(cpu: C, other: f32) -> [[f32; FLOATS]; 5] {
+        let (a, b) = (cpu.load(&NUMBERS), cpu.splat(other));
+        let orders = [cpu.greater(a, b), cpu.greater(b, a), cpu.lesser(a, b), cpu.lesser(b, a)];
+        let [p, q, r, s] = orders;
+        [cpu.store(p), cpu.store(q), cpu.store(r), cpu.store(s), cpu.store(cpu.clamped(a, -1.0, 1.0))]
+    }
+
+    #[test]
+    fn of_two_numbers_that_do_not_differ_all_levels_take_the_second() {
+        for level in CpuLevel::supported() {
+            for other in NUMBERS {
+                let found =
+                    with_word_cpu!(level, cpu => cpu.vectorize(#[inline(always)] || bounded(cpu, other)));
+                let bits = with_word_cpu!(level, cpu => cpu.vectorize(
+                    #[inline(always)]
+                    || cpu.bits_above(cpu.load(&NUMBERS), cpu.splat(other))
+                ));
+                for (lane, number) in NUMBERS.into_iter().enumerate() {
+                    assert_eq!(bits >> lane & 1 == 1, number > other, "{level}: {number} {other}");
+                    let greater = |a: f32, b: f32| if a > b { a } else { b };
+                    let lesser = |a: f32, b: f32| if a < b { a } else { b };
+                    let expected = [
+                        greater(number, other),
+                        greater(other, number),
+                        lesser(number, other),
+                        lesser(other, number),
+                        greater(-1.0, lesser(1.0, number)),
+                    ];
+                    let found = found.map(|found| found[lane].to_bits());
+                    assert_eq!(found, expected.map(f32::to_bits), "{level}: {number} {other}");
+                }
+            }
+        }
     }
 
     #[test]

@@ -10,7 +10,7 @@
 //!
 //! All levels add in the same order. AVX2 and NEON give the same results to the last digit. [`Cpu::fused`] rounds
 //! once there, and twice in plain Rust, which would call a function for it on machines without that instruction.
-//! What several kernels share is in `rows`, `sums` and `dispatch`. Lanes are created only through a [`Cpu`], whose value proves that the machine has the instructions. All
+//! What several kernels share is in `rows`, `sums`, `wholes` and `dispatch`. Lanes are created only through a [`Cpu`], whose value proves that the machine has the instructions. All
 //! functions that compute with lanes are `inline(always)`, up to a function compiled for that CPU; so must be closures.
 //!
 //! No crate took this place. The products of the warp are [`WordCpu::scaled`], one instruction with AVX2 and with
@@ -25,6 +25,7 @@ mod neon;
 pub(crate) mod rows;
 pub(crate) mod scalar;
 pub(crate) mod sums;
+pub(crate) mod wholes;
 
 use std::fmt::Debug;
 use std::ops::{Add, Mul, Sub};
@@ -154,18 +155,33 @@ pub(crate) trait WordCpu: Cpu {
         lanes: Self::Lanes,
     ) -> Self::Lanes;
 
+    /// A bit for each lane, the lowest for the first, that is set where `value` > `limit`.
+    #[inline(always)]
+    fn bits_above(self, value: Self::Lanes, limit: Self::Lanes) -> u32 {
+        let (value, limit) = (self.store(value), self.store(limit));
+        let mut bits = 0;
+        for lane in 0..FLOATS {
+            bits |= u32::from(value[lane] > limit[lane]) << lane;
+        }
+        bits
+    }
+
     /// The lanes of `a` where they are greater than those of `b`, which stay elsewhere.
     #[inline(always)]
     fn greater(self, a: Self::Lanes, b: Self::Lanes) -> Self::Lanes {
         self.above_floats(a, b, a, b)
     }
 
+    /// The lanes of `a` where they are less than those of `b`, which stay elsewhere.
+    #[inline(always)]
+    fn lesser(self, a: Self::Lanes, b: Self::Lanes) -> Self::Lanes {
+        self.above_floats(b, a, a, b)
+    }
+
     /// The lanes limited to a range.
     #[inline(always)]
     fn clamped(self, lanes: Self::Lanes, least: f32, most: f32) -> Self::Lanes {
-        let (least, most) = (self.splat(least), self.splat(most));
-        let lanes = self.above_floats(lanes, most, most, lanes);
-        self.greater(least, lanes)
+        self.greater(self.splat(least), self.lesser(self.splat(most), lanes))
     }
 
     /// Eight samples of 16 bits, little-endian, shifted right by `shift` bits.

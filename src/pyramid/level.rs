@@ -61,30 +61,33 @@ impl Level {
         self.data.get(row.wrapping_mul(self.stride).wrapping_add(column)..)
     }
 
+    /// The samples with the border, row by row. There are less than 2²², for an analysed picture has at most 960 pixels a
+    /// side: their indices are exact as floats.
+    #[inline(always)]
+    pub(crate) fn samples(&self) -> &[f32] {
+        &self.data
+    }
+
+    /// The index of pixel (0, 0) among the [`samples`](Self::samples).
+    #[inline(always)]
+    pub(crate) fn origin(&self) -> usize {
+        BORDER * self.stride + BORDER
+    }
+
     #[cfg(test)]
     pub(crate) fn pixel(&self, x: i32, y: i32) -> f32 {
         self.from(x, y).unwrap()[0]
     }
 
     /// Mean square of the gradient, by differences of neighbours, of every fourth row.
-    pub(crate) fn mean_square_gradient(&self) -> f64 {
+    pub(super) fn mean_square_gradient(&self, cpu: CpuLevel) -> f64 {
         let rows = (0..self.height.saturating_sub(1)).step_by(4);
         let count = rows.len() * (self.width / LANES * LANES);
         let row_sum = |y: usize| {
             let (Some(row), Some(below)) = (self.from(0, y as i32), self.from(0, y as i32 + 1)) else {
                 return 0.0;
             };
-            let right = row.get(1..).unwrap_or(&[]);
-            // As many sums as a register holds: floats are added in the order of the code.
-            let mut sums = [0.0; LANES];
-            let [row, right, below] = [row, right, below].map(|row| row.as_chunks::<LANES>().0);
-            for ((row, right), below) in row.iter().zip(right).zip(below).take(self.width / LANES) {
-                for (lane, sum) in sums.iter_mut().enumerate() {
-                    let (x, y) = (right[lane] - row[lane], below[lane] - row[lane]);
-                    *sum += x * x + y * y;
-                }
-            }
-            sums.iter().sum::<f32>()
+            square_gradients(cpu, row, below, self.width / LANES)
         };
         let sum: f64 = rows.map(|y| f64::from(row_sum(y))).sum();
         sum / count.max(1) as f64
@@ -151,6 +154,24 @@ impl Level {
 }
 
 for_each_cpu! {
+    /// The sum of the squared gradients of a row's first pixels, so many times [`LANES`].
+    fn square_gradients(row: &[f32], below: &[f32], count: usize) -> f32 {
+        let right = row.get(1..).unwrap_or(&[]);
+        // As many sums as a register holds: floats are added in the order of the code.
+        let mut sums = [0.0; LANES];
+        let (row, right) = (row.as_chunks::<LANES>().0, right.as_chunks::<LANES>().0);
+        let below = below.as_chunks::<LANES>().0;
+        for ((row, right), below) in row.iter().zip(right).zip(below).take(count) {
+            for (lane, sum) in sums.iter_mut().enumerate() {
+                let (x, y) = (right[lane] - row[lane], below[lane] - row[lane]);
+                *sum += x * x + y * y;
+            }
+        }
+        sums.iter().sum::<f32>()
+    }
+}
+
+for_each_cpu! {
     /// One row of `width` pixels from rows `y` − 1 to `y` + 2 of `fine`; `line` is one row between the passes.
     fn halve_row(fine: &Level, y: i32, line: &mut [f32], row: &mut [f32], width: usize) {
         let (Some(a), Some(b), Some(c), Some(d)) =
@@ -203,8 +224,8 @@ mod tests {
     #[test]
     fn the_gradient_of_a_slope_is_its_steepness() {
         let slope = Level::of(35, 9, |x, y| 3.0 * x + 4.0 * y);
-        assert!((slope.mean_square_gradient() - 25.0).abs() < 1e-3);
-        assert_eq!(Level::of(5, 1, |x, _| x).mean_square_gradient(), 0.0);
+        assert!((slope.mean_square_gradient(CpuLevel::detect()) - 25.0).abs() < 1e-3);
+        assert_eq!(Level::of(5, 1, |x, _| x).mean_square_gradient(CpuLevel::detect()), 0.0);
     }
 
     #[test]

@@ -23,6 +23,7 @@ pub struct Pyramid {
     levels: Vec<Level>,
     scratch: Vec<f32>,
     filled: bool,
+    sharpness: f64,
 }
 
 impl Pyramid {
@@ -45,7 +46,7 @@ impl Pyramid {
 
     /// Mean square of the gradient at the finest level, in squared grey levels per pixel; 0 if it holds no frame.
     pub fn sharpness(&self) -> f64 {
-        self.levels().first().map_or(0.0, Level::mean_square_gradient)
+        self.sharpness
     }
 
     /// The levels, finest first; none if it holds no frame.
@@ -92,9 +93,11 @@ impl Reducer {
         pyramid.levels.resize_with(self.count, Level::default);
         let Some((finest, _)) = pyramid.levels.split_first_mut() else { return };
         pyramid.filled = self.reduction.reduce(self.cpu, luma, finest, &mut pyramid.scratch);
+        pyramid.sharpness = 0.0;
         if !pyramid.filled {
             return;
         }
+        pyramid.sharpness = finest.mean_square_gradient(self.cpu);
         for index in 1..self.count {
             if let Some([finer, coarser]) = pyramid.levels.get_mut(index - 1..=index) {
                 coarser.halve(self.cpu, finer);
