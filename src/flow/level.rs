@@ -20,10 +20,6 @@ pub(super) const CELL: usize = SIDE / 2;
 /// variance per pixel.
 const RESIDUAL_GAIN: f32 = 1.15;
 
-/// A step is not longer than its error where it lowers the residual, summed over the patch, by less than this many times
-/// the variance of a pixel: by 2 of it if noise alone is the reason of the step.
-const SETTLED: f32 = 2.0;
-
 /// Cells (columns, rows) of a level; the last ones may extend beyond it.
 pub(super) fn cells(level: &Level) -> (usize, usize) {
     (level.width().div_ceil(CELL), level.height().div_ceil(CELL))
@@ -71,7 +67,6 @@ impl<C: WordCpu> Trial<C> {
                     chosen(cpu, bounds, next_s, s),
                 ],
                 total: chosen(cpu, bounds, other.total, own.total),
-                gain: chosen(cpu, bounds, other.gain, own.gain),
             },
         }
     }
@@ -90,31 +85,16 @@ impl<C: WordCpu> PatchGroup<C> {
         Some(Trial { shift, difference: self.compare(level, shift, active)? })
     }
 
-    /// Gauss–Newton steps from one displacement per patch, accepted if the residual falls. A step that is not longer than
-    /// its error is taken without a comparison, and is the last.
+    /// Gauss–Newton steps from one displacement per patch, accepted if the residual falls.
     ///
-    /// The patches take turns: a comparison waits for the previous step of its own patch only.
+    /// The patches take turns, and there is no branch on the results: a comparison waits for the previous step
+    /// of its own patch only.
     #[inline(always)]
-    fn refine(&mut self, pair: LevelPair<'_>, best: &mut Trial<C>, steps: usize, active: u32) -> Option<()> {
+    fn refine(&mut self, level: &Level, best: &mut Trial<C>, steps: usize, active: u32) -> Option<()> {
         let cpu = self.cpu;
-        let (half, zero, infinite) = (cpu.splat(0.5), cpu.splat(0.0), cpu.splat(f32::INFINITY));
-        // 1 where a patch is compared on.
-        let mut open = cpu.splat(1.0);
+        let half = cpu.splat(0.5);
         for _ in 0..steps {
-            let least = cpu.splat(SETTLED / AREA) * best.difference.total + cpu.splat(SETTLED * pair.noise);
-            let (gain, [x, y]) = (best.difference.gain, best.next());
-            open = cpu.above_floats(gain, least, open, zero);
-            let bounds = [open, half];
-            best.shift = [chosen(cpu, bounds, best.shift[0], x), chosen(cpu, bounds, best.shift[1], y)];
-            let [x, y] = best.difference.step;
-            best.difference.step = [chosen(cpu, bounds, x, zero), chosen(cpu, bounds, y, zero)];
-            let active = active & cpu.bits_above(open, half);
-            if active == 0 {
-                break;
-            }
-            let mut next = self.at(pair.second, best.next(), active)?;
-            // What is not compared is not better.
-            next.difference.total = chosen(cpu, bounds, next.difference.total, infinite);
+            let next = self.at(level, best.next(), active)?;
             let [x, y] = best.difference.step;
             // A step that raises the residual is halved.
             let difference = Difference { step: [half * x, half * y], ..best.difference };
@@ -134,9 +114,9 @@ impl<C: WordCpu> PatchGroup<C> {
         active: u32,
     ) -> Option<Trial<C>> {
         let mut first = self.at(pair.second, first, active)?;
-        self.refine(pair, &mut first, steps, active)?;
+        self.refine(pair.second, &mut first, steps, active)?;
         let mut second = self.at(pair.second, second, active)?;
-        self.refine(pair, &mut second, steps, active)?;
+        self.refine(pair.second, &mut second, steps, active)?;
         Some(first.or(self.cpu, second, pair.noise))
     }
 
@@ -227,7 +207,7 @@ pub(super) fn find<C: WordCpu, const N: usize>(
             });
         }
         let mut best = best?;
-        group.refine(pair, &mut best, steps, all)?;
+        group.refine(pair.second, &mut best, steps, all)?;
         for (out, found) in out.iter_mut().zip(group.found(&best, pair.noise)) {
             *out = found;
         }

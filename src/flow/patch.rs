@@ -69,8 +69,6 @@ pub(super) struct Difference<C: WordCpu> {
     pub(super) squares: [C::Lanes; 4],
     /// The same sum over the whole patch.
     pub(super) total: C::Lanes,
-    /// By how much the step lowers it, as far as the picture is linear.
-    pub(super) gain: C::Lanes,
 }
 
 impl<C: WordCpu> Scratch<C> for PatchGroup<C> {
@@ -240,10 +238,7 @@ impl<C: WordCpu> PatchGroup<C> {
         let y = self.total::<1>() - self.means[2] * sum - self.shares[1] * value;
         let [a, b, c] = self.inverse;
         let total = (squares[0] + squares[1]) + (squares[2] + squares[3]);
-        let step = [a * x + b * y, b * x + c * y];
-        // The gradients are doubled.
-        let gain = cpu.splat(-0.5) * (step[0] * x + step[1] * y);
-        Difference { step, squares, total, gain }
+        Difference { step: [a * x + b * y, b * x + c * y], squares, total }
     }
 
     /// The patch in lane `k` less its mean.
