@@ -33,11 +33,9 @@ impl<C: WordCpu, const N: usize> Candidates<C, N> {
         for number in 1..N {
             let mut nearest = cpu.splat(f32::INFINITY);
             for earlier in 0..number {
-                let ([x, y], [other_x, other_y]) = (out.shifts[number], out.shifts[earlier]);
-                let distance = cpu.greater(cpu.magnitude(x - other_x), cpu.magnitude(y - other_y));
-                nearest = cpu.lesser(distance, nearest);
+                nearest = cpu.lesser(separation(cpu, out.shifts[number], out.shifts[earlier]), nearest);
             }
-            out.active[number] = !cpu.bits_above(cpu.splat(SAME_CANDIDATE), nearest);
+            out.active[number] = others(cpu, nearest);
         }
         out
     }
@@ -114,11 +112,21 @@ impl CoarserCells<'_> {
                 distance = cpu.greater(other, distance);
             }
         }
-        let [x, y] =
-            [cpu.magnitude(furthest[0] - interpolated[0]), cpu.magnitude(furthest[1] - interpolated[1])];
-        let others = !cpu.bits_above(cpu.splat(SAME_CANDIDATE), cpu.greater(x, y));
+        let others = others(cpu, separation(cpu, furthest, interpolated));
         Candidates { shifts: [interpolated, furthest], active: [u32::MAX, others] }
     }
+}
+
+/// How far displacements are apart along the axis on which it is greater.
+#[inline(always)]
+fn separation<C: WordCpu>(cpu: C, [x, y]: [C::Lanes; 2], [other_x, other_y]: [C::Lanes; 2]) -> C::Lanes {
+    cpu.greater(cpu.magnitude(x - other_x), cpu.magnitude(y - other_y))
+}
+
+/// A bit for each candidate that is so far from another one that it is not the same.
+#[inline(always)]
+fn others<C: WordCpu>(cpu: C, separation: C::Lanes) -> u32 {
+    !cpu.bits_above(cpu.splat(SAME_CANDIDATE), separation)
 }
 
 /// The index of the coarser cell before that of a patch, or its own where there is none.
