@@ -78,9 +78,10 @@ impl Recording {
                 let flow = sampler.flow();
                 Pair { grid, flow: [flow.forward().clone(), flow.backward().clone()] }
             });
-            estimator.push(pair.as_ref(), *stamp, period, now.sharpness());
+            let sharpness = sampler.sharpness(&now);
+            estimator.push(pair.as_ref(), *stamp, period, sharpness);
             estimator.settle();
-            recording.sharpness.push(now.sharpness());
+            recording.sharpness.push(sharpness);
             recording.pairs.extend(pair);
             std::mem::swap(&mut before, &mut now);
         }

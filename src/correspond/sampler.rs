@@ -166,6 +166,11 @@ impl Sampler {
         }
     }
 
+    /// Mean square of a frame's gradient at the finest level, in squared grey levels per pixel; 0 of a pyramid that holds none.
+    pub fn sharpness(&self, frame: &Pyramid) -> f64 {
+        frame.levels().first().map_or(0.0, |finest| finest.mean_square_gradient(self.cpu))
+    }
+
     /// The flow of the pair measured last.
     pub fn flow(&self) -> &DenseFlow {
         &self.flow

@@ -80,7 +80,7 @@ impl Level {
     }
 
     /// Mean square of the gradient, by differences of neighbours, of every fourth row.
-    pub(super) fn mean_square_gradient(&self, cpu: CpuLevel) -> f64 {
+    pub(crate) fn mean_square_gradient(&self, cpu: CpuLevel) -> f64 {
         let rows = (0..self.height.saturating_sub(1)).step_by(4);
         let count = rows.len() * (self.width / LANES * LANES);
         let row_sum = |y: usize| {

@@ -23,7 +23,6 @@ pub struct Pyramid {
     levels: Vec<Level>,
     scratch: Vec<f32>,
     filled: bool,
-    sharpness: f64,
 }
 
 impl Pyramid {
@@ -42,11 +41,6 @@ impl Pyramid {
     /// Whether it holds a frame of this analysed size.
     pub(crate) fn is_of(&self, size: (usize, usize)) -> bool {
         self.levels().first().is_some_and(|level| (level.width(), level.height()) == size)
-    }
-
-    /// Mean square of the gradient at the finest level, in squared grey levels per pixel; 0 if it holds no frame.
-    pub fn sharpness(&self) -> f64 {
-        self.sharpness
     }
 
     /// The levels, finest first; none if it holds no frame.
@@ -93,11 +87,9 @@ impl Reducer {
         pyramid.levels.resize_with(self.count, Level::default);
         let Some((finest, _)) = pyramid.levels.split_first_mut() else { return };
         pyramid.filled = self.reduction.reduce(self.cpu, luma, finest, &mut pyramid.scratch);
-        pyramid.sharpness = 0.0;
         if !pyramid.filled {
             return;
         }
-        pyramid.sharpness = finest.mean_square_gradient(self.cpu);
         for index in 1..self.count {
             if let Some([finer, coarser]) = pyramid.levels.get_mut(index - 1..=index) {
                 coarser.halve(self.cpu, finer);

@@ -282,7 +282,7 @@ impl Rectifier {
             spacing: self.clock.spacing(),
             readout: *readout,
             pixel_scale: self.sampler.pixel_scale(),
-            sharpness: self.now.sharpness(),
+            sharpness: self.sampler.sharpness(&self.now),
         });
         if let Some(waiting) = self.waiting.back_mut() {
             waiting.begins_shot = self.engine.is_at_cut();
