@@ -287,10 +287,6 @@ mod tests {
     use super::*;
     use crate::as_recorded::AsRecorded;
 
-    fn analysed(readout_ms: f64, readout_deviation: f64, speed: f64) -> AsRecorded {
-        AsRecorded::with_readout(readout_ms, readout_deviation, speed)
-    }
-
     fn entries(as_recorded: &[Option<AsRecorded>]) -> Vec<Entry> {
         let entry = |(index, as_recorded): (usize, &Option<AsRecorded>)| Entry {
             time: Some(5.0 + 0.1 * index as f64),
@@ -303,7 +299,8 @@ mod tests {
 
     #[test]
     fn the_longest_stretch_is_found_with_the_reason_of_most_frames() {
-        let (still, unknown) = (Some(analysed(20.0, 0.0, 1.0)), Some(analysed(0.0, 0.5, 0.0)));
+        let (still, unknown) =
+            (Some(AsRecorded::with_readout(20.0, 0.0, 1.0)), Some(AsRecorded::with_readout(0.0, 0.5, 0.0)));
         let entries = entries(&[still, still, None, unknown, still, unknown, unknown, None, still]);
         let stretch = longest_left(&entries, 9, 0.1).unwrap();
         assert_eq!((stretch.frames, stretch.reason.as_str()), (4, "the readout was not known"));

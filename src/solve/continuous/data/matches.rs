@@ -28,6 +28,12 @@ impl ScanAxis {
     pub fn place(&self, point: Vector2<f64>) -> f64 {
         0.5 + if self.by_rows { point.y } else { point.x } / self.length
     }
+
+    /// Position of a point along its line, across the axis.
+    #[inline(always)]
+    pub fn across(&self, point: Vector2<f64>) -> f64 {
+        if self.by_rows { point.x } else { point.y }
+    }
 }
 
 /// When the lines of a frame are exposed.

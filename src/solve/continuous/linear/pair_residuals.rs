@@ -59,9 +59,8 @@ impl PairResiduals {
         for m in self.matches.iter().filter(|m| m.residual.norm_squared() < most) {
             let from = m.measured.from;
             let place = (scan_axis.place(from) * LINES as f64).clamp(0.0, (LINES - 1) as f64);
-            let along = if scan_axis.by_rows { from.x } else { from.y };
             if let Some(line) = lines.get_mut(place as usize) {
-                line.add(along, m.residual);
+                line.add(scan_axis.across(from), m.residual);
             }
         }
         let sums = lines.iter().map(|line| [line.shared(), line.square]);

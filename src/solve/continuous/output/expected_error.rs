@@ -59,17 +59,18 @@ impl Expected {
         let points = middles(size);
         let displacements = points.iter().map(|point| lean.displacement(*point).norm_squared() * area);
         let errors: Vec<f64> = points.iter().map(|point| lean.variance(*point) * area).collect();
-        let share = trust(errors.iter().sum::<f64>() / displacements.clone().sum::<f64>());
+        let share = applied_share(1.0, errors.iter().sum::<f64>() / displacements.clone().sum::<f64>());
         let squares = errors.iter().zip(displacements).map(|(error, d)| error + (1.0 - share).powi(2) * d);
         Self { share, squares: squares.collect() }
     }
 }
 
-/// The share of a correction that is applied, by the share of its mean square that is error. Without any correction there
-/// is nothing to apply.
-fn trust(error_share: f64) -> f64 {
+/// The share of a correction that is applied: that on which hypotheses agree, less as more of its mean square is error.
+fn applied_share(agreement: f64, error_share: f64) -> f64 {
     let trust = ((1.0 - error_share) / (1.0 - TOLERATED_ERROR)).clamp(0.0, 1.0);
-    if trust.is_finite() { trust } else { 0.0 }
+    let share = agreement.clamp(0.0, 1.0) * trust;
+    // 0/0 is the ordinary case of no correction: no motion, or γ = 0.
+    if share.is_finite() { share } else { 0.0 }
 }
 
 impl CameraPosterior {
@@ -89,9 +90,7 @@ impl CameraPosterior {
         // The share of d₁ with the least squared distance from all corrections.
         let agreement =
             all.iter().map(|(probability, other)| probability * product(other)).sum::<f64>() / square;
-        let share = agreement.clamp(0.0, 1.0) * trust(errors.iter().sum::<f64>() / square);
-        // 0/0 is the ordinary case of no correction: no motion, or γ = 0.
-        let share = if share.is_finite() { share } else { 0.0 };
+        let share = applied_share(agreement, errors.iter().sum::<f64>() / square);
         let disagreement = |index: usize| {
             let squares = all.iter().filter_map(|(probability, other)| {
                 Some(probability * (other.get(index)? - own.get(index)? * share).norm_squared())

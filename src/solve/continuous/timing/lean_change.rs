@@ -99,7 +99,7 @@ fn strip_leans(
     axis: ScanAxis,
     noise: f64,
 ) -> Vec<Vector2<f64>> {
-    let place = |m: &Match| if axis.by_rows { middle(m).x } else { middle(m).y };
+    let place = |m: &Match| axis.across(middle(m));
     let [low, high] = pair
         .matches
         .iter()

@@ -13,10 +13,9 @@
 //! the velocity of a stationary process, whose sum over many frames is nearly 0: with Matérn's correlation of order 5/2,
 //! m(d) = (1 + x − x²)·exp(−x), x = √5·d. The slow strain b stands for parallax, which integrated would be a drift. The length L is
 //! the likeliest of a few, s² that with which the changes have their mean square: 2s²·(1 − m(1/L)).
-
 //!
 //! The bend Qᵢ = γ·dl/dt, the second derivative of a displacement by its place, is taken as such a process, too, with the curvatures of
-//! pairs as its changes, as γ and its sign are not known. At 0.4 cycles a frame it is as large as the lean.
+//! pairs as its changes, as γ and its sign are not known. At γ = 0.42 and 0.4 cycles a frame it is as large as the lean.
 
 use crate::solve::continuous::prior::READOUT_DEVIATION;
 use nalgebra::{DMatrix, DVector};
@@ -89,7 +88,7 @@ impl Series {
         Component { value: 0.0, variance: square * LENGTHS.map(spread).into_iter().fold(0.0, f64::max) }
     }
 
-    /// The lean of a frame as estimated from the changes, at each correlation length that they do not contradict.
+    /// The component of a frame as estimated from the changes, at each correlation length that they do not contradict.
     fn conditioned(&self, frame: usize) -> [Option<Conditioned>; LENGTHS.len()] {
         let known = self.known();
         let [square, _] = mean_squares(&known);
