@@ -107,7 +107,7 @@ impl Analysis {
         let rate = info.fps();
         let stated = (rate.numer() > 0).then(|| f64::from(rate.denom()) / f64::from(rate.numer()));
         let mut interval = FrameInterval::new(stated);
-        ahead.iter().for_each(|sample| interval.add(stream_time(sample).map(seconds)));
+        ahead.iter().for_each(|sample| interval.add(stream_time(sample).map(gst::ClockTime::seconds_f64)));
         let period = interval.seconds();
         // They are counted when they are analysed.
         let interval = FrameInterval::new(stated);
@@ -282,7 +282,7 @@ impl Analysis {
                 };
                 format!("{width}x{height} {format}{interlaced}")
             };
-            let at = time.map_or(String::new(), |time| format!(" at {:.2} s", seconds(time)));
+            let at = time.map_or(String::new(), |time| format!(" at {:.2} s", time.seconds_f64()));
             format!("its frames change from {} to {}{at}", text(&self.info), text(&info))
         })
     }
@@ -301,8 +301,10 @@ impl Analysis {
         let plane = Plane::new(frame.plane_data(0)?, layout)?;
         let duplicate =
             if buffer.flags().contains(gst::BufferFlags::GAP) { Duplicate::Known } else { Duplicate::Detect };
-        self.rectifier.push(&Luma::from(plane), time.map(seconds), duplicate)?;
-        self.interval.add(time.map(seconds));
+        // In seconds as the element has them: it would find other motions by a rounding.
+        let seconds = time.map(gst::ClockTime::seconds_f64);
+        self.rectifier.push(&Luma::from(plane), seconds, duplicate)?;
+        self.interval.add(seconds);
         self.waiting.push_back((time, self.keeps_pictures.then(|| sample.clone())));
         Ok(())
     }
@@ -312,15 +314,11 @@ impl Analysis {
             let (time, picture) = self.waiting.pop_front().unwrap_or_default();
             let is_wanted = |part: &Part| time.is_some_and(|time| part.wanted.contains(time));
             if self.part.as_ref().is_none_or(is_wanted) {
-                note(Frame { time: time.map(seconds), solution, picture })?;
+                note(Frame { time: time.map(gst::ClockTime::seconds_f64), solution, picture })?;
             }
         }
         Ok(())
     }
-}
-
-fn seconds(time: gst::ClockTime) -> f64 {
-    time.nseconds() as f64 * 1e-9
 }
 
 fn rectifier(settings: Settings, info: &gst_video::VideoInfo, period: Option<f64>) -> Result<Rectifier> {

@@ -41,7 +41,7 @@ pub fn warp_settings(options: &RectifierOptions) -> WarpSettings {
     warp
 }
 
-/// Sets the crop, in tenths of a per cent as it is told, so that this zoom hides the borders: by so much more that no correction is
+/// Sets the crop, in per cent rounded up to hundredths, so that this zoom hides the borders: by so much more that no correction is
 /// bent, and that a planned path of the camera stays away from them, where the picture is steadied. What is to be said of it.
 pub fn crop_for(zoom: f64, options: &mut RectifierOptions) -> Result<String> {
     if !zoom.is_finite() {
@@ -52,8 +52,7 @@ pub fn crop_for(zoom: f64, options: &mut RectifierOptions) -> Result<String> {
     let is_planned = options.stabilization() > 0.0;
     let unbent = least / UNBENT_SHARE;
     let crop = if is_planned { (least / PLANNED_SHARE).min(MAX_CROP.max(unbent)) } else { unbent };
-    // Rounded up, but for a hundredth of a per cent: motions of a file are rounded by less, and give the same crop.
-    let crop = if crop > 0.0 { (crop * 10.0 - 0.1).ceil().max(1.0) / 10.0 } else { 0.0 };
+    let crop = (crop * 100.0).ceil() / 100.0;
     if crop > LARGEST {
         bail!("hiding the borders would take a crop of {crop:.0} %");
     }
