@@ -9,7 +9,7 @@
 //! error it is a normal deviate z, and the log odds are ½·z². The scatter starts from that which errors of
 //! the model are expected to cause, by their share in the variance of γ.
 
-use crate::solve::continuous::fit::NOISE_VARIANCE;
+use crate::solve::continuous::data::INDEPENDENT_MATCHES;
 use crate::solve::continuous::prior::MEMORY;
 use std::collections::VecDeque;
 
@@ -29,9 +29,10 @@ pub struct WindowEvidence {
 }
 
 impl WindowEvidence {
-    /// Expected variance in nats² of the difference of two log evidences per pair.
+    /// Expected variance in nats² of the difference of two log evidences per pair: that of a single pair, whose residuals are
+    /// noise, is 1 for each independent match.
     fn expected(&self) -> f64 {
-        NOISE_VARIANCE / self.pairs as f64
+        INDEPENDENT_MATCHES / self.pairs as f64
     }
 }
 

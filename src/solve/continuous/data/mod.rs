@@ -10,7 +10,7 @@ mod window;
 
 pub use matches::{Match, ScanAxis, Shutter};
 pub use overlay::StaticOverlay;
-pub use pair::FramePair;
 #[cfg(test)]
 pub use pair::Track;
+pub use pair::{FramePair, INDEPENDENT_MATCHES};
 pub use window::{PairWindow, breadth};

@@ -11,6 +11,8 @@ use nalgebra::Vector2;
 const SCENE_PRIOR: f64 = 0.9;
 /// More matches than this are thinned out.
 const MAX_MATCHES: usize = 400;
+/// A pair counts as at most this many independent matches, as residuals of neighbours are correlated.
+pub const INDEPENDENT_MATCHES: f64 = 25.0;
 /// A pair with fewer is not used.
 const MIN_MATCHES: usize = 16;
 /// Points further from the centre, in radii, are invalid.

@@ -13,5 +13,5 @@ mod setup;
 
 pub use gauss_newton::{Summary, fit};
 pub use multistart::{DECISIVE_LOG_ODDS, MAX_READOUT_DEVIATION, Multistart, STEPS};
-pub use posterior::{Covariance, NOISE_VARIANCE, Posterior};
+pub use posterior::{Covariance, Posterior};
 pub use setup::Setup;

@@ -3,7 +3,7 @@
 //! The posterior of a window: path, γ and κ, with their covariance and evidence.
 
 use super::setup::Setup;
-use crate::solve::continuous::data::{FramePair, Shutter};
+use crate::solve::continuous::data::{FramePair, INDEPENDENT_MATCHES, Shutter};
 use crate::solve::continuous::linear::{
     Banded, EvaluatedPair, Evaluator, Shared, SharedEquations, System, evaluated,
 };
@@ -12,9 +12,6 @@ use crate::solve::continuous::trajectory::{KnotDensity, Trajectory};
 
 /// Correlation of residuals beyond the noise with the derivatives by γ and κ, at most.
 const ERROR_CORRELATION: f64 = 0.12;
-/// Variance in nats² of the difference of two log evidences of one pair whose residuals are noise: some 25
-/// independent matches of 1 nat² each.
-pub const NOISE_VARIANCE: f64 = 25.0;
 /// Greatest order of the prediction of a vibration: one and a half frame periods, or eight sinusoids.
 const MAX_ORDER: usize = 16;
 /// Standard deviation of γ above which no prediction is learnt: with a wrong γ the path imitates the shutter.
@@ -202,9 +199,9 @@ impl Posterior {
     }
 
     /// Log odds by a difference of log evidence in this window: ½·z², the variance of the difference being that of
-    /// noise and as much again for each multiple of it that errors of the model may add.
+    /// noise, 1 nat² for each independent match, and as much again for each multiple of it that errors of the model may add.
     pub fn log_odds(&self, difference: f64, setup: &Setup) -> f64 {
-        let variance = NOISE_VARIANCE * self.evaluated.len() as f64 * self.design_effect(setup);
+        let variance = INDEPENDENT_MATCHES * self.evaluated.len() as f64 * self.design_effect(setup);
         0.5 * difference * difference.abs() / variance
     }
 

@@ -24,14 +24,13 @@ use super::shared::SHARED;
 use crate::cpu::{CpuLevel, for_each_cpu};
 use crate::motion::generators::{GENERATORS, TURNS, fields};
 use crate::robust::loss::{Density, EffectiveNumber, Loss, Mixture};
+use crate::solve::continuous::data::INDEPENDENT_MATCHES;
 use nalgebra::{Matrix2, SMatrix, SVector};
 
 /// Bands to a pair.
 const BANDS: usize = 24;
 /// Degrees of freedom of Student's t, the distribution of innovations.
 const FREEDOM: i32 = 4;
-/// A pair counts as at most this many independent matches, as residuals of neighbours are correlated.
-const INDEPENDENT_MATCHES: f64 = 25.0;
 
 /// The normal equations of a pair.
 #[derive(Clone, Debug, Default)]

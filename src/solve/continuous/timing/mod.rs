@@ -32,7 +32,7 @@ mod smoothed;
 mod timeline;
 mod velocity;
 
-use crate::solve::continuous::data::{FramePair, ScanAxis};
+use crate::solve::continuous::data::{FramePair, INDEPENDENT_MATCHES, ScanAxis};
 use crate::solve::frame_timing::{FrameTiming, Timeline};
 use blends::Blends;
 use curvature::Curvature;
@@ -61,8 +61,8 @@ const WELL_EXPLAINED: f64 = 0.1;
 /// timestamps the log likelihood ratio is 6 at most, with false ones 20 to 100.
 const RETIMED_LOG_PRIOR: f64 = -10.0;
 const DECISIVE_LOG_ODDS: f64 = 10.0;
-/// Variance of the lean over that of a match, for 25 independent matches: Σ (p − ½)² is 25/12.
-const SLOPE_NOISE: f64 = 12.0 / 25.0;
+/// Variance of the lean over that of a match: Σ (p − ½)² of evenly spread independent matches is a twelfth of their number.
+const SLOPE_NOISE: f64 = 12.0 / INDEPENDENT_MATCHES;
 
 /// Estimates the timing of the frames from successive pairs.
 #[derive(Debug)]
