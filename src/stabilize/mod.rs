@@ -4,11 +4,14 @@
 //! moves as a smooth path does.
 //!
 //! The path of the scene is the sum of the motions between frames, in logarithmic coordinates ([`logarithm`]). The path of the
-//! virtual camera is the one of least acceleration near it ([`plan`]), planned anew with each frame as far as later frames are
-//! known, and nearer to it where the window that is shown would leave the picture otherwise ([`window`]). The placement of a
-//! frame is carried on from that of the frame before by the measured homography, so that the output moves exactly as the planned
-//! path does from frame to frame, and drawn towards the offset of that path.
+//! virtual camera is the one of least acceleration near it ([`plan`]) with which the window that is shown stays inside the
+//! picture ([`window`], [`bound`]), planned anew with each frame as far as later frames are known.
+//!
+//! A plan changes the placements that the plan before has found. Motions do not commute; but of placements that are
+//! nearly right, the steps of the output and the edges are known exactly, and the changes are so small that they do.
 
+mod band;
+mod bound;
 mod logarithm;
 mod plan;
 mod window;
@@ -17,14 +20,15 @@ mod window;
 mod tests;
 
 use crate::motion::{FrameMotion, rounded_homography, scaled};
+use bound::{Bound, Limit, Ways};
 use logarithm::{Coordinates, exponential, logarithm};
 use nalgebra::Matrix3;
-use plan::{Planner, Point};
+use plan::{Planner, Point, stiffness};
 use std::collections::VecDeque;
 use window::Edges;
 
-/// Seconds in which a changed deviation, and a placement that is not that of the planned path, come nearer by 1 − 1/e: as slow
-/// as a movement of the hand that nobody takes for shake.
+/// Seconds in which a changed deviation, and a placement that comes to rest, come nearer by 1 − 1/e: as slow as a movement of the
+/// hand that nobody takes for shake.
 const EASING: f64 = 0.4;
 /// Deviation in seconds below which frames stay where they are: it is reached when a placement that is drawn to rest has come
 /// within 1/500 of where it was.
@@ -33,13 +37,8 @@ const LEAST_DEVIATION: f64 = 1e-4;
 pub const SUPPORT: f64 = 2.65;
 /// Share of the margin up to which the planned path may go: the rest is for what differs from the plan.
 pub const PLANNED_SHARE: f64 = 0.9;
-/// Plans for a frame, and for the first one of a scene, each with the holds by the one before.
-const PLANS: usize = 2;
-const FIRST_PLANS: usize = 16;
-/// Factor of the strength of a hold from plan to plan, its least and its largest.
-const TIGHTER: f64 = 2.0;
-const LEAST_HOLD: f64 = 16.0;
-const MAX_WEIGHT: f64 = 1e6;
+/// Plans for the first frame of a scene, each around the one before: nothing is guessed of its placements.
+const FIRST_PLANS: usize = 4;
 /// Halvings with which the share of an offset that keeps the window inside the picture is found.
 const HALVINGS: usize = 8;
 
@@ -62,11 +61,8 @@ struct Frame<T> {
     edges: Edges,
     /// What is placed; `None` once it is given out.
     content: Option<T>,
-    /// Offset of the planned path, once it is given out.
-    offset: Coordinates,
-    /// Where the planned path is held, so that the window stays inside the picture: the offset, and how strongly.
-    held: Coordinates,
-    weight: f64,
+    /// Its placement by the last plan, if there was one.
+    planned: Option<Matrix3<f64>>,
 }
 
 /// The motion of the scene from a frame to the next one, in radii.
@@ -82,8 +78,8 @@ struct Increment {
 #[derive(Clone, Copy, Debug)]
 struct Placed {
     placement: Matrix3<f64>,
-    /// Offset of the planned path.
-    offset: Coordinates,
+    /// The motion of the output from the frame before, as it was planned.
+    step: Option<Coordinates>,
 }
 
 /// A frame as it comes in.
@@ -120,9 +116,11 @@ pub struct Stabilizer<T> {
     /// Whether the frame before the first one was not placed.
     starts_from_rest: bool,
     planner: Planner,
-    /// Buffers: the frames that are planned, and their places.
+    bound: Bound,
+    /// Buffers: the frames that are planned, the points of their edges, and how their places change.
     points: Vec<Point>,
-    places: Vec<Coordinates>,
+    limits: Vec<Limit>,
+    changes: Vec<Coordinates>,
 }
 
 impl<T> Stabilizer<T> {
@@ -140,8 +138,10 @@ impl<T> Stabilizer<T> {
             is_active: target.deviation > 0.0,
             starts_from_rest: false,
             planner: Planner::default(),
+            bound: Bound::default(),
             points: Vec::new(),
-            places: Vec::new(),
+            limits: Vec::new(),
+            changes: Vec::new(),
         }
     }
 
@@ -206,9 +206,7 @@ impl<T> Stabilizer<T> {
             to_next,
             edges: Edges::new(frame.motion, self.radius),
             content: Some(frame.content),
-            offset: Coordinates::zeros(),
-            held: Coordinates::zeros(),
-            weight: 1.0,
+            planned: None,
         });
     }
 
@@ -242,7 +240,7 @@ impl<T> Stabilizer<T> {
             (before.to_next, interval)
         });
         let nearer = 1.0 - (-interval / EASING).exp();
-        let placed = self.placed.filter(|_| before.is_some());
+        let placed = self.placed.take().filter(|_| before.is_some());
         self.deviation = match placed {
             Some(_) => self.deviation + nearer * (self.target.deviation - self.deviation),
             None if self.starts_from_rest => 0.0,
@@ -250,104 +248,89 @@ impl<T> Stabilizer<T> {
         };
         self.starts_from_rest = false;
         if self.target.deviation <= 0.0 && self.deviation < LEAST_DEVIATION {
-            (self.deviation, self.placed) = (0.0, None);
+            self.deviation = 0.0;
             return None;
         }
         let is_alone = joined.is_none() && self.frames.get(own)?.to_next.is_none();
-        let offset = if is_alone { Coordinates::zeros() } else { self.offset(own) };
-        let placement = match (placed, joined) {
-            // On with the planned path, and nearer to it.
-            (Some(Placed { placement, offset: last }), Some(increment)) => {
-                let moved = exponential(&(offset - last + increment.coordinates));
-                let back = increment.homography.try_inverse()?;
-                drawn(&(moved * placement * back), &offset, nearer)
-            }
+        let joined = placed.zip(joined);
+        let planned = match (placed, is_alone) {
             // Nothing tells how the frame moves: it comes to rest.
-            (Some(Placed { placement, .. }), None) if is_alone => drawn(&placement, &offset, nearer),
-            // Another scene.
-            _ => exponential(&offset),
+            (Some(Placed { placement, .. }), true) => {
+                exponential(&(logarithm(&placement).unwrap_or_default() * (1.0 - nearer)))
+            }
+            (None, true) => Matrix3::identity(),
+            _ => self.planned(own, joined),
         };
-        let placement = self.bounded(own, placement)?;
-        self.placed = Some(Placed { placement, offset });
+        // A window that leaves the picture nevertheless is put back, but goes on as planned.
+        let step = joined.and_then(|(placed, motion)| moved(&placed.placement, &motion, &planned));
+        let placement = self.bounded(own, planned)?;
+        self.placed = Some(Placed { placement, step });
         Some(placement)
     }
 
-    /// The offset of the planned path from a frame; it is kept with the frame.
-    fn offset(&mut self, own: usize) -> Coordinates {
-        let before = self.before(own);
-        self.collect(own);
-        let plans = if before[0].is_some() { PLANS } else { FIRST_PLANS };
+    /// The placement of a frame by a new plan, given that of the frame before with the motion from it, in the same scene.
+    fn planned(&mut self, own: usize, joined: Option<(Placed, Increment)>) -> Matrix3<f64> {
+        let time = |back: usize| Some(self.frames.get(own.checked_sub(back)?)?.time);
+        // Places are counted from that of the frame before.
+        let before = joined.map_or([None; 2], |(placed, _)| {
+            [time(1).zip(Some(Coordinates::zeros())), time(2).zip(placed.step.map(|step| -step))]
+        });
+        let plans = if joined.is_some() { 1 } else { FIRST_PLANS };
         for _ in 0..plans {
-            self.planner.plan(&self.points, before, self.deviation, &mut self.places);
-            self.hold(own);
+            self.guess(own, joined);
+            self.planner.plan(&self.points, before, self.deviation, &mut self.changes);
+            let motions = self.frames.iter().skip(own).take(self.points.len());
+            let motions = motions.filter_map(|frame| Some(frame.to_next?.coordinates));
+            let ways = Ways::new(motions, self.size[1] as f64 / self.size[0].max(1) as f64);
+            let stiffness = stiffness(self.deviation);
+            self.bound.keep(self.planner.rows(), &self.limits, &ways, stiffness, &mut self.changes);
+            for (frame, change) in self.frames.iter_mut().skip(own).zip(&self.changes) {
+                let changed = frame.planned.map(|planned| exponential(change) * planned);
+                // What is too far away for logarithms is not planned.
+                frame.planned = changed.filter(|changed| logarithm(changed).is_some()).or(frame.planned);
+            }
         }
-        let offset = self.places.first().copied().unwrap_or_default();
-        if let Some(frame) = self.frames.get_mut(own) {
-            frame.offset = offset;
-        }
-        offset
+        self.frames.get(own).and_then(|frame| frame.planned).unwrap_or_else(Matrix3::identity)
     }
 
-    /// The places of the two frames before, seen from a frame, with their times; the nearest first.
-    fn before(&self, own: usize) -> [Option<(f64, Coordinates)>; 2] {
-        let mut path = Coordinates::zeros();
-        let mut places = [None; 2];
-        for (back, slot) in places.iter_mut().enumerate() {
-            let frame = own.checked_sub(back + 1).and_then(|index| self.frames.get(index));
-            let Some((frame, increment)) = frame.and_then(|frame| Some((frame, frame.to_next?))) else {
-                break;
-            };
-            path -= increment.coordinates;
-            *slot = Some((frame.time, path + frame.offset));
-        }
-        places
-    }
-
-    /// Collects the frames from one on, joined with it, whose paths are known.
-    fn collect(&mut self, own: usize) {
+    /// Collects the frames from one on, joined with it, whose motions are known, with their places by the last plan. Frames that it
+    /// does not have are guessed to be placed as the one before.
+    fn guess(&mut self, own: usize, joined: Option<(Placed, Increment)>) {
         self.points.clear();
+        self.limits.clear();
         let Some(first) = self.frames.get(own) else { return };
         let until = first.time + SUPPORT * self.deviation;
-        let mut path = Coordinates::zeros();
-        let mut beyond = None;
-        for frame in self.frames.iter().skip(own) {
+        let most = PLANNED_SHARE * self.target.margin;
+        let mut from = joined.map_or_else(Matrix3::identity, |(placed, _)| placed.placement);
+        let mut motion = joined.map(|(_, increment)| increment);
+        let mut place = Coordinates::zeros();
+        let mut add =
+            |time: f64, edges: &Edges, from: &Matrix3<f64>, to: &Matrix3<f64>, motion: Option<Increment>| {
+                if let Some(motion) = motion {
+                    place += moved(from, &motion, to).unwrap_or(motion.coordinates);
+                }
+                let frame = self.points.len();
+                self.points.push(Point { time, place, offset: logarithm(to).unwrap_or_default() });
+                let limits = edges.beyond(to, most.max(edges.rest));
+                self.limits.extend(limits.map(|(beyond, outwards)| Limit { frame, beyond, outwards }));
+            };
+        for frame in self.frames.iter_mut().skip(own) {
             if frame.time > until {
                 return;
             }
-            let (held, weight) = (frame.held, frame.weight);
-            self.points.push(Point { time: frame.time, path, held, weight });
-            beyond = frame.to_next;
-            let Some(increment) = beyond else { break };
-            path += increment.coordinates;
-        }
-        // Frames that have not come, to which the motion is expected; the path up to the first of them is summed up already.
-        let Some(first) = beyond else { return };
-        let mut next = Some(first);
-        let mut ahead = self.ahead.iter();
-        while let Some(increment) = next.filter(|increment| increment.until <= until) {
-            self.points.push(Point { time: increment.until, path, held: Coordinates::zeros(), weight: 1.0 });
-            next = ahead.next().copied();
-            path += next.map_or(Coordinates::zeros(), |increment| increment.coordinates);
-        }
-    }
-
-    /// Holds the plan at the edge of what the margin allows where it goes beyond, and lets go where that is needed no more.
-    fn hold(&mut self, own: usize) {
-        let most = PLANNED_SHARE * self.target.margin;
-        let planned = self.points.iter_mut().zip(&self.places);
-        for ((point, place), frame) in planned.zip(self.frames.iter_mut().skip(own)) {
-            let offset = place - point.path;
-            let rest = frame.edges.rest;
-            let excess = (frame.edges.inside_by(&offset) - rest) / (most - rest);
-            let excess = if most > rest && excess.is_finite() { excess } else { f64::INFINITY };
-            if excess > 1.0 {
-                point.held = offset / excess;
-                point.weight = (point.weight * TIGHTER).clamp(LEAST_HOLD, MAX_WEIGHT);
-            } else {
-                point.weight = (point.weight / TIGHTER).max(1.0);
-                point.held = if point.weight > 1.0 { offset } else { Coordinates::zeros() };
+            let to = *frame.planned.get_or_insert(from);
+            add(frame.time, &frame.edges, &from, &to, motion);
+            from = to;
+            motion = frame.to_next;
+            if motion.is_none() {
+                return;
             }
-            (frame.held, frame.weight) = (point.held, point.weight);
+        }
+        // Frames that have not come, to which the motion is expected, with the edges of the last one.
+        let Some(last) = self.frames.back() else { return };
+        let ahead = motion.into_iter().chain(self.ahead.iter().copied());
+        for increment in ahead.take_while(|increment| increment.until <= until) {
+            add(increment.until, &last.edges, &from, &from, Some(increment));
         }
     }
 
@@ -368,12 +351,7 @@ impl<T> Stabilizer<T> {
     }
 }
 
-/// A placement moved towards that of an offset by a share of what they differ.
-fn drawn(placement: &Matrix3<f64>, offset: &Coordinates, share: f64) -> Matrix3<f64> {
-    let wanted = exponential(offset);
-    let off = placement.try_inverse().and_then(|back| logarithm(&(wanted * back)));
-    match off {
-        Some(off) => exponential(&(off * share)) * placement,
-        None => wanted,
-    }
+/// The motion of the output from a frame to the next one, given their placements.
+fn moved(from: &Matrix3<f64>, motion: &Increment, to: &Matrix3<f64>) -> Option<Coordinates> {
+    logarithm(&(to * motion.homography * from.try_inverse()?))
 }

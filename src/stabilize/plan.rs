@@ -4,15 +4,18 @@
 //!
 //! Over the frames that are known, with the scene's path p and the planned one V,
 //!
-//! > Σ w·|V − p − b|²·h + μ·Σ |V̈|²·h + (cost of what follows) → least,
+//! > Σ |V − p|²·h + μ·Σ |V̈|²·h + (cost of what follows) → least,
 //!
-//! h the interval between frames, given the places of the two frames before. Where V may go where it likes (w = 1, b = 0), this is a
-//! low-pass filter of the fourth order that follows a pan without lag: 1/(1 + μω⁴). Its deviation in time is that of a Gaussian
-//! which halves the same frequency, so μ = (σ/1.177)⁴. Where the window would leave the picture, V is held at the offset b from where it does not.
+//! h the interval between frames, given the places of the two frames before. It is a low-pass filter of the fourth order that
+//! follows a pan without lag: 1/(1 + μω⁴). Its deviation in time is that of a Gaussian which halves the same frequency, so
+//! μ = (σ/1.177)⁴. What keeps the window inside the picture is added to the same equations ([`super::bound`]).
+//!
+//! The unknowns are the changes of a guess of V: motions do not commute, and around a guess that is nearly right they need not.
 //!
 //! The cost of what follows the last frame is that of the optimal control of a double integrator, in closed form from the
 //! algebraic Riccati equation: with e = V − p and its rate v, √2·μ^¼·e² + 2·√μ·e·v + √2·μ^¾·v².
 
+use super::band::{Row, solve};
 use super::logarithm::Coordinates;
 
 /// Product of the deviation of a Gaussian and the angular frequency that it halves: √(2·ln 2).
@@ -28,87 +31,80 @@ const CONTINUED: f64 = 0.5;
 pub struct Point {
     /// Seconds.
     pub time: f64,
-    /// The path of the scene.
-    pub path: Coordinates,
-    /// Offset from it at which the virtual camera is held, and how strongly: none and 1 where the window is inside the picture.
-    pub held: Coordinates,
-    pub weight: f64,
+    /// Where the virtual camera is guessed to be.
+    pub place: Coordinates,
+    /// How far that is from the path of the scene.
+    pub offset: Coordinates,
 }
 
-/// A row of the lower half of a symmetric matrix with two diagonals beside the main one, and the right side.
-#[derive(Clone, Copy, Debug, Default)]
-struct Row {
-    /// Element with the row two before, one before, and of the diagonal.
-    elements: [f64; 3],
-    right: Coordinates,
+impl Point {
+    fn path(&self) -> Coordinates {
+        self.place - self.offset
+    }
 }
 
-/// Solves plans; reuses its buffer.
+/// Makes plans; reuses its buffer.
 #[derive(Debug, Default)]
 pub struct Planner {
     rows: Vec<Row>,
 }
 
 impl Planner {
-    /// Fills `places` with the planned place of each point. `before` are the places of the frames before with their times, the
-    /// nearest first.
+    /// Fills `changes` with how much the planned place of each point differs from the guess. `before` are the places of the frames
+    /// before with their times, the nearest first.
     pub fn plan(
         &mut self,
         points: &[Point],
         before: [Option<(f64, Coordinates)>; 2],
         deviation: f64,
-        places: &mut Vec<Coordinates>,
+        changes: &mut Vec<Coordinates>,
     ) {
-        places.clear();
+        changes.clear();
         let Some(last) = points.len().checked_sub(1) else { return };
-        let mu = (deviation / HALVING).powi(4);
+        let mu = stiffness(deviation);
         self.rows.clear();
         self.rows.resize(points.len(), Row::default());
         // Frames before have the indices −1 and −2.
-        let known =
-            |index: isize| usize::try_from(-index - 1).ok().and_then(|back| before.get(back)?.as_ref());
-        let time = |index: isize| match usize::try_from(index) {
-            Ok(index) => points.get(index).map(|point| point.time),
-            Err(_) => known(index).map(|(time, _)| *time),
+        let at = |index: isize| match usize::try_from(index) {
+            Ok(index) => points.get(index).map(|point| (point.time, point.place)),
+            Err(_) => usize::try_from(-index - 1).ok().and_then(|back| before.get(back).copied().flatten()),
         };
+        let time = |index: isize| at(index).map(|(time, _)| time);
         for (index, point) in points.iter().enumerate() {
-            let index = index as isize;
-            let ends = [time(index - 1).unwrap_or(point.time), time(index + 1).unwrap_or(point.time)];
+            let own = index as isize;
+            let ends = [time(own - 1).unwrap_or(point.time), time(own + 1).unwrap_or(point.time)];
             let interval = ((ends[1] - ends[0]) / 2.0).max(LEAST_INTERVAL);
-            self.add(&[(index, 1.0)], point.weight * interval, point.path + point.held, known);
+            self.add(&[(own, 1.0)], interval, point.offset);
+            if let Some(row) = self.rows.get_mut(index) {
+                row.interval = interval;
+            }
         }
         for index in -1..last as isize {
             let triple = [index - 1, index, index + 1];
-            let [Some(a), Some(b), Some(c)] = triple.map(time) else { continue };
-            let [first, second] = [b - a, c - b].map(|interval| interval.max(LEAST_INTERVAL));
+            let [Some(a), Some(b), Some(c)] = triple.map(at) else { continue };
+            let [first, second] = [b.0 - a.0, c.0 - b.0].map(|interval| interval.max(LEAST_INTERVAL));
             let sum = first + second;
             let [before, after] = [2.0 / (first * sum), 2.0 / (second * sum)];
             let terms = [(triple[0], before), (triple[1], -before - after), (triple[2], after)];
-            self.add(&terms, mu * sum / 2.0, Coordinates::zeros(), known);
+            let guessed = a.1 * before - b.1 * (before + after) + c.1 * after;
+            self.add(&terms, mu * sum / 2.0, guessed);
         }
-        self.add_future(points, mu, known);
-        self.solve(places);
+        self.add_future(points, mu, at(-1));
+        solve(&mut self.rows, changes);
     }
 
-    /// Adds `factor`·|Σ coefficient·V − target|².
-    fn add<'a>(
-        &mut self,
-        terms: &[(isize, f64)],
-        factor: f64,
-        target: Coordinates,
-        known: impl Fn(isize) -> Option<&'a (f64, Coordinates)>,
-    ) {
-        let mut target = target;
-        for (index, coefficient) in terms {
-            if let Some((_, place)) = known(*index) {
-                target -= place * *coefficient;
-            }
-        }
+    /// The equations of the last plan.
+    pub fn rows(&self) -> &[Row] {
+        &self.rows
+    }
+
+    /// Adds `factor`·|Σ coefficient·change + guessed|²; places of frames before do not change.
+    fn add(&mut self, terms: &[(isize, f64)], factor: f64, guessed: Coordinates) {
         for (index, coefficient) in terms {
             let Some(row) = usize::try_from(*index).ok().and_then(|index| self.rows.get_mut(index)) else {
                 continue;
             };
-            row.right += target * (factor * coefficient);
+            row.right -= guessed * (factor * coefficient);
             for (other, beside) in terms.iter().filter(|(other, _)| *other >= 0 && other <= index) {
                 if let Some(element) = row.elements.get_mut((2 - (index - other)).max(0) as usize) {
                     *element += factor * coefficient * beside;
@@ -118,66 +114,36 @@ impl Planner {
     }
 
     /// Adds the cost of what follows the last point.
-    fn add_future<'a>(
-        &mut self,
-        points: &[Point],
-        mu: f64,
-        known: impl Fn(isize) -> Option<&'a (f64, Coordinates)> + Copy,
-    ) {
+    fn add_future(&mut self, points: &[Point], mu: f64, before: Option<(f64, Coordinates)>) {
         let Some((last, earlier)) = points.split_last() else { return };
         let index = earlier.len() as isize;
         let root = mu.sqrt().sqrt();
         // The quadratic form as squares: √2·μ^¼·(e + μ^¼·v/√2)² + μ^¾·v²/√2.
-        let before = earlier.last().map(|point| (point.time, point.path));
-        let Some((time, path)) = before.or_else(|| known(-1).copied()) else {
-            self.add(&[(index, 1.0)], std::f64::consts::SQRT_2 * root, last.path, known);
+        let known = earlier.last().map(|point| (point.time, point.path(), point.place));
+        let Some((time, path, place)) = known.or_else(|| before.map(|(time, place)| (time, place, place)))
+        else {
+            self.add(&[(index, 1.0)], std::f64::consts::SQRT_2 * root, last.offset);
             return;
         };
         let interval = (last.time - time).max(LEAST_INTERVAL);
         // The mean velocity over about a deviation.
         let reach = root * HALVING;
         let from = earlier.iter().find(|point| last.time - point.time <= reach);
-        let (since, origin) = from.map_or((time, path), |point| (point.time, point.path));
-        let rate = (last.path - origin) * (CONTINUED / (last.time - since).max(LEAST_INTERVAL));
+        let (since, origin) = from.map_or((time, path), |point| (point.time, point.path()));
+        let rate = (last.path() - origin) * (CONTINUED / (last.time - since).max(LEAST_INTERVAL));
         let lever = root * std::f64::consts::FRAC_1_SQRT_2 / interval;
-        let target = last.path + rate * (lever * interval);
+        let guessed_rate = (last.place - place) / interval - rate;
         let terms = [(index - 1, -lever), (index, 1.0 + lever)];
-        self.add(&terms, std::f64::consts::SQRT_2 * root, target, known);
+        let guessed = last.offset + guessed_rate * (lever * interval);
+        self.add(&terms, std::f64::consts::SQRT_2 * root, guessed);
         let speed = [(index - 1, -1.0 / interval), (index, 1.0 / interval)];
-        self.add(&speed, root * root * root * std::f64::consts::FRAC_1_SQRT_2, rate, known);
+        self.add(&speed, root * root * root * std::f64::consts::FRAC_1_SQRT_2, guessed_rate);
     }
+}
 
-    /// Solves the equations by the Cholesky factor L·D·Lᵀ inside the band.
-    fn solve(&mut self, places: &mut Vec<Coordinates>) {
-        let rows = &mut self.rows;
-        for index in 0..rows.len() {
-            let (done, rest) = rows.split_at_mut(index);
-            let Some(row) = rest.first_mut() else { break };
-            let one = done.last().copied().unwrap_or_default();
-            let two = index.checked_sub(2).and_then(|two| done.get(two)).copied().unwrap_or_default();
-            // Of a row that is done: factors beside the diagonal, the diagonal, and the right side by L⁻¹.
-            let [far, near, diagonal] = row.elements;
-            let near = near - far * one.elements[1];
-            let factor = |element: f64, diagonal: f64| if diagonal > 0.0 { element / diagonal } else { 0.0 };
-            let (to_two, to_one) = (factor(far, two.elements[2]), factor(near, one.elements[2]));
-            let diagonal = diagonal - to_two * far - to_one * near;
-            row.right -= two.right * to_two + one.right * to_one;
-            row.elements = [to_two, to_one, diagonal];
-        }
-        places.resize(rows.len(), Coordinates::zeros());
-        for index in (0..rows.len()).rev() {
-            let Some(row) = rows.get(index) else { continue };
-            let mut place = if row.elements[2] > 0.0 { row.right / row.elements[2] } else { row.right };
-            for (beyond, element) in [(1, 1), (2, 0)] {
-                if let (Some(row), Some(after)) = (rows.get(index + beyond), places.get(index + beyond)) {
-                    place -= after * row.elements[element];
-                }
-            }
-            if let Some(slot) = places.get_mut(index) {
-                *slot = place;
-            }
-        }
-    }
+/// The weight μ of the acceleration, in s⁴.
+pub fn stiffness(deviation: f64) -> f64 {
+    (deviation / HALVING).powi(4)
 }
 
 #[cfg(test)]
@@ -185,15 +151,17 @@ mod tests {
     use super::*;
 
     fn planned(points: &[Point], before: [Option<(f64, Coordinates)>; 2], deviation: f64) -> Vec<f64> {
-        let mut places = Vec::new();
-        Planner::default().plan(points, before, deviation, &mut places);
-        places.iter().map(|place| place[0]).collect()
+        let mut changes = Vec::new();
+        Planner::default().plan(points, before, deviation, &mut changes);
+        points.iter().zip(&changes).map(|(point, change)| point.place[0] + change[0]).collect()
     }
 
     fn points(count: i32, path: impl Fn(f64) -> f64) -> Vec<Point> {
         let point = |k: i32| {
             let time = f64::from(k) / 30.0;
-            Point { time, path: Coordinates::repeat(path(time)), held: Coordinates::zeros(), weight: 1.0 }
+            // Whatever is guessed.
+            let offset = Coordinates::repeat(3.0 * (1.3 * f64::from(k)).sin());
+            Point { time, place: Coordinates::repeat(path(time)) + offset, offset }
         };
         (0..count).map(point).collect()
     }
@@ -230,12 +198,8 @@ mod tests {
     }
 
     #[test]
-    fn what_has_weight_is_followed() {
-        let mut points = points(61, |t| if t > 1.0 { 10.0 } else { 0.0 });
-        points[30].weight = 1e6;
-        let found = planned(&points, [None; 2], 0.5);
-        assert!(found[30].abs() < 0.01, "{}", found[30]);
-        let solo = planned(&points[..1], [None; 2], 0.5);
+    fn one_frame_stays_where_it_is() {
+        let solo = planned(&points(1, |_| 0.0), [None; 2], 0.5);
         assert!(solo[0].abs() < 1e-12 && planned(&[], [None; 2], 0.5).is_empty());
     }
 }

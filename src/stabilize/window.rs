@@ -52,19 +52,46 @@ impl Edges {
     /// How far an edge comes into the picture where the frame is moved by a homography, as a share of the frame's width or
     /// height; negative where all edges lie outside.
     pub fn inside(&self, placement: &Matrix3<f64>) -> f64 {
-        let edge = |(side, points): (usize, &[Vector2<f64>; POINTS])| {
-            let (axis, outwards) = (side / 2, if side % 2 == 0 { -1.0 } else { 1.0 });
-            let half = self.half.get(axis).copied().unwrap_or(1.0).max(f64::MIN_POSITIVE);
-            let inside = |point: &Vector2<f64>| half - outwards * project(placement, *point)[axis];
-            points.iter().map(inside).fold(f64::NEG_INFINITY, f64::max) / (2.0 * half)
+        let side = |(side, points): (usize, &[Vector2<f64>; POINTS])| {
+            let (axis, outwards) = across(side);
+            let length = self.length(axis);
+            let inside = |point: &Vector2<f64>| 0.5 - outwards * project(placement, *point)[axis] / length;
+            points.iter().map(inside).fold(f64::NEG_INFINITY, f64::max)
         };
-        self.points.iter().enumerate().map(edge).fold(f64::NEG_INFINITY, f64::max)
+        self.points.iter().enumerate().map(side).fold(f64::NEG_INFINITY, f64::max)
+    }
+
+    /// For each point of the edges, where the frame is moved by a homography: by how much it comes into the picture farther
+    /// than `most`, a share of the frame's width or height, in radii, and how far outwards each coordinate of a further motion
+    /// takes it.
+    pub fn beyond(&self, placement: &Matrix3<f64>, most: f64) -> impl Iterator<Item = (f64, Coordinates)> {
+        self.points.iter().enumerate().flat_map(move |(side, points)| {
+            let (axis, outwards) = across(side);
+            let limit = self.length(axis) * (0.5 - most);
+            points.iter().map(move |point| {
+                let shown = project(placement, *point);
+                let mut moved = Coordinates::zeros();
+                moved.fixed_rows_mut::<3>(3 * axis).copy_from(&shown.push(1.0));
+                moved.fixed_rows_mut::<2>(6).copy_from(&(shown * -shown[axis]));
+                (limit - outwards * shown[axis], moved * outwards)
+            })
+        })
+    }
+
+    /// The frame's width or height, in radii.
+    fn length(&self, axis: usize) -> f64 {
+        2.0 * self.half.get(axis).copied().unwrap_or(1.0).max(f64::MIN_POSITIVE)
     }
 
     /// The same of logarithmic coordinates.
     pub fn inside_by(&self, offset: &Coordinates) -> f64 {
         self.inside(&exponential(offset))
     }
+}
+
+/// The axis across a side, and which way is outwards.
+const fn across(side: usize) -> (usize, f64) {
+    (side / 2, if side.is_multiple_of(2) { -1.0 } else { 1.0 })
 }
 
 #[cfg(test)]
@@ -102,5 +129,21 @@ mod tests {
         // The first row but three moves by half of 64 px, less three and a half rows, and three pixels are border.
         let found = edges(64.0).inside(&Matrix3::identity());
         assert!((found - 35.0 / 640.0).abs() < 1e-3, "{found}");
+    }
+
+    #[test]
+    fn how_far_a_point_is_beyond_changes_as_its_coordinates_say() {
+        let still = edges(0.0);
+        let at = exponential(&Coordinates::from([0.02, -0.1, 0.1, 0.1, 0.03, -0.05, 0.04, -0.02]));
+        let change = Coordinates::from([2.0, -3.0, 4.0, 1.0, -1.0, 2.0, 3.0, 5.0]) * 1e-6;
+        let later = exponential(&change) * at;
+        let pairs = still.beyond(&at, 0.1).zip(still.beyond(&later, 0.1));
+        for ((before, outwards), (after, _)) in pairs {
+            assert!((before - after - outwards.dot(&change)).abs() < 1e-9, "{before} {after}");
+        }
+        let aside = shifted(61.0, 0.0);
+        let most = still.beyond(&aside, 0.05).map(|(beyond, _)| beyond);
+        // A tenth of the width, of which the half is too far.
+        assert!((most.fold(f64::NEG_INFINITY, f64::max) - 0.05 * 2.0).abs() < 1e-2);
     }
 }
