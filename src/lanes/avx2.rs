@@ -379,3 +379,21 @@ impl Mul for Doubles {
         Self(avx2!(_mm256_mul_pd(self.0, other.0)))
     }
 }
+
+impl Add for Doubles {
+    type Output = Self;
+
+    #[inline(always)]
+    fn add(self, other: Self) -> Self {
+        Self(avx2!(_mm256_add_pd(self.0, other.0)))
+    }
+}
+
+impl Sub for Doubles {
+    type Output = Self;
+
+    #[inline(always)]
+    fn sub(self, other: Self) -> Self {
+        Self(avx2!(_mm256_sub_pd(self.0, other.0)))
+    }
+}

@@ -118,9 +118,9 @@ mod tests {
         }
     }
 
-    /// A product, a·b + c and c − a·b of doubles, and c with a·b added in memory.
+    /// a·b, a·b + c, c − a·b, c with a·b added in memory, a + c and a − c.
     #[inline(always)]
-    fn of_doubles<C: DoubleCpu>(cpu: C, a: [f64; DOUBLES], b: f64, c: [f64; DOUBLES]) -> [[f64; DOUBLES]; 4] {
+    fn of_doubles<C: DoubleCpu>(cpu: C, a: [f64; DOUBLES], b: f64, c: [f64; DOUBLES]) -> [[f64; DOUBLES]; 6] {
         let (first, factor, last) = (cpu.load_doubles(&a), cpu.splat_double(b), cpu.load_doubles(&c));
         let mut sum = c;
         cpu.add_product(first, factor, &mut sum);
@@ -128,12 +128,14 @@ mod tests {
             first * factor,
             cpu.fused_doubles(first, factor, last),
             cpu.fused_less_doubles(first, factor, last),
+            first + last,
+            first - last,
         ];
-        let [product, more, less] = found.map(
+        let [product, more, less, both, beside] = found.map(
             #[inline(always)]
             |doubles| cpu.store_doubles(doubles),
         );
-        [product, more, less, sum]
+        [product, more, less, sum, both, beside]
     }
 
     #[test]
@@ -145,7 +147,8 @@ mod tests {
                 with_word_cpu!(level, cpu => cpu.vectorize(#[inline(always)] || of_doubles(cpu, a, b, c)));
             for lane in 0..DOUBLES {
                 let (product, last) = (a[lane] * b, c[lane]);
-                let expected = [product, last + product, last - product, last + product];
+                let (both, beside) = (a[lane] + last, a[lane] - last);
+                let expected = [product, last + product, last - product, last + product, both, beside];
                 assert_eq!(found.map(|of| of[lane]), expected, "{level} {lane}");
             }
         }

@@ -199,7 +199,11 @@ pub(crate) trait WordCpu: Cpu {
 
 /// Vectors of four doubles besides.
 pub(crate) trait DoubleCpu: Cpu {
-    type Doubles: Copy + Debug + Mul<Output = Self::Doubles>;
+    type Doubles: Copy
+        + Debug
+        + Add<Output = Self::Doubles>
+        + Sub<Output = Self::Doubles>
+        + Mul<Output = Self::Doubles>;
 
     /// Loads four doubles.
     fn load_doubles(self, values: &[f64; DOUBLES]) -> Self::Doubles;

@@ -388,3 +388,21 @@ impl Mul for Doubles {
         neon!(Self(vmulq_f64(self.0, other.0), vmulq_f64(self.1, other.1)))
     }
 }
+
+impl Add for Doubles {
+    type Output = Self;
+
+    #[inline(always)]
+    fn add(self, other: Self) -> Self {
+        neon!(Self(vaddq_f64(self.0, other.0), vaddq_f64(self.1, other.1)))
+    }
+}
+
+impl Sub for Doubles {
+    type Output = Self;
+
+    #[inline(always)]
+    fn sub(self, other: Self) -> Self {
+        neon!(Self(vsubq_f64(self.0, other.0), vsubq_f64(self.1, other.1)))
+    }
+}

@@ -273,9 +273,9 @@ impl Equations {
         let starts: [usize; GENERATORS] = std::array::from_fn(|column| self.index(column, columns));
         for row in 0..GENERATORS {
             let first = self.index(row, rows) * size;
-            for column in if is_symmetric { row } else { 0 }..GENERATORS {
+            for (column, start) in starts.iter().enumerate().skip(if is_symmetric { row } else { 0 }) {
                 let factor = cpu.splat_double(if is_symmetric && column > row { 2.0 } else { 1.0 });
-                let start = first + starts[column];
+                let start = first + start;
                 let entries = entries(cpu, terms, row, column);
                 // All rows at once, so that one check of the bounds is enough.
                 let Some(cells) = self.matrix.get_mut(start..start + 3 * size + KNOTS) else { continue };

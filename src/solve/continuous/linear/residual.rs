@@ -4,7 +4,8 @@
 
 use super::shared::Shared;
 use crate::cpu::CpuLevel;
-use crate::motion::generators::{GENERATORS, velocities};
+use crate::lanes::DoubleCpu;
+use crate::motion::generators::velocities;
 use crate::solve::continuous::data::{Match, Shutter};
 use crate::solve::continuous::trajectory::Trajectory;
 use nalgebra::{Matrix2, Vector2};
@@ -78,15 +79,19 @@ impl Evaluator<'_> {
 
     /// The residual of a match, not yet whitened; `None` without a path.
     #[inline(always)]
-    pub fn match_residual(&self, stamps: [f64; 2], m: &Match, prior: f64) -> Option<MatchResidual> {
+    pub fn match_residual<C: DoubleCpu>(
+        &self,
+        cpu: C,
+        stamps: [f64; 2],
+        m: &Match,
+        prior: f64,
+    ) -> Option<MatchResidual> {
         let blocks = self.blocks(stamps, m);
         let homographies = &self.trajectory.homographies;
         let (from, to) = (homographies.at(blocks[0])?, homographies.at(blocks[1])?);
         let places = [m.from, m.to].map(|point| self.trajectory.block(self.shutter.scan_axis.place(point)));
-        let (rates, values) = ([from.rates(), to.rates()], [from.values(), to.values()]);
-        let rates: [f64; GENERATORS] =
-            std::array::from_fn(|j| rates[1][j] * places[1] - rates[0][j] * places[0]);
-        let moved: [f64; GENERATORS] = std::array::from_fn(|j| values[1][j] - values[0][j]);
+        let moved = to.values_less(cpu, from);
+        let rates = to.rates_less(cpu, places[1], from, places[0]);
         let middle = (m.from + m.to) / 2.0;
         let kappa = self.trajectory.splines.kappa;
         let [_, parallax] = velocities(middle, kappa, &moved);
@@ -94,7 +99,7 @@ impl Evaluator<'_> {
             measured: *m,
             prior,
             blocks,
-            residual: (m.to - from.carry(m.from, to)) * self.trajectory.radius,
+            residual: (m.to - from.carry(cpu, m.from, to)) * self.trajectory.radius,
             parallax,
             by_gamma: velocities(middle, kappa, &rates),
             by_kappa: middle * (middle.x * moved[0] + middle.y * moved[1]),
