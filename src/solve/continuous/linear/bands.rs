@@ -7,7 +7,7 @@
 //!
 //! With the weight of an innovation W = UᵀU, its Jacobians and right sides times U are rows of unit weight. All sums
 //! are of products of such rows, two to a match. They are taken a few rows of sums at a time over all matches
-//! of the band, so that these stay in vector registers: with a track some 450 instructions of AVX2 a match, and 200
+//! of the band, so that these stay in vector registers: with a track some 220 instructions of AVX2 a match, and 80
 //! without.
 
 use super::shared::SHARED;
