@@ -3,7 +3,7 @@
 //! Vectors with AVX2 and FMA: one register each. A value of [`Avx2`] proves that the CPU has them, and so does a
 //! register, for it is created only through such a value: the reason of every `unsafe` here that names none.
 
-use super::{Cpu, FLOATS, WORDS, WordCpu};
+use super::{Cpu, DOUBLES, DoubleCpu, FLOATS, WORDS, WordCpu};
 use crate::cpu::Avx2;
 use std::arch::x86_64::*;
 use std::ops::{Add, Mul, Sub};
@@ -15,6 +15,10 @@ pub(crate) struct Floats(__m256);
 /// Sixteen words.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Words(__m256i);
+
+/// Four doubles.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Doubles(__m256d);
 
 /// An expression of intrinsics.
 macro_rules! avx2 {
@@ -335,3 +339,61 @@ operation!(Sub, sub, Floats, _mm256_sub_ps);
 operation!(Mul, mul, Floats, _mm256_mul_ps);
 operation!(Add, add, Words, _mm256_add_epi16);
 operation!(Sub, sub, Words, _mm256_sub_epi16);
+
+impl DoubleCpu for Avx2 {
+    type Doubles = Doubles;
+
+    #[inline(always)]
+    fn load_doubles(self, values: &[f64; DOUBLES]) -> Doubles {
+        Doubles(avx2!(_mm256_loadu_pd(values.as_ptr())))
+    }
+
+    #[inline(always)]
+    fn store_doubles(self, Doubles(doubles): Doubles) -> [f64; DOUBLES] {
+        let mut out = [0.0; DOUBLES];
+        avx2!(_mm256_storeu_pd(out.as_mut_ptr(), doubles));
+        out
+    }
+
+    #[inline(always)]
+    fn splat_double(self, value: f64) -> Doubles {
+        Doubles(avx2!(_mm256_set1_pd(value)))
+    }
+
+    #[inline(always)]
+    fn fused_doubles(self, a: Doubles, b: Doubles, c: Doubles) -> Doubles {
+        Doubles(avx2!(_mm256_fmadd_pd(a.0, b.0, c.0)))
+    }
+
+    #[inline(always)]
+    fn fused_less_doubles(self, a: Doubles, b: Doubles, c: Doubles) -> Doubles {
+        Doubles(avx2!(_mm256_fnmadd_pd(a.0, b.0, c.0)))
+    }
+}
+
+impl Mul for Doubles {
+    type Output = Self;
+
+    #[inline(always)]
+    fn mul(self, other: Self) -> Self {
+        Self(avx2!(_mm256_mul_pd(self.0, other.0)))
+    }
+}
+
+impl Add for Doubles {
+    type Output = Self;
+
+    #[inline(always)]
+    fn add(self, other: Self) -> Self {
+        Self(avx2!(_mm256_add_pd(self.0, other.0)))
+    }
+}
+
+impl Sub for Doubles {
+    type Output = Self;
+
+    #[inline(always)]
+    fn sub(self, other: Self) -> Self {
+        Self(avx2!(_mm256_sub_pd(self.0, other.0)))
+    }
+}

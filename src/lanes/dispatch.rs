@@ -29,7 +29,7 @@ pub(crate) use with_word_cpu;
 #[cfg(test)]
 mod tests {
     use crate::cpu::CpuLevel;
-    use crate::lanes::{Cpu, FLOATS, WordCpu};
+    use crate::lanes::{Cpu, DOUBLES, DoubleCpu, FLOATS, WordCpu};
 
     const ROWS: [[f32; FLOATS]; FLOATS] = {
         let mut rows = [[0.0; FLOATS]; FLOATS];
@@ -114,6 +114,42 @@ mod tests {
                 assert_eq!((low[k], high[k]), (row[..4].iter().sum(), row[4..].iter().sum()), "{level}");
                 assert_eq!((quotient[k], root[k]), (ROWS[1][k] / ROWS[2][k], ROWS[3][k].sqrt()), "{level}");
                 assert_eq!(magnitude[k], (ROWS[4][k] - ROWS[5][k]).abs(), "{level}");
+            }
+        }
+    }
+
+    /// a·b, a·b + c, c − a·b, c with a·b added in memory, a + c and a − c.
+    #[inline(always)]
+    fn of_doubles<C: DoubleCpu>(cpu: C, a: [f64; DOUBLES], b: f64, c: [f64; DOUBLES]) -> [[f64; DOUBLES]; 6] {
+        let (first, factor, last) = (cpu.load_doubles(&a), cpu.splat_double(b), cpu.load_doubles(&c));
+        let mut sum = c;
+        cpu.add_product(first, factor, &mut sum);
+        let found = [
+            first * factor,
+            cpu.fused_doubles(first, factor, last),
+            cpu.fused_less_doubles(first, factor, last),
+            first + last,
+            first - last,
+        ];
+        let [product, more, less, both, beside] = found.map(
+            #[inline(always)]
+            |doubles| cpu.store_doubles(doubles),
+        );
+        [product, more, less, sum, both, beside]
+    }
+
+    #[test]
+    fn doubles_are_those_of_their_definition_on_all_levels() {
+        // The products are exact.
+        let (a, b, c) = ([1.5, -2.25, 0.0, 1e10], 0.75, [0.5, 8.0, -3.0, 0.25]);
+        for level in CpuLevel::supported() {
+            let found =
+                with_word_cpu!(level, cpu => cpu.vectorize(#[inline(always)] || of_doubles(cpu, a, b, c)));
+            for lane in 0..DOUBLES {
+                let (product, last) = (a[lane] * b, c[lane]);
+                let (both, beside) = (a[lane] + last, a[lane] - last);
+                let expected = [product, last + product, last - product, last + product, both, beside];
+                assert_eq!(found.map(|of| of[lane]), expected, "{level} {lane}");
             }
         }
     }

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: MIT OR Apache-2.0
 
-//! Vectors of eight floats and of sixteen 16-bit integers: one source of a kernel for all instruction sets.
+//! Vectors of eight floats, of sixteen 16-bit integers and of four doubles: one source of a kernel for all instruction sets.
 //!
-//! | file | instructions | floats | integers |
+//! | file | instructions | floats or doubles | integers |
 //! |---|---|---|---|
 //! | `scalar` | plain Rust | 1 array, the reference | 1 array |
 //! | `avx2` | x86-64 with AVX2 and FMA | 1 register | 1 register |
@@ -35,6 +35,9 @@ pub(crate) const FLOATS: usize = 8;
 
 /// 16-bit integers in a vector.
 pub(crate) const WORDS: usize = 16;
+
+/// Doubles in a vector.
+pub(crate) const DOUBLES: usize = 4;
 
 /// Vectors of eight floats; a value proves that the machine has the instructions.
 pub(crate) trait Cpu: Copy {
@@ -192,4 +195,34 @@ pub(crate) trait WordCpu: Cpu {
 
     /// The lanes limited to ± `limit`, at most 2³⁰, and rounded to integers, ties to even. Not for NaN.
     fn rounded(self, lanes: Self::Lanes, limit: f32) -> [i32; FLOATS];
+}
+
+/// Vectors of four doubles besides.
+pub(crate) trait DoubleCpu: Cpu {
+    type Doubles: Copy
+        + Debug
+        + Add<Output = Self::Doubles>
+        + Sub<Output = Self::Doubles>
+        + Mul<Output = Self::Doubles>;
+
+    /// Loads four doubles.
+    fn load_doubles(self, values: &[f64; DOUBLES]) -> Self::Doubles;
+
+    /// Stores all lanes to an array.
+    fn store_doubles(self, doubles: Self::Doubles) -> [f64; DOUBLES];
+
+    /// The same value in all lanes.
+    fn splat_double(self, value: f64) -> Self::Doubles;
+
+    /// a·b + c, rounded as often as by [`fused`](Cpu::fused).
+    fn fused_doubles(self, a: Self::Doubles, b: Self::Doubles, c: Self::Doubles) -> Self::Doubles;
+
+    /// c − a·b, rounded as often.
+    fn fused_less_doubles(self, a: Self::Doubles, b: Self::Doubles, c: Self::Doubles) -> Self::Doubles;
+
+    /// Adds a·b to doubles in memory.
+    #[inline(always)]
+    fn add_product(self, a: Self::Doubles, b: Self::Doubles, to: &mut [f64; DOUBLES]) {
+        *to = self.store_doubles(self.fused_doubles(a, b, self.load_doubles(to)));
+    }
 }

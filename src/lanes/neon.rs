@@ -4,7 +4,7 @@
 //! has it, and so does a register, for it is created only through such a value: the reason of every `unsafe` here
 //! that names none.
 
-use super::{Cpu, FLOATS, WORDS, WordCpu};
+use super::{Cpu, DOUBLES, DoubleCpu, FLOATS, WORDS, WordCpu};
 use crate::cpu::Neon;
 use std::arch::aarch64::*;
 use std::ops::{Add, Mul, Sub};
@@ -16,6 +16,10 @@ pub(crate) struct Floats(float32x4_t, float32x4_t);
 /// Sixteen words.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Words(int16x8_t, int16x8_t);
+
+/// Four doubles.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Doubles(float64x2_t, float64x2_t);
 
 /// An expression of intrinsics.
 macro_rules! neon {
@@ -340,3 +344,65 @@ operation!(Sub, sub, Floats, vsubq_f32);
 operation!(Mul, mul, Floats, vmulq_f32);
 operation!(Add, add, Words, vaddq_s16);
 operation!(Sub, sub, Words, vsubq_s16);
+
+impl DoubleCpu for Neon {
+    type Doubles = Doubles;
+
+    #[inline(always)]
+    fn load_doubles(self, values: &[f64; DOUBLES]) -> Doubles {
+        neon!(Doubles(vld1q_f64(values.as_ptr()), vld1q_f64(values.as_ptr().add(2))))
+    }
+
+    #[inline(always)]
+    fn store_doubles(self, doubles: Doubles) -> [f64; DOUBLES] {
+        let mut out = [0.0; DOUBLES];
+        neon!({
+            vst1q_f64(out.as_mut_ptr(), doubles.0);
+            vst1q_f64(out.as_mut_ptr().add(2), doubles.1);
+        });
+        out
+    }
+
+    #[inline(always)]
+    fn splat_double(self, value: f64) -> Doubles {
+        let lanes = neon!(vdupq_n_f64(value));
+        Doubles(lanes, lanes)
+    }
+
+    #[inline(always)]
+    fn fused_doubles(self, a: Doubles, b: Doubles, c: Doubles) -> Doubles {
+        neon!(Doubles(vfmaq_f64(c.0, a.0, b.0), vfmaq_f64(c.1, a.1, b.1)))
+    }
+
+    #[inline(always)]
+    fn fused_less_doubles(self, a: Doubles, b: Doubles, c: Doubles) -> Doubles {
+        neon!(Doubles(vfmsq_f64(c.0, a.0, b.0), vfmsq_f64(c.1, a.1, b.1)))
+    }
+}
+
+impl Mul for Doubles {
+    type Output = Self;
+
+    #[inline(always)]
+    fn mul(self, other: Self) -> Self {
+        neon!(Self(vmulq_f64(self.0, other.0), vmulq_f64(self.1, other.1)))
+    }
+}
+
+impl Add for Doubles {
+    type Output = Self;
+
+    #[inline(always)]
+    fn add(self, other: Self) -> Self {
+        neon!(Self(vaddq_f64(self.0, other.0), vaddq_f64(self.1, other.1)))
+    }
+}
+
+impl Sub for Doubles {
+    type Output = Self;
+
+    #[inline(always)]
+    fn sub(self, other: Self) -> Self {
+        neon!(Self(vsubq_f64(self.0, other.0), vsubq_f64(self.1, other.1)))
+    }
+}

@@ -3,7 +3,7 @@
 //! Vectors in plain Rust: the reference for floats; for integers what compilers make of them for a machine of which
 //! nothing is known, several times as fast as one number after the other.
 
-use super::{Cpu, FLOATS, WORDS, WordCpu};
+use super::{Cpu, DOUBLES, DoubleCpu, FLOATS, WORDS, WordCpu};
 use std::array::from_fn;
 use std::ops::{Add, Mul, Sub};
 
@@ -242,5 +242,65 @@ impl Sub for Words {
     #[inline(always)]
     fn sub(self, other: Self) -> Self {
         self.zip(other, i16::wrapping_sub)
+    }
+}
+
+/// Four doubles.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Doubles([f64; DOUBLES]);
+
+impl DoubleCpu for Scalar {
+    type Doubles = Doubles;
+
+    #[inline(always)]
+    fn load_doubles(self, values: &[f64; DOUBLES]) -> Doubles {
+        Doubles(*values)
+    }
+
+    #[inline(always)]
+    fn store_doubles(self, Doubles(doubles): Doubles) -> [f64; DOUBLES] {
+        doubles
+    }
+
+    #[inline(always)]
+    fn splat_double(self, value: f64) -> Doubles {
+        Doubles([value; DOUBLES])
+    }
+
+    #[inline(always)]
+    fn fused_doubles(self, Doubles(a): Doubles, Doubles(b): Doubles, Doubles(c): Doubles) -> Doubles {
+        Doubles(from_fn(|lane| a[lane] * b[lane] + c[lane]))
+    }
+
+    #[inline(always)]
+    fn fused_less_doubles(self, Doubles(a): Doubles, Doubles(b): Doubles, Doubles(c): Doubles) -> Doubles {
+        Doubles(from_fn(|lane| c[lane] - a[lane] * b[lane]))
+    }
+}
+
+impl Mul for Doubles {
+    type Output = Self;
+
+    #[inline(always)]
+    fn mul(self, other: Self) -> Self {
+        Self(from_fn(|lane| self.0[lane] * other.0[lane]))
+    }
+}
+
+impl Add for Doubles {
+    type Output = Self;
+
+    #[inline(always)]
+    fn add(self, other: Self) -> Self {
+        Self(from_fn(|lane| self.0[lane] + other.0[lane]))
+    }
+}
+
+impl Sub for Doubles {
+    type Output = Self;
+
+    #[inline(always)]
+    fn sub(self, other: Self) -> Self {
+        Self(from_fn(|lane| self.0[lane] - other.0[lane]))
     }
 }

@@ -25,8 +25,6 @@ pub const GENERATORS: usize = 8;
 /// not one (`trajectory/splines.rs`); their prior has a start variance, a variance of the rate and, in
 /// vibrations, a prediction of its own (`prior/smoothness.rs`).
 pub const TURNS: usize = 3;
-/// Number of the others, the translations before a plane.
-pub const NON_TURNS: usize = GENERATORS - TURNS;
 
 /// The image motions that are estimated.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
@@ -67,29 +65,33 @@ impl Model {
     }
 }
 
-/// The velocity fields of the generators at a point, a column each.
+/// The velocity fields of the generators at a point: their components in x, and in y.
 #[inline(always)]
-pub fn fields(point: Vector2<f64>, kappa: f64) -> SMatrix<f64, 2, GENERATORS> {
+pub fn field_rows(point: Vector2<f64>, kappa: f64) -> [[f64; GENERATORS]; 2] {
     let (u, v) = (point.x, point.y);
     let across = kappa * u * v;
-    SMatrix::<f64, 2, GENERATORS>::from_row_slice(&[
-        1.0 + kappa * u * u,
-        across,
-        -v,
-        1.0,
-        0.0,
-        u,
-        u,
-        v,
-        across,
-        1.0 + kappa * v * v,
-        u,
-        0.0,
-        1.0,
-        v,
-        -v,
-        u,
-    ])
+    [
+        [1.0 + kappa * u * u, across, -v, 1.0, 0.0, u, u, v],
+        [across, 1.0 + kappa * v * v, u, 0.0, 1.0, v, -v, u],
+    ]
+}
+
+/// The same as a matrix, with a column for each generator.
+#[inline(always)]
+pub fn fields(point: Vector2<f64>, kappa: f64) -> SMatrix<f64, 2, GENERATORS> {
+    SMatrix::from_row_slice(field_rows(point, kappa).as_flattened())
+}
+
+/// The velocity at a point by the turns, and by the other generators: the sums of their fields times `rates`.
+#[inline(always)]
+pub fn velocities(point: Vector2<f64>, kappa: f64, rates: &[f64; GENERATORS]) -> [Vector2<f64>; 2] {
+    let (u, v) = (point.x, point.y);
+    let [yaw, pitch, roll, right, down, scale, shear, skew] = *rates;
+    let bent = kappa * (u * yaw + v * pitch);
+    [
+        Vector2::new(yaw + u * bent - v * roll, pitch + v * bent + u * roll),
+        Vector2::new(right + u * (scale + shear) + v * skew, down + v * (scale - shear) + u * skew),
+    ]
 }
 
 /// The matrix A of the flow ẋ = A·x on homogeneous points (u, v, 1) whose velocity is the sum of
@@ -123,6 +125,10 @@ mod tests {
         let seen = velocity.xy() - x * velocity.z;
         let expected = fields(x, kappa) * SMatrix::<f64, GENERATORS, 1>::from(rates);
         assert!((seen - expected).norm() < 1e-12, "{seen} {expected}");
+        let [by_turns, by_others] = velocities(x, kappa, &rates);
+        let turns = fields(x, kappa).fixed_columns::<TURNS>(0)
+            * SMatrix::<f64, TURNS, 1>::from_row_slice(&rates[..TURNS]);
+        assert!((by_turns - turns).norm() < 1e-12 && (by_turns + by_others - expected).norm() < 1e-12);
     }
 
     #[test]

@@ -11,116 +11,17 @@
 //! propagation, cut off after one sweep along each axis). A message that contradicts a cell's measurement
 //! indicates a depth edge between them and is down-weighted.
 
+use super::chains::{CHAINS, pass_along};
+use super::estimate::VelocityEstimate;
+use crate::cpu::CpuLevel;
+use crate::lanes::Cpu;
+use crate::lanes::dispatch::with_word_cpu;
 use crate::parallel::*;
-use crate::robust::loss::{GemanMcClure, Loss};
-
-/// Squared distance of a message from a cell's own estimate, in units of their summed variances, at which its
-/// weight is ¼.
-const QUARTER_WEIGHT_DISTANCE: f32 = 4.0;
-
-/// Information about a vector (xx, xy, yy), and that times the vector.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub(super) struct VelocityEstimate {
-    information: [f32; 3],
-    sum: [f32; 2],
-}
-
-impl VelocityEstimate {
-    #[inline(always)]
-    pub(super) fn new(information: [f32; 3], value: [f32; 2]) -> Self {
-        Self { information, sum: [0.0; 2] }.with_value(value)
-    }
-
-    /// The same information about another value.
-    #[inline(always)]
-    pub(super) fn with_value(self, [x, y]: [f32; 2]) -> Self {
-        let [xx, xy, yy] = self.information;
-        Self { sum: [xx * x + xy * y, xy * x + yy * y], ..self }
-    }
-
-    /// The product of two independent likelihoods.
-    #[inline(always)]
-    pub(super) fn plus(self, other: Self) -> Self {
-        Self {
-            information: std::array::from_fn(|k| self.information[k] + other.information[k]),
-            sum: std::array::from_fn(|k| self.sum[k] + other.sum[k]),
-        }
-    }
-
-    /// The product with a prior of mean zero and this information along each axis.
-    #[inline(always)]
-    pub(super) fn plus_prior(self, prior: f32) -> Self {
-        let [xx, xy, yy] = self.information;
-        Self { information: [xx + prior, xy, yy + prior], ..self }
-    }
-
-    /// Sum of the variances along both axes.
-    pub(super) fn variance(&self) -> f32 {
-        let [xx, xy, yy] = self.information;
-        self.trace() / (xx * yy - xy * xy).max(f32::MIN_POSITIVE)
-    }
-
-    /// Sum of the information along both axes.
-    pub(super) fn trace(&self) -> f32 {
-        self.information[0] + self.information[2]
-    }
-
-    /// The squared Mahalanobis norm of a vector.
-    #[inline(always)]
-    fn squared_norm(&self, [x, y]: [f32; 2]) -> f32 {
-        let [xx, xy, yy] = self.information;
-        xx * x * x + 2.0 * xy * x * y + yy * y * y
-    }
-
-    #[inline(always)]
-    fn times(self, share: f32) -> Self {
-        Self {
-            information: self.information.map(|value| share * value),
-            sum: self.sum.map(|value| share * value),
-        }
-    }
-
-    /// The mean; zero if the information is singular.
-    #[inline(always)]
-    pub(super) fn value(&self) -> [f32; 2] {
-        let ([xx, xy, yy], [x, y]) = (self.information, self.sum);
-        let determinant = xx * yy - xy * xy;
-        if determinant > 0.0 {
-            let share = 1.0 / determinant;
-            [(yy * x - xy * y) * share, (xx * y - xy * x) * share]
-        } else {
-            [0.0; 2]
-        }
-    }
-
-    /// The message to the next cell, a random step of variance q away: (I + q·Λ)⁻¹ times information and sum.
-    #[inline(always)]
-    fn after_step(&self, q: f32) -> Self {
-        let ([xx, xy, yy], [x, y]) = (self.information, self.sum);
-        let (trace, determinant) = (xx + yy, (xx * yy - xy * xy).max(0.0));
-        let share = 1.0 / (1.0 + q * trace + q * q * determinant);
-        Self {
-            information: [(xx + q * determinant) * share, xy * share, (yy + q * determinant) * share],
-            sum: [(x + q * (yy * x - xy * y)) * share, (y + q * (xx * y - xy * x)) * share],
-        }
-    }
-
-    /// The message, down-weighted where it contradicts the cell's own measurement; `value` is the cell's
-    /// posterior without the message.
-    #[inline(always)]
-    fn accept(&self, value: [f32; 2], message: &Self) -> Self {
-        let other = message.value();
-        let difference = [value[0] - other[0], value[1] - other[1]];
-        let (own, other) = (self.squared_norm(difference), message.squared_norm(difference));
-        // The variances of the two along their difference add up.
-        let square = own * other / (own + other + f32::MIN_POSITIVE);
-        message.times(GemanMcClure(QUARTER_WEIGHT_DISTANCE).weight(square))
-    }
-}
 
 /// Smoothness and prior of the field.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct FieldPrior {
+    pub(super) cpu: CpuLevel,
     /// Cells in a row.
     pub(super) columns: usize,
     /// Variance q of the step from one cell to the next.
@@ -135,35 +36,58 @@ impl FieldPrior {
         out.clear();
         out.extend(own.iter().map(|own| own.plus_prior(self.prior)));
         let columns = self.columns.max(1);
-        out.par_chunks_mut(columns).zip(own.par_chunks(columns)).for_each(|(out, own)| {
-            let mut message = VelocityEstimate::default();
-            for (out, own) in out.iter_mut().zip(own) {
-                message = self.pass(own, message, out);
-            }
-            message = VelocityEstimate::default();
-            for (out, own) in out.iter_mut().zip(own).rev() {
-                message = self.pass(own, message, out);
+        let rows = out.len() / columns;
+        let several = CHAINS * columns;
+        out.par_chunks_mut(several).zip(own.par_chunks(several)).for_each(|(out, own)| {
+            if out.len() == several {
+                self.pass_several(0..columns, columns, own, out);
+                self.pass_several((0..columns).rev(), columns, own, out);
+            } else {
+                for start in (0..out.len()).step_by(columns) {
+                    self.pass_one(start..start + columns, own, out);
+                    self.pass_one((start..start + columns).rev(), own, out);
+                }
             }
         });
-        // Row by row, for contiguous memory access.
-        let mut messages = vec![VelocityEstimate::default(); columns];
-        for (out, own) in out.chunks_mut(columns).zip(own.chunks(columns)) {
-            self.pass_row(own, &mut messages, out);
+        let whole = columns - columns % CHAINS;
+        for column in (0..whole).step_by(CHAINS) {
+            let cells = (0..rows).map(|row| row * columns + column);
+            self.pass_several(cells.clone(), 1, own, out);
+            self.pass_several(cells.rev(), 1, own, out);
         }
-        messages.fill(VelocityEstimate::default());
-        for (out, own) in out.chunks_mut(columns).zip(own.chunks(columns)).rev() {
-            self.pass_row(own, &mut messages, out);
+        for column in whole..columns {
+            let cells = (0..rows).map(|row| row * columns + column);
+            self.pass_one(cells.clone(), own, out);
+            self.pass_one(cells.rev(), own, out);
         }
     }
 
-    fn pass_row(
+    /// Passes messages along eight chains that are `stride` cells apart, by the indices of the first chain's cells.
+    fn pass_several(
         &self,
+        cells: impl Iterator<Item = usize>,
+        stride: usize,
         own: &[VelocityEstimate],
-        messages: &mut [VelocityEstimate],
         out: &mut [VelocityEstimate],
     ) {
-        for ((out, own), message) in out.iter_mut().zip(own).zip(messages) {
-            *message = self.pass(own, *message, out);
+        let field = [self.step, self.prior];
+        with_word_cpu!(self.cpu, cpu => cpu.vectorize(
+            #[inline(always)]
+            || pass_along(cpu, field, cells, stride, own, out)
+        ));
+    }
+
+    /// Passes messages along a chain, by the indices of its cells.
+    fn pass_one(
+        &self,
+        cells: impl Iterator<Item = usize>,
+        own: &[VelocityEstimate],
+        out: &mut [VelocityEstimate],
+    ) {
+        let mut message = VelocityEstimate::default();
+        for cell in cells {
+            let (Some(own), Some(out)) = (own.get(cell), out.get_mut(cell)) else { return };
+            message = self.pass(own, message, out);
         }
     }
 
@@ -190,7 +114,7 @@ mod tests {
     use super::*;
 
     fn field(columns: usize) -> FieldPrior {
-        FieldPrior { columns, step: 0.1, prior: 0.0 }
+        FieldPrior { cpu: CpuLevel::detect(), columns, step: 0.1, prior: 0.0 }
     }
 
     fn round(information: f32, value: [f32; 2]) -> VelocityEstimate {
@@ -246,7 +170,7 @@ mod tests {
         let own: Vec<VelocityEstimate> = (0..10).map(measured).collect();
         let mut out = Vec::new();
         // A deviation of 10, of which the steps over all cells make a tenth.
-        FieldPrior { columns: 10, step: 0.1, prior: 0.01 }.posterior(&own, &mut out);
+        FieldPrior { prior: 0.01, ..field(10) }.posterior(&own, &mut out);
         let last = out[9].value()[0];
         assert!(last > 8.0 && last < 9.0, "{last}");
     }
@@ -258,5 +182,36 @@ mod tests {
         assert!(out.iter().all(|posterior| posterior.value() == [0.0; 2]));
         field(0).posterior(&[], &mut out);
         assert!(out.is_empty());
+    }
+
+    #[test]
+    fn several_chains_are_passed_along_as_one_is() {
+        let wave = |index: usize, by: f32| (index as f32 * by).sin();
+        let measured = |index: usize| {
+            let (a, b) = (wave(index, 1.7), wave(index, 0.3));
+            let certainty = if index.is_multiple_of(7) { 0.0 } else { 9.0 };
+            let information = [a * a, 0.9 * a * b, b * b].map(|one| one * certainty);
+            VelocityEstimate::new(information, [wave(index, 2.3), 4.0 * wave(index, 0.9)])
+        };
+        // Rows and columns beside those that fill vectors.
+        let (columns, rows) = (2 * CHAINS + 3, CHAINS + 2);
+        let own: Vec<VelocityEstimate> = (0..columns * rows).map(measured).collect();
+        for cpu in CpuLevel::supported() {
+            let field = FieldPrior { cpu, prior: 0.2, ..field(columns) };
+            let mut out = Vec::new();
+            field.posterior(&own, &mut out);
+            let mut expected: Vec<_> = own.iter().map(|own| own.plus_prior(field.prior)).collect();
+            for row in 0..rows {
+                let cells = row * columns..(row + 1) * columns;
+                field.pass_one(cells.clone(), &own, &mut expected);
+                field.pass_one(cells.rev(), &own, &mut expected);
+            }
+            for column in 0..columns {
+                let cells = (0..rows).map(|row| row * columns + column);
+                field.pass_one(cells.clone(), &own, &mut expected);
+                field.pass_one(cells.rev(), &own, &mut expected);
+            }
+            assert_eq!(out, expected, "{cpu}");
+        }
     }
 }

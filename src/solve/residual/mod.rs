@@ -14,14 +14,16 @@
 //! | step | file |
 //! |---|---|
 //! | flow to both neighbours → residual velocity of each cell, with its information | `velocity` |
-//! | velocities of all cells → the posterior of each | `diffuse` |
+//! | velocities of all cells → the posterior of each | `diffuse`, in vectors `chains` |
 //!
 //! The field is the posterior mean of a Gaussian Markov random field: a prior of mean zero (the path) with
 //! the variance that residual velocities have in the frame, and neighbouring cells that differ by a random
 //! step. The information of the flow is a matrix: along edges and stripes, where it is zero, the neighbouring
 //! cells and the path determine the velocity.
 
+mod chains;
 mod diffuse;
+mod estimate;
 mod frame_flow;
 mod local;
 mod path;

@@ -2,10 +2,12 @@
 
 //! The residual velocities of a frame.
 
-use super::diffuse::{FieldPrior, VelocityEstimate};
+use super::diffuse::FieldPrior;
+use super::estimate::VelocityEstimate;
 use super::frame_flow::FrameFlow;
 use super::path::Path;
 use super::velocity::{MAX_SPEED, NeighbourFlow, combine};
+use crate::cpu::CpuLevel;
 use crate::flow::FlowField;
 use crate::readout::Readout;
 use nalgebra::Vector2;
@@ -81,7 +83,8 @@ impl ResidualSolver {
         combine(readout, first.field, sides, own);
         let area = (cells.side * cells.side) as f32;
         let prior = 1.0 / (variance(own, STEP_VARIANCE * area) + MIN_VARIANCE * area);
-        FieldPrior { columns: cells.columns, step: STEP_VARIANCE * area, prior }.posterior(own, posterior);
+        let (cpu, step) = (CpuLevel::detect(), STEP_VARIANCE * area);
+        FieldPrior { cpu, columns: cells.columns, step, prior }.posterior(own, posterior);
         cells.velocities.extend(posterior.iter().map(VelocityEstimate::value));
         self.find_regions(readout, first.field, flows.len(), prior);
         &self.cells

@@ -2,7 +2,7 @@
 
 //! Flow minus path: the residual velocity of each cell, and its information.
 
-use super::diffuse::VelocityEstimate;
+use super::estimate::VelocityEstimate;
 use super::frame_flow::FrameFlow;
 use super::path::Path;
 use crate::flow::FlowField;

@@ -62,7 +62,7 @@ fn step(window: PairWindow<'_>, posterior: &mut Posterior, setup: &Setup) -> boo
     if !posterior.system.solve_path(setup.cpu) {
         return false;
     }
-    let mut equations = posterior.system.eliminate_path(equations);
+    let mut equations = posterior.system.eliminate_path(setup.cpu, equations);
     let independent = posterior.design_effect(setup).recip();
     equations.information *= independent;
     equations.right *= independent;

@@ -9,7 +9,10 @@
 //! factor has the tiles of its matrix. With b entries in a row before the diagonal it takes Σ b²/2
 //! multiply-adds, the inverse inside the band at most Σ b².
 
-use crate::cpu::{CpuLevel, for_each_cpu};
+use crate::cpu::CpuLevel;
+use crate::lanes::Cpu;
+use crate::lanes::DoubleCpu;
+use crate::lanes::dispatch::with_word_cpu;
 
 /// Rows and columns of a tile.
 const SIDE: usize = 4;
@@ -96,11 +99,12 @@ impl Banded {
 
     /// Replaces the matrix by its Cholesky factor L; false if it is not positive definite.
     pub fn factorise(&mut self, cpu: CpuLevel) -> bool {
-        factorise(cpu, self)
+        with_word_cpu!(cpu, cpu => cpu.vectorize(
+#[inline(always)] || self.replace_by_factor(cpu)))
     }
 
     #[inline(always)]
-    fn replace_by_factor(&mut self) -> bool {
+    fn replace_by_factor<C: DoubleCpu>(&mut self, cpu: C) -> bool {
         for i in 0..self.first.len() {
             let first = self.first[i];
             let (before, rest) = self.tiles.split_at_mut(self.diagonal[i] - (i - first));
@@ -111,13 +115,13 @@ impl Banded {
                 let [known, theirs] = [&row[start - first..j - first], &other[start - self.first[j]..]];
                 let mut tile = row[j - first];
                 for (own, their) in known.iter().zip(theirs) {
-                    tile = less_product(&tile, own, &transposed(their));
+                    tile = less_product(cpu, &tile, own, &transposed(their));
                 }
                 row[j - first] = divided_by_transposed(&tile, &theirs[known.len()]);
             }
             let (known, own) = row.split_at_mut(i - first);
             for tile in known {
-                own[0] = less_product(&own[0], tile, &transposed(tile));
+                own[0] = less_product(cpu, &own[0], tile, &transposed(tile));
             }
             match factor_of(&own[0]) {
                 Some(factor) => own[0] = factor,
@@ -134,14 +138,19 @@ impl Banded {
     }
 
     /// Solves L·Lᵀ·x = b in place, this being L.
-    pub fn solve(&self, b: &mut [f64]) {
+    pub fn solve(&self, cpu: CpuLevel, b: &mut [f64]) {
+        with_word_cpu!(cpu, cpu => cpu.vectorize(#[inline(always)] || self.substitute(cpu, b)));
+    }
+
+    #[inline(always)]
+    fn substitute<C: DoubleCpu>(&self, cpu: C, b: &mut [f64]) {
         let mut x = vec![[0.0; SIDE]; self.first.len()];
         x.as_flattened_mut().iter_mut().zip(&*b).for_each(|(x, b)| *x = *b);
         for i in 0..self.first.len() {
             let (known, rest) = x.split_at_mut(i);
             let (tiles, diagonal) = self.row(i).split_at(i - self.first[i]);
             for (tile, known) in tiles.iter().zip(&known[self.first[i]..]) {
-                rest[0] = less_column(&rest[0], tile, known);
+                rest[0] = less_column(cpu, &rest[0], tile, known);
             }
             for k in 0..SIDE {
                 rest[0][k] /= diagonal[0][k][k];
@@ -157,7 +166,7 @@ impl Banded {
                 rest[0][k] = (rest[0][k] - sum) / diagonal[0][k][k];
             }
             for (tile, before) in tiles.iter().zip(&mut before[self.first[i]..]) {
-                *before = less_column(before, &transposed(tile), &rest[0]);
+                *before = less_column(cpu, before, &transposed(tile), &rest[0]);
             }
         }
         b.iter_mut().zip(x.as_flattened()).for_each(|(b, x)| *b = *x);
@@ -181,15 +190,15 @@ impl Banded {
     /// S_jj)·L_jj⁻¹. Rows i with L_ij outside the band are skipped. Only the lower half of the symmetric known
     /// part is stored, and each tile is used both as row and as column, so that it is read in order.
     pub fn inverse_band(&self, cpu: CpuLevel, out: &mut Banded) {
-        inverse_band(cpu, self, out);
+        with_word_cpu!(cpu, cpu => cpu.vectorize(#[inline(always)] || self.fill_inverse_band(cpu, out)));
     }
 
     #[inline(always)]
-    fn fill_inverse_band(&self, out: &mut Banded) {
+    fn fill_inverse_band<C: DoubleCpu>(&self, cpu: C, out: &mut Banded) {
         out.begin.clone_from(&self.begin);
         out.first.clone_from(&self.first);
         out.diagonal.clone_from(&self.diagonal);
-        out.tiles.clear();
+        // All are set below.
         out.tiles.resize(self.tiles.len(), ZERO);
         let mut column: Vec<Entry> = Vec::new();
         for (j, last) in self.last().into_iter().enumerate().rev() {
@@ -202,13 +211,14 @@ impl Banded {
             for k in 0..column.len() {
                 let (before, rest) = column.split_at_mut(k);
                 let own = &mut rest[0];
+                let mut sum = own.sum;
                 let diagonal = out.diagonal[own.row];
                 for other in before {
                     let known = &out.tiles[diagonal - (own.row - other.row)];
-                    own.sum = plus_product(&own.sum, known, &other.tile);
-                    other.transposed_sum = plus_product(&other.transposed_sum, &own.transposed, known);
+                    sum = plus_product(cpu, &sum, known, &other.tile);
+                    other.transposed_sum = plus_product(cpu, &other.transposed_sum, &own.transposed, known);
                 }
-                own.sum = plus_product(&own.sum, &out.tiles[diagonal], &own.tile);
+                own.sum = plus_product(cpu, &sum, &out.tiles[diagonal], &own.tile);
             }
             let diagonal = &self.tiles[self.diagonal[j]];
             let inverse = inverse_of(diagonal);
@@ -216,12 +226,12 @@ impl Banded {
             for Entry { row, transposed: own, sum, transposed_sum, .. } in &column {
                 let mut sum = *sum;
                 add(&mut sum, &transposed(transposed_sum));
-                let found = less_product(&ZERO, &sum, &inverse);
+                let found = less_product(cpu, &ZERO, &sum, &inverse);
                 // S_jj = Σ Z_kjᵀ·L_kj; its transpose is subtracted, as the result is symmetric.
-                rest = less_product(&rest, own, &found);
+                rest = less_product(cpu, &rest, own, &found);
                 out.tiles[out.diagonal[*row] - (row - j)] = found;
             }
-            let mut found = plus_product(&ZERO, &transposed(&rest), &inverse);
+            let mut found = plus_product(cpu, &ZERO, &transposed(&rest), &inverse);
             // Rounding errors that are not symmetric would grow from tile to tile.
             for (c, r) in [(0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3)] {
                 found[r][c] = found[c][r];
@@ -253,34 +263,36 @@ fn add(to: &mut Tile, tile: &Tile) {
 
 /// c + a·b.
 #[inline(always)]
-fn plus_product(c: &Tile, a: &Tile, b: &Tile) -> Tile {
+fn plus_product<C: DoubleCpu>(cpu: C, c: &Tile, a: &Tile, b: &Tile) -> Tile {
     let mut sum = *c;
     for (sum, b) in sum.iter_mut().zip(b) {
+        let mut column = cpu.load_doubles(sum);
         for (a, factor) in a.iter().zip(b) {
-            *sum = std::array::from_fn(|r| sum[r] + a[r] * factor);
+            column = cpu.fused_doubles(cpu.load_doubles(a), cpu.splat_double(*factor), column);
         }
+        *sum = cpu.store_doubles(column);
     }
     sum
 }
 
 /// c − a·b.
 #[inline(always)]
-fn less_product(c: &Tile, a: &Tile, b: &Tile) -> Tile {
+fn less_product<C: DoubleCpu>(cpu: C, c: &Tile, a: &Tile, b: &Tile) -> Tile {
     let mut rest = *c;
     for (rest, b) in rest.iter_mut().zip(b) {
-        *rest = less_column(rest, a, b);
+        *rest = less_column(cpu, rest, a, b);
     }
     rest
 }
 
 /// c − a·b, b and c being columns.
 #[inline(always)]
-fn less_column(c: &[f64; SIDE], a: &Tile, b: &[f64; SIDE]) -> [f64; SIDE] {
-    let mut rest = *c;
+fn less_column<C: DoubleCpu>(cpu: C, c: &[f64; SIDE], a: &Tile, b: &[f64; SIDE]) -> [f64; SIDE] {
+    let mut rest = cpu.load_doubles(c);
     for (a, factor) in a.iter().zip(b) {
-        rest = std::array::from_fn(|r| rest[r] - a[r] * factor);
+        rest = cpu.fused_less_doubles(cpu.load_doubles(a), cpu.splat_double(*factor), rest);
     }
-    rest
+    cpu.store_doubles(rest)
 }
 
 /// X with X·Lᵀ = a, L being lower triangular.
@@ -328,18 +340,6 @@ fn inverse_of(factor: &Tile) -> Tile {
         }
     }
     inverse
-}
-
-for_each_cpu! {
-    fn factorise(matrix: &mut Banded) -> bool {
-        matrix.replace_by_factor()
-    }
-}
-
-for_each_cpu! {
-    fn inverse_band(factor: &Banded, out: &mut Banded) {
-        factor.fill_inverse_band(out);
-    }
 }
 
 #[cfg(test)]

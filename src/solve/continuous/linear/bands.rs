@@ -7,10 +7,11 @@
 //!
 //! With the weight of an innovation W = UᵀU, its Jacobians and right sides times U are rows of unit weight. All sums
 //! are of products of such rows, two to a match. They are taken a few rows of sums at a time over all matches
-//! of the band, so that these stay in vector registers: with a track some 450 instructions of AVX2 a match, and 200
+//! of the band, so that these stay in vector registers: with a track some 220 instructions of AVX2 a match, and 80
 //! without.
 
 use super::shared::SHARED;
+use crate::lanes::DoubleCpu;
 use crate::motion::generators::GENERATORS;
 use nalgebra::Matrix2;
 
@@ -51,6 +52,7 @@ pub struct Band {
     /// own one, and end of the own one.
     pub blocks: [f64; 3],
     pub own: Square,
+    /// Of the pair before; these are set only if `linked` > 0, as those across and the second right sides.
     pub before: Square,
     /// Rows of the own pair, columns of the one before.
     pub across: Square,
@@ -60,12 +62,13 @@ pub struct Band {
 
 /// `matrix` times a Jacobian.
 #[inline(always)]
-pub fn product(matrix: &Matrix2<f64>, [x, y]: &Jacobian) -> Jacobian {
-    let mut rows = [*x, *y];
+pub fn product<C: DoubleCpu>(cpu: C, matrix: &Matrix2<f64>, [x, y]: &Jacobian) -> Jacobian {
+    let mut rows = [[0.0; GENERATORS]; 2];
     for (end, row) in rows.iter_mut().enumerate() {
-        let (by_x, by_y) = (matrix[(end, 0)], matrix[(end, 1)]);
-        for (value, (x, y)) in row.iter_mut().zip(x.iter().zip(y)) {
-            *value = by_x * x + by_y * y;
+        let (by_x, by_y) = (cpu.splat_double(matrix[(end, 0)]), cpu.splat_double(matrix[(end, 1)]));
+        for (of, values) in row.as_chunks_mut::<HALF>().0.iter_mut().enumerate() {
+            let [x, y] = [x, y].map(|row| cpu.load_doubles(half(row, of)));
+            *values = cpu.store_doubles(cpu.fused_doubles(by_x, x, by_y * y));
         }
     }
     rows
@@ -86,21 +89,26 @@ fn half(row: &Row, of: usize) -> &[f64; HALF] {
     &row.as_chunks::<HALF>().0[of]
 }
 
-/// Rows `rows` of Σ aᵀ·b, columns `columns`: both halves of the generators.
+/// Half `rows` of the rows of Σ aᵀ·b, in the last `HALVES` halves of the columns.
 #[inline(always)]
-fn products(
+fn products<C: DoubleCpu, const HALVES: usize>(
+    cpu: C,
     all: &[Unit],
     a: impl Fn(&Unit) -> &Jacobian,
     b: impl Fn(&Unit) -> &Jacobian,
-    [rows, columns]: [usize; 2],
-) -> [[f64; HALF]; HALF] {
-    let mut sums = [[0.0; HALF]; HALF];
+    rows: usize,
+) -> [[C::Doubles; HALVES]; HALF] {
+    let mut sums = [[cpu.splat_double(0.0); HALVES]; HALF];
     for one in all {
         for (a, b) in a(one).iter().zip(b(one)) {
-            let (a, b) = (half(a, rows), half(b, columns));
-            for (sums, factor) in sums.iter_mut().zip(a) {
-                for (sum, value) in sums.iter_mut().zip(b) {
-                    *sum += factor * value;
+            let mut columns = [cpu.splat_double(0.0); HALVES];
+            for (of, column) in columns.iter_mut().enumerate() {
+                *column = cpu.load_doubles(half(b, 2 - HALVES + of));
+            }
+            for (sums, factor) in sums.iter_mut().zip(half(a, rows)) {
+                let factor = cpu.splat_double(*factor);
+                for (sum, column) in sums.iter_mut().zip(columns) {
+                    *sum = cpu.fused_doubles(factor, column, *sum);
                 }
             }
         }
@@ -108,64 +116,84 @@ fn products(
     sums
 }
 
-/// Writes a quarter of a square.
+/// Writes sums to the last of the columns.
 #[inline(always)]
-fn put(square: &mut Square, [rows, columns]: [usize; 2], sums: &[[f64; HALF]; HALF]) {
-    for (row, sums) in square[rows * HALF..].iter_mut().zip(sums) {
-        row[columns * HALF..][..HALF].copy_from_slice(sums);
+fn put<C: DoubleCpu, const HALVES: usize>(
+    cpu: C,
+    sums: impl IntoIterator<Item = [C::Doubles; HALVES]>,
+    to: &mut [Row],
+) {
+    for (row, sums) in to.iter_mut().zip(sums) {
+        for (values, sum) in row.as_chunks_mut::<HALF>().0[2 - HALVES..].iter_mut().zip(sums) {
+            *values = cpu.store_doubles(sum);
+        }
     }
 }
 
 /// Σ aᵀ·b.
 #[inline(always)]
-fn square(
+fn square<C: DoubleCpu>(
+    cpu: C,
     all: &[Unit],
     a: impl Fn(&Unit) -> &Jacobian + Copy,
     b: impl Fn(&Unit) -> &Jacobian + Copy,
-    symmetric: bool,
     out: &mut Square,
 ) {
-    for quarter in [[0, 0], [0, 1], [1, 1]] {
-        put(out, quarter, &products(all, a, b, quarter));
-    }
-    if symmetric {
-        let (above, below) = out.split_at_mut(HALF);
-        for (row, below) in below.iter_mut().enumerate() {
-            for (value, above) in below.iter_mut().zip(&*above) {
-                *value = above[HALF + row];
-            }
+    let (above, below) = out.split_at_mut(HALF);
+    put::<C, 2>(cpu, products(cpu, all, a, b, 0), above);
+    put::<C, 2>(cpu, products(cpu, all, a, b, 1), below);
+}
+
+/// Σ aᵀ·a.
+#[inline(always)]
+fn symmetric<C: DoubleCpu>(cpu: C, all: &[Unit], a: impl Fn(&Unit) -> &Jacobian + Copy, out: &mut Square) {
+    let (above, below) = out.split_at_mut(HALF);
+    put::<C, 2>(cpu, products(cpu, all, a, a, 0), above);
+    put::<C, 1>(cpu, products(cpu, all, a, a, 1), below);
+    for (row, below) in below.iter_mut().enumerate() {
+        for (value, above) in below.iter_mut().zip(&*above) {
+            *value = above[HALF + row];
         }
-    } else {
-        put(out, [1, 0], &products(all, a, b, [1, 0]));
     }
 }
 
 /// Σ aᵀ·s for each right side s.
 #[inline(always)]
-fn sides(all: &[Unit], a: impl Fn(&Unit) -> &Jacobian) -> [Row; SIDES] {
-    let mut sums = [[0.0; GENERATORS]; SIDES];
+fn sides<C: DoubleCpu>(cpu: C, all: &[Unit], a: impl Fn(&Unit) -> &Jacobian, out: &mut [Row; SIDES]) {
+    let mut sums = [[cpu.splat_double(0.0); 2]; SIDES];
     for one in all {
         for (row, sides) in a(one).iter().zip(&one.sides) {
+            let row = [0, 1].map(
+                #[inline(always)]
+                |of| cpu.load_doubles(half(row, of)),
+            );
             for (sums, side) in sums.iter_mut().zip(sides) {
-                for (sum, value) in sums.iter_mut().zip(row) {
-                    *sum += side * value;
+                let side = cpu.splat_double(*side);
+                for (sum, values) in sums.iter_mut().zip(row) {
+                    *sum = cpu.fused_doubles(side, values, *sum);
                 }
             }
         }
     }
-    sums
+    put(cpu, sums, out);
 }
 
 impl Band {
+    /// Makes this a band without innovations; sums are not used before they are taken anew.
+    pub fn clear(&mut self) {
+        (self.weight, self.linked, self.blocks) = (0.0, 0.0, [0.0; 3]);
+    }
+
     /// Sums up all innovations of the band; `linked` has to be known.
     #[inline(always)]
-    pub fn sum(&mut self, all: &[Unit]) {
-        square(all, |one| &one.own, |one| &one.own, true, &mut self.own);
-        self.sides[0] = sides(all, |one| &one.own);
+    pub fn sum<C: DoubleCpu>(&mut self, cpu: C, all: &[Unit]) {
+        let [own, before] = &mut self.sides;
+        symmetric(cpu, all, |one| &one.own, &mut self.own);
+        sides(cpu, all, |one| &one.own, own);
         if self.linked > 0.0 {
-            square(all, |one| &one.own, |one| &one.before, false, &mut self.across);
-            square(all, |one| &one.before, |one| &one.before, true, &mut self.before);
-            self.sides[1] = sides(all, |one| &one.before);
+            square(cpu, all, |one| &one.own, |one| &one.before, &mut self.across);
+            symmetric(cpu, all, |one| &one.before, &mut self.before);
+            sides(cpu, all, |one| &one.before, before);
         }
     }
 }

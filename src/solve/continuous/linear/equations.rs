@@ -4,20 +4,23 @@
 //!
 //! A displacement is the difference of the path at two *ends*, each a sum of four coefficients of each
 //! generator. So a band's sums, 8 × 8 numbers for two ends, are spread over 32 × 32 entries by the weights of
-//! the splines. The coefficients of a pair are sorted: the turns' knot by knot, then the others', so that the
-//! four knots of either in the support of an instant are contiguous.
+//! the splines. The coefficients of a pair are sorted by generator and knot, so that the four knots of a generator in
+//! the support of an instant are contiguous and fill a vector: two generators share 4 × 4 entries, to which a band adds a
+//! number times the products of the weights of both ends.
 
 use super::banded::Banded;
-use super::bands::{Band, Row, SIDES};
+use super::bands::{Band, Row, SIDES, Square};
 use super::shared::Shared;
-use crate::cpu::{CpuLevel, for_each_cpu};
-use crate::motion::generators::{GENERATORS, NON_TURNS, TURNS};
+use crate::cpu::CpuLevel;
+use crate::lanes::dispatch::with_word_cpu;
+use crate::lanes::{Cpu, DOUBLES, DoubleCpu};
+use crate::motion::generators::{GENERATORS, TURNS};
 use crate::solve::continuous::trajectory::{BLOCK, Splines, ratio, spline};
 
-/// Coefficients with an instant in their support: four knots of the turns, then four of the others.
-const SUPPORT: usize = 4 * GENERATORS;
-/// Those of the turns.
-const TURNS_SUPPORT: usize = 4 * TURNS;
+/// Knots with an instant in their support: a vector.
+const KNOTS: usize = DOUBLES;
+/// Kinds of generators by their knots: the turns, and the others.
+const KINDS: usize = 2;
 /// Two ends of a band, 0 being the start of the pair before, and the factors of the sums `own`, `across` and
 /// `before` in their part of the matrix. Diagonal parts are halved, as the transpose is added.
 const END_PAIRS: [([usize; 2], [f64; 3]); 6] = [
@@ -31,100 +34,92 @@ const END_PAIRS: [([usize; 2], [f64; 3]); 6] = [
 /// Factors of the sums of the own pair and of the pair before in the right side of each end.
 const SIDE_FACTORS: [[f64; 2]; 3] = [[0.0, -1.0], [-1.0, 1.0], [1.0, 0.0]];
 
-/// The entries of the matrix for the coefficients of two ends, row by row.
-type EndsMatrix = [[f64; SUPPORT]; SUPPORT];
+/// A number for each knot of a generator in the support of an end.
+type Knots = [f64; KNOTS];
 
-/// An end of a band.
-#[derive(Clone, Copy, Debug)]
-struct End {
-    /// Index of its first coefficient of the turns, and of the others, among those of the pair.
-    places: [usize; 2],
-    /// Weights of the turns' knots and of the others'.
-    turns: [f64; 4],
-    others: [f64; 4],
+const fn kind(generator: usize) -> usize {
+    if generator < TURNS { 0 } else { 1 }
 }
 
-impl End {
-    /// A number for each generator, times the weights of its coefficients.
-    #[inline(always)]
-    fn spread(&self, values: &Row) -> [f64; SUPPORT] {
-        let mut all = [0.0; SUPPORT];
-        let (turns, others) = all.split_at_mut(TURNS_SUPPORT);
-        for (cells, weight) in turns.as_chunks_mut::<TURNS>().0.iter_mut().zip(self.turns) {
-            for (cell, value) in cells.iter_mut().zip(&values[..TURNS]) {
-                *cell = weight * value;
-            }
-        }
-        for (cells, weight) in others.as_chunks_mut::<NON_TURNS>().0.iter_mut().zip(self.others) {
-            for (cell, value) in cells.iter_mut().zip(&values[TURNS..]) {
-                *cell = weight * value;
-            }
-        }
-        all
-    }
+/// An end of a band, for the generators of either kind.
+#[derive(Clone, Copy, Debug)]
+struct End {
+    /// First knot of its support among those of the pair.
+    knots: [usize; KINDS],
+    weights: [Knots; KINDS],
+}
 
-    /// Adds to a row over the coefficients of the pair.
+/// What a band adds to the matrix of two ends.
+#[derive(Clone, Debug, Default)]
+struct Term {
+    sums: Square,
+    /// Products of the weights of both ends, by the kinds of the generators of row and column.
+    products: [[[Knots; KNOTS]; KINDS]; KINDS],
+}
+
+impl Term {
+    /// Sets this to the sums of a band times their factors.
     #[inline(always)]
-    fn add(&self, to: &mut [f64], values: &[f64; SUPPORT]) {
-        let (turns, others) = values.split_at(TURNS_SUPPORT);
-        for (place, values) in self.places.into_iter().zip([turns, others]) {
-            for (sum, value) in to[place..].iter_mut().zip(values) {
-                *sum += value;
+    fn set<C: DoubleCpu>(
+        &mut self,
+        cpu: C,
+        band: &Band,
+        [own, across, before]: [f64; 3],
+        [rows, columns]: [&End; 2],
+    ) {
+        let factors = [own, across, before].map(
+            #[inline(always)]
+            |factor| cpu.splat_double(factor),
+        );
+        let sums = self.sums.as_flattened_mut().as_chunks_mut::<DOUBLES>().0.iter_mut();
+        let [own, across, before] = [&band.own, &band.across, &band.before]
+            .map(|square| square.as_flattened().as_chunks::<DOUBLES>().0);
+        for (sum, (own, (across, before))) in sums.zip(own.iter().zip(across.iter().zip(before))) {
+            let mut all = factors[0] * cpu.load_doubles(own);
+            if band.linked > 0.0 {
+                all = cpu.fused_doubles(factors[1], cpu.load_doubles(across), all);
+                all = cpu.fused_doubles(factors[2], cpu.load_doubles(before), all);
+            }
+            *sum = cpu.store_doubles(all);
+        }
+        for (products, rows) in self.products.iter_mut().zip(&rows.weights) {
+            for (products, columns) in products.iter_mut().zip(&columns.weights) {
+                let columns = cpu.load_doubles(columns);
+                for (products, row) in products.iter_mut().zip(rows) {
+                    *products = cpu.store_doubles(cpu.splat_double(*row) * columns);
+                }
             }
         }
     }
+}
+
+/// The entries of two generators: rows are knots of one of them, columns of the other.
+#[inline(always)]
+fn entries<C: DoubleCpu>(cpu: C, terms: &[Term], row: usize, column: usize) -> [C::Doubles; KNOTS] {
+    let mut sums = [cpu.splat_double(0.0); KNOTS];
+    for Term { sums: of, products } in terms {
+        let factor = cpu.splat_double(of[row][column]);
+        for (sum, products) in sums.iter_mut().zip(&products[kind(row)][kind(column)]) {
+            *sum = cpu.fused_doubles(factor, cpu.load_doubles(products), *sum);
+        }
+    }
+    sums
 }
 
 /// The normal equations of a pair.
 #[derive(Clone, Debug, Default)]
 pub struct Equations {
-    /// Index in the path of each coefficient that the pair depends on: the turns', then the others'.
+    /// Index in the path of each coefficient that the pair depends on, by generator and knot.
     pub places: Vec<usize>,
     /// Right side, and columns of the shared unknowns.
     pub sides: [Vec<f64>; SIDES],
     /// The symmetric matrix, row by row.
     matrix: Vec<f64>,
-    /// The first knot of the turns, the first of the others.
-    first: [i64; 2],
-    /// Number of coefficients of the turns.
-    turns: usize,
+    /// First knot, and number of knots.
+    first: [i64; KINDS],
+    count: [usize; KINDS],
     ends: Vec<[Option<End>; 3]>,
-}
-
-/// Adds a band's sums, times their factors, to the matrix of two ends, or sets it to them for the `first` band.
-#[inline(always)]
-fn add_sums(
-    part: &mut EndsMatrix,
-    first: bool,
-    band: &Band,
-    [own, across, before]: [f64; 3],
-    rows: &End,
-    columns: &End,
-) {
-    for j in 0..GENERATORS {
-        let mut sums = band.own[j];
-        for (sum, (one, other)) in sums.iter_mut().zip(band.across[j].iter().zip(&band.before[j])) {
-            *sum = own * *sum + across * one + before * other;
-        }
-        let wide = columns.spread(&sums);
-        // The rows of the generator, one for each knot.
-        let (place, step, weights) = if j < TURNS {
-            (j, TURNS, rows.turns)
-        } else {
-            (TURNS_SUPPORT + j - TURNS, NON_TURNS, rows.others)
-        };
-        for (cells, weight) in part[place..].iter_mut().step_by(step).zip(weights) {
-            if first {
-                for (cell, value) in cells.iter_mut().zip(&wide) {
-                    *cell = weight * value;
-                }
-            } else {
-                for (cell, value) in cells.iter_mut().zip(&wide) {
-                    *cell += weight * value;
-                }
-            }
-        }
-    }
+    terms: Vec<Term>,
 }
 
 /// Blocks of the path at which a band's ends are exposed, clamped to those that it covers.
@@ -147,11 +142,12 @@ impl Equations {
         for (kind, generators) in [0..TURNS, TURNS..GENERATORS].into_iter().enumerate() {
             let [first, last] =
                 [low, high].map(|block| spline::values(block * ratio(generators.start) as f64).first);
-            self.first[kind] = first;
-            self.turns = if kind == 0 { 0 } else { self.places.len() };
-            let knots = first..last.saturating_add(4);
-            let places = knots.flat_map(|knot| generators.clone().map(move |j| path.place(j, knot)));
+            let knots = first..last.saturating_add(KNOTS as i64);
+            let before = self.places.len();
+            let places = generators.clone().flat_map(|j| knots.clone().map(move |knot| path.place(j, knot)));
             self.places.extend(places.filter_map(|place| usize::try_from(place).ok()));
+            self.first[kind] = first;
+            self.count[kind] = (self.places.len() - before) / generators.len();
         }
         let size = self.places.len();
         self.matrix.clear();
@@ -164,23 +160,23 @@ impl Equations {
 
     /// Makes these the equations of bands.
     #[inline(always)]
-    pub fn fill(&mut self, bands: &[Band], path: &Splines) {
+    pub fn fill<C: DoubleCpu>(&mut self, cpu: C, bands: &[Band], path: &Splines) {
         self.reset(bands, path);
-        let mut ends = std::mem::take(&mut self.ends);
+        let (mut ends, mut terms) = (std::mem::take(&mut self.ends), std::mem::take(&mut self.terms));
         ends.clear();
         ends.extend(bands.iter().map(|band| {
             let mut ends = [None; 3];
             end_blocks(band, path).for_each(|(end, block)| ends[end] = Some(self.end(block)));
             ends
         }));
+        terms.resize_with(bands.len(), Term::default);
         for (band, ends) in bands.iter().zip(&ends) {
-            self.add_sides(band, ends);
+            self.add_sides(cpu, band, ends);
         }
-        let mut part = [[0.0; SUPPORT]; SUPPORT];
         for (pair, factors) in END_PAIRS {
-            self.add_matrices(bands, &ends, pair, factors, &mut part);
+            self.add_matrices(cpu, bands, &ends, pair, factors, &mut terms);
         }
-        self.ends = ends;
+        (self.ends, self.terms) = (ends, terms);
         self.add_transposed();
     }
 
@@ -200,64 +196,94 @@ impl Equations {
     }
 
     fn end(&self, block: f64) -> End {
-        let [turns, others] = [0, TURNS].map(|generator| spline::values(block * ratio(generator) as f64));
-        let knot =
-            |first: i64, support: &spline::Support| usize::try_from(support.first - first).unwrap_or(0);
-        End {
-            places: [
-                knot(self.first[0], &turns) * TURNS,
-                self.turns + knot(self.first[1], &others) * NON_TURNS,
-            ],
-            turns: turns.weights,
-            others: others.weights,
-        }
+        let supports = [0, TURNS].map(|generator| spline::values(block * ratio(generator) as f64));
+        let knot = |kind: usize| usize::try_from(supports[kind].first - self.first[kind]).unwrap_or(0);
+        End { knots: [0, 1].map(knot), weights: supports.map(|support| support.weights) }
+    }
+
+    /// Index of a generator's first coefficient at an end.
+    #[inline(always)]
+    fn index(&self, generator: usize, end: &End) -> usize {
+        let [turns, others] = self.count;
+        let before = generator.min(TURNS) * turns + generator.saturating_sub(TURNS) * others;
+        before + end.knots[kind(generator)]
     }
 
     /// Adds the right sides of a band.
     #[inline(always)]
-    fn add_sides(&mut self, band: &Band, ends: &[Option<End>; 3]) {
-        for (end, factors) in
-            ends.iter().zip(SIDE_FACTORS).filter_map(|(end, factors)| Some((end.as_ref()?, factors)))
-        {
-            for (index, side) in self.sides.iter_mut().enumerate() {
-                let [own, before]: [&Row; 2] = [0, 1].map(|pair| &band.sides[pair][index]);
-                let sums: Row = std::array::from_fn(|j| factors[0] * own[j] + factors[1] * before[j]);
-                end.add(side, &end.spread(&sums));
+    fn add_sides<C: DoubleCpu>(&mut self, cpu: C, band: &Band, ends: &[Option<End>; 3]) {
+        let [own, before] = &band.sides;
+        for (end, factors) in ends.iter().zip(SIDE_FACTORS) {
+            let Some(end) = end else { continue };
+            for index in 0..SIDES {
+                let mut sums: Row = own[index].map(|value| factors[0] * value);
+                if band.linked > 0.0 {
+                    let before = sums.iter_mut().zip(&before[index]);
+                    before.for_each(|(sum, value)| *sum += factors[1] * value);
+                }
+                for (j, value) in sums.into_iter().enumerate() {
+                    let first = self.index(j, end);
+                    let cells = self.sides[index].get_mut(first..).and_then(<[f64]>::first_chunk_mut);
+                    if let Some(cells) = cells {
+                        let weights = cpu.load_doubles(&end.weights[kind(j)]);
+                        cpu.add_product(cpu.splat_double(value), weights, cells);
+                    }
+                }
             }
         }
     }
 
     /// Adds the matrices of two ends of all bands. Successive bands with the same support are summed before.
     #[inline(always)]
-    fn add_matrices(
+    fn add_matrices<C: DoubleCpu>(
         &mut self,
+        cpu: C,
         bands: &[Band],
         ends: &[[Option<End>; 3]],
-        [row, column]: [usize; 2],
+        pair: [usize; 2],
         factors: [f64; 3],
-        part: &mut EndsMatrix,
+        terms: &mut [Term],
     ) {
-        let mut last: Option<[&End; 2]> = None;
+        let is_symmetric = pair[0] == pair[1] && factors[1] == 0.0;
+        let (mut last, mut count): (Option<[&End; 2]>, usize) = (None, 0);
         for (band, ends) in bands.iter().zip(ends) {
-            let (Some(rows), Some(columns)) = (&ends[row], &ends[column]) else { continue };
-            let is_other = |last: &[&End; 2]| last.map(|end| end.places) != [rows.places, columns.places];
+            let [Some(rows), Some(columns)] = pair.map(|end| ends[end].as_ref()) else { continue };
+            let is_other = |last: &[&End; 2]| last.map(|end| end.knots) != [rows.knots, columns.knots];
             if let Some(last) = last.take_if(|last| is_other(last)) {
-                self.add_matrix(part, last);
+                self.add_terms(cpu, &terms[..count], last, is_symmetric);
+                count = 0;
             }
-            add_sums(part, last.is_none(), band, factors, rows, columns);
+            terms[count].set(cpu, band, factors, [rows, columns]);
+            count += 1;
             last = Some([rows, columns]);
         }
-        last.into_iter().for_each(|last| self.add_matrix(part, last));
+        last.into_iter().for_each(|last| self.add_terms(cpu, &terms[..count], last, is_symmetric));
     }
 
+    /// Adds terms of the same support. Of those with symmetric sums, what is below the diagonal is counted above it.
     #[inline(always)]
-    fn add_matrix(&mut self, part: &EndsMatrix, [rows, columns]: [&End; 2]) {
+    fn add_terms<C: DoubleCpu>(
+        &mut self,
+        cpu: C,
+        terms: &[Term],
+        [rows, columns]: [&End; 2],
+        is_symmetric: bool,
+    ) {
         let size = self.places.len();
-        let (turns, others) = part.split_at(TURNS_SUPPORT);
-        for (place, part) in rows.places.into_iter().zip([turns, others]) {
-            let cells = self.matrix[place * size..].chunks_exact_mut(size);
-            for (cells, values) in cells.zip(part) {
-                columns.add(cells, values);
+        let starts: [usize; GENERATORS] = std::array::from_fn(|column| self.index(column, columns));
+        for row in 0..GENERATORS {
+            let first = self.index(row, rows) * size;
+            for (column, start) in starts.iter().enumerate().skip(if is_symmetric { row } else { 0 }) {
+                let factor = cpu.splat_double(if is_symmetric && column > row { 2.0 } else { 1.0 });
+                let start = first + start;
+                let entries = entries(cpu, terms, row, column);
+                // All rows at once, so that one check of the bounds is enough.
+                let Some(cells) = self.matrix.get_mut(start..start + 3 * size + KNOTS) else { continue };
+                for (knot, entries) in entries.into_iter().enumerate() {
+                    if let Some(cells) = cells[knot * size..].first_chunk_mut() {
+                        cpu.add_product(factor, entries, cells);
+                    }
+                }
             }
         }
     }
@@ -303,24 +329,22 @@ impl Equations {
     pub fn product(&self, cpu: CpuLevel, change: &[f64], out: &mut Vec<f64>) {
         out.clear();
         out.resize(change.len(), 0.0);
-        product(cpu, &self.matrix, change, out);
+        with_word_cpu!(cpu, cpu => cpu.vectorize(#[inline(always)] || product(cpu, &self.matrix, change, out)));
     }
 }
 
-for_each_cpu! {
-    fn product(matrix: &[f64], by: &[f64], out: &mut [f64]) {
-        let size = by.len().max(1);
-        // The matrix is symmetric: sums of four of its rows at a time are those of columns, and fill vectors.
-        let (fours, rest) = by.as_chunks::<4>();
-        for (rows, [a, b, c, d]) in matrix.chunks_exact(4 * size).zip(fours) {
-            let [first, second, third, fourth] = [0, 1, 2, 3].map(|row| &rows[row * size..][..size]);
-            let rows = first.iter().zip(second).zip(third.iter().zip(fourth));
-            for (sum, ((first, second), (third, fourth))) in out.iter_mut().zip(rows) {
-                *sum += (a * first + b * second) + (c * third + d * fourth);
-            }
-        }
-        for (row, factor) in matrix.chunks_exact(size).skip(4 * fours.len()).zip(rest) {
-            out.iter_mut().zip(row).for_each(|(sum, value)| *sum += factor * value);
-        }
+/// Adds the product of a symmetric matrix, row by row.
+#[inline(always)]
+fn product<C: DoubleCpu>(cpu: C, matrix: &[f64], by: &[f64], out: &mut [f64]) {
+    // The matrix is symmetric: sums of its rows are those of columns, and fill vectors.
+    let (sums, last) = out.as_chunks_mut::<DOUBLES>();
+    for (row, factor) in matrix.chunks_exact(by.len().max(1)).zip(by) {
+        let (row, rest) = row.as_chunks::<DOUBLES>();
+        let vector = cpu.splat_double(*factor);
+        sums.iter_mut().zip(row).for_each(
+            #[inline(always)]
+            |(sum, values)| cpu.add_product(vector, cpu.load_doubles(values), sum),
+        );
+        last.iter_mut().zip(rest).for_each(|(sum, value)| *sum += factor * value);
     }
 }

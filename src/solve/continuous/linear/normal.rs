@@ -21,8 +21,10 @@ use super::pair_residuals::PairResiduals;
 use super::parallax::{Innovation, ResidualVariances};
 use super::residual::{Evaluator, MatchResidual};
 use super::shared::SHARED;
-use crate::cpu::{CpuLevel, for_each_cpu};
-use crate::motion::generators::{GENERATORS, TURNS, fields};
+use crate::cpu::CpuLevel;
+use crate::lanes::dispatch::with_word_cpu;
+use crate::lanes::{Cpu, DoubleCpu};
+use crate::motion::generators::{TURNS, field_rows};
 use crate::robust::loss::{Density, EffectiveNumber, Loss, Mixture};
 use crate::solve::continuous::data::INDEPENDENT_MATCHES;
 use nalgebra::{Matrix2, SMatrix, SVector};
@@ -116,24 +118,17 @@ fn independent_share(residuals: &PairResiduals) -> f64 {
     weights.collect::<EffectiveNumber>().independent_share(INDEPENDENT_MATCHES)
 }
 
-for_each_cpu! {
-    fn add_up(view: &Evaluator<'_>, residuals: &PairResiduals, out: &mut Normal) {
-        view.add_up(residuals, out);
-    }
-}
-
 impl Evaluator<'_> {
     /// Computes the normal equations of a pair, given its variances.
     pub fn normal(&self, residuals: &PairResiduals, out: &mut Normal) {
-        add_up(self.cpu, self, residuals, out);
+        with_word_cpu!(self.cpu, cpu => cpu.vectorize(#[inline(always)] || self.add_up(cpu, residuals, out)));
     }
 
     #[inline(always)]
-    fn add_up(&self, residuals: &PairResiduals, out: &mut Normal) {
+    fn add_up<C: DoubleCpu>(&self, cpu: C, residuals: &PairResiduals, out: &mut Normal) {
         let variances = out.variances;
         let independent = independent_share(residuals);
         out.independent = 2.0 * INDEPENDENT_MATCHES.min(residuals.matches.len() as f64);
-        out.bands.clear();
         out.bands.resize_with(BANDS, Band::default);
         out.shared = SMatrix::zeros();
         out.shared_right = SVector::zeros();
@@ -141,6 +136,7 @@ impl Evaluator<'_> {
         let mut order = out.order.iter().peekable();
         for (number, band) in (0u8..).zip(&mut out.bands) {
             out.units.clear();
+            band.clear();
             while let Some((_, index)) = order.next_if(|(of, _)| *of == number) {
                 let (Some(own), Some(before)) = (residuals.matches.get(*index), residuals.before.get(*index))
                 else {
@@ -149,7 +145,7 @@ impl Evaluator<'_> {
                 let mut new = variances.innovation(own, before.as_ref());
                 new.weight *= loss_of(&new, own, residuals.others).weight_times(independent, new.square());
                 if new.weight.iter().all(|weight| weight.is_finite()) {
-                    let unit = self.unit(&new, own, before.as_ref(), band);
+                    let unit = self.unit(cpu, &new, own, before.as_ref(), band);
                     for [error, shared @ ..] in unit.sides {
                         let shared = SVector::from(shared);
                         out.shared += shared * shared.transpose();
@@ -158,10 +154,10 @@ impl Evaluator<'_> {
                     out.units.push(unit);
                 }
             }
-            band.sum(&out.units);
+            band.sum(cpu, &out.units);
         }
         out.weight = out.bands.iter().map(|band| band.weight).sum();
-        out.equations.fill(&out.bands, &self.trajectory.splines);
+        out.equations.fill(cpu, &out.bands, &self.trajectory.splines);
     }
 
     /// Band and index of each match, sorted by both.
@@ -189,15 +185,16 @@ impl Evaluator<'_> {
 
     /// An innovation times the root of its weight; its weight and times go to its band.
     #[inline(always)]
-    fn unit(
+    fn unit<C: DoubleCpu>(
         &self,
+        cpu: C,
         new: &Innovation,
         own: &MatchResidual,
         before: Option<&MatchResidual>,
         band: &mut Band,
     ) -> Unit {
         let root = root(&new.weight);
-        let (by_path, mut shared) = self.jacobian(own, new.depth, &root);
+        let (by_path, mut shared) = self.jacobian(cpu, own, new.depth, &root);
         let weight = new.weight.trace() / 2.0;
         band.weight += weight;
         band.blocks[1] += weight * own.blocks[0];
@@ -205,7 +202,7 @@ impl Evaluator<'_> {
         let mut unit = Unit { own: by_path, ..Unit::ZERO };
         if let Some(before) = before.filter(|_| new.gain != Matrix2::zeros()) {
             let gain = -(root * new.gain);
-            let (by_path, by_shared) = self.jacobian(before, new.depth, &gain);
+            let (by_path, by_shared) = self.jacobian(cpu, before, new.depth, &gain);
             unit.before = by_path;
             shared += by_shared;
             band.linked += weight;
@@ -219,22 +216,19 @@ impl Evaluator<'_> {
     /// The Jacobians of a displacement by the paths of the generators and by the shared unknowns, whitened and then
     /// times a matrix, for a point of relative inverse depth `depth`.
     #[inline(always)]
-    fn jacobian(
+    fn jacobian<C: DoubleCpu>(
         &self,
+        cpu: C,
         one: &MatchResidual,
         depth: f64,
         times: &Matrix2<f64>,
     ) -> (Jacobian, SMatrix<f64, 2, SHARED>) {
-        let phi = fields((one.measured.from + one.measured.to) / 2.0, self.trajectory.splines.kappa);
+        let middle = (one.measured.from + one.measured.to) / 2.0;
         let by_gamma = one.by_gamma[0] + one.by_gamma[1] * depth;
-        let mut by_path = [[0.0; GENERATORS]; 2];
-        for (end, row) in by_path.iter_mut().enumerate() {
-            for (j, value) in row.iter_mut().enumerate() {
-                *value = phi[(end, j)] * if j < TURNS { 1.0 } else { depth };
-            }
-        }
+        let by_path = field_rows(middle, self.trajectory.splines.kappa)
+            .map(|row| std::array::from_fn(|j| row[j] * if j < TURNS { 1.0 } else { depth }));
         let by_shared = SMatrix::from_columns(&[by_gamma, one.by_kappa]);
-        (product(&(times * one.whitening), &by_path), times * by_shared)
+        (product(cpu, &(times * one.whitening), &by_path), times * by_shared)
     }
 }
 

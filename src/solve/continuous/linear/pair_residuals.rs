@@ -4,6 +4,8 @@
 
 use super::residual::{Evaluator, MatchResidual};
 use crate::cpu::for_each_cpu;
+use crate::lanes::dispatch::with_word_cpu;
+use crate::lanes::{Cpu, DoubleCpu};
 use crate::robust::median::{MEDIAN_TO_VARIANCE, weighted_median};
 use crate::solve::continuous::data::{FramePair, ScanAxis};
 use nalgebra::Vector2;
@@ -128,18 +130,6 @@ pub fn parallax<'a, T>(
 
 // Loops, not chains of iterators, whose functions the compiler may leave outside, without wide vectors.
 for_each_cpu! {
-    fn find(view: &Evaluator<'_>, pair: &FramePair, out: &mut PairResiduals) {
-        out.matches.clear();
-        out.matches.reserve(pair.matches.len());
-        for (m, prior) in pair.matches.iter().zip(&pair.prior) {
-            if let Some(found) = view.match_residual(pair.stamps, m, *prior) {
-                out.matches.push(found);
-            }
-        }
-    }
-}
-
-for_each_cpu! {
     fn whiten(residuals: &mut [MatchResidual], variance: f64) {
         for m in residuals {
             m.whiten(variance);
@@ -147,26 +137,10 @@ for_each_cpu! {
     }
 }
 
-for_each_cpu! {
-    fn find_before(view: &Evaluator<'_>, pair: &FramePair, out: &mut PairResiduals) {
-        let variance = out.sigma * out.sigma;
-        out.before.clear();
-        out.before.resize(pair.tracks.len(), None);
-        for (before, track) in out.before.iter_mut().zip(&pair.tracks) {
-            if let Some(track) = track
-                && let Some(mut found) = view.match_residual(track.stamps, &track.before, 1.0)
-            {
-                found.whiten(variance);
-                *before = Some(found);
-            }
-        }
-    }
-}
-
 impl Evaluator<'_> {
     /// Computes the residuals of a pair, and those of the pair before if `tracks` and there may be parallax.
     pub fn residuals(&self, pair: &FramePair, tracks: bool, out: &mut PairResiduals) {
-        find(self.cpu, self, pair, out);
+        with_word_cpu!(self.cpu, cpu => cpu.vectorize(#[inline(always)] || self.find(cpu, pair, out)));
         let least = self.noise * self.noise;
         let variance = out.variance(least);
         out.sigma = variance.sqrt();
@@ -187,7 +161,33 @@ impl Evaluator<'_> {
 
     /// Computes the residuals of the tracks that a pair continues.
     pub fn residuals_before(&self, pair: &FramePair, out: &mut PairResiduals) {
-        find_before(self.cpu, self, pair, out);
+        with_word_cpu!(self.cpu, cpu => cpu.vectorize(#[inline(always)] || self.find_before(cpu, pair, out)));
+    }
+
+    #[inline(always)]
+    fn find<C: DoubleCpu>(&self, cpu: C, pair: &FramePair, out: &mut PairResiduals) {
+        out.matches.clear();
+        out.matches.reserve(pair.matches.len());
+        for (m, prior) in pair.matches.iter().zip(&pair.prior) {
+            if let Some(found) = self.match_residual(cpu, pair.stamps, m, *prior) {
+                out.matches.push(found);
+            }
+        }
+    }
+
+    #[inline(always)]
+    fn find_before<C: DoubleCpu>(&self, cpu: C, pair: &FramePair, out: &mut PairResiduals) {
+        let variance = out.sigma * out.sigma;
+        out.before.clear();
+        out.before.resize(pair.tracks.len(), None);
+        for (before, track) in out.before.iter_mut().zip(&pair.tracks) {
+            if let Some(track) = track
+                && let Some(mut found) = self.match_residual(cpu, track.stamps, &track.before, 1.0)
+            {
+                found.whiten(variance);
+                *before = Some(found);
+            }
+        }
     }
 }
 

@@ -64,36 +64,55 @@ impl Joint {
     }
 }
 
+/// A residual and that of the match it continues, as far as variances depend on them.
+struct Linked {
+    prior: f64,
+    /// |rᵢ − rⱼ|² and |rᵢ|².
+    difference: f64,
+    own: f64,
+    known: Joint,
+    both: Joint,
+}
+
+impl Linked {
+    fn of(now: &MatchResidual, before: &MatchResidual) -> Self {
+        let [alone, known] = [now, before].map(Joint::of);
+        Self {
+            prior: now.prior,
+            difference: (now.residual - before.residual).norm_squared(),
+            own: now.residual.norm_squared(),
+            known,
+            both: Joint { product: known.product + alone.product, length: known.length + alone.length },
+        }
+    }
+
+    /// σ²·eᵀ·V⁻¹·e: rᵀ·C⁻¹·r of both residuals less that of the one before.
+    fn square(&self, variances: &ResidualVariances) -> f64 {
+        self.own - self.both.explained(variances) + self.known.explained(variances)
+    }
+}
+
 impl ResidualVariances {
     /// Estimates σ², at least `least` px², and τ²; without parallax all is noise.
     pub fn of(residuals: &PairResiduals, least: f64, squares: &mut Vec<(f64, f64)>) -> Self {
         let all = residuals.sigma * residuals.sigma;
         let mut found = Self { noise: all, depth: 0.0 };
         let Some(parallax) = residuals.parallax else { return found };
-        let both = || {
-            let pairs = residuals.matches.iter().zip(&residuals.before);
-            pairs.filter_map(|(now, before)| Some((now, before.as_ref()?)))
-        };
-        let mut noise = |squares_of: &dyn Fn(&MatchResidual, &MatchResidual) -> f64, factor: f64| {
+        let linked = residuals.matches.iter().zip(&residuals.before);
+        let linked: Vec<Linked> =
+            linked.filter_map(|(now, before)| Some(Linked::of(now, before.as_ref()?))).collect();
+        let mut noise = |square: &dyn Fn(&Linked) -> f64, factor: f64| {
             squares.clear();
-            squares.extend(both().map(|(now, before)| (squares_of(now, before), now.prior)));
+            squares.extend(linked.iter().map(|one| (square(one), one.prior)));
             (weighted_median(squares) * MEDIAN_TO_VARIANCE / factor).min(all).max(least)
         };
         // If the residuals are the same in both pairs, their difference is twice the noise.
-        found.noise = noise(&|now, before| (now.residual - before.residual).norm_squared(), 2.0);
+        found.noise = noise(&|one| one.difference, 2.0);
         for _ in 0..ROUNDS {
             found.depth = ((all - found.noise) / parallax).min(MAX_DEPTH_DEVIATION * MAX_DEPTH_DEVIATION);
-            found.noise = noise(&|now, before| found.square(now, before), 1.0);
+            found.noise = noise(&|one| one.square(&found), 1.0);
         }
         found
-    }
-
-    /// σ²·eᵀ·V⁻¹·e: rᵀ·C⁻¹·r of both residuals less that of the one before.
-    fn square(&self, now: &MatchResidual, before: &MatchResidual) -> f64 {
-        let [now_alone, known] = [now, before].map(Joint::of);
-        let (product, length) = (known.product + now_alone.product, known.length + now_alone.length);
-        let both = Joint { product, length };
-        now.residual.norm_squared() - both.explained(self) + known.explained(self)
     }
 
     /// (`depth`·w·wᵀ + σ²·I)⁻¹ by the Sherman–Morrison formula.

@@ -4,10 +4,11 @@
 
 use super::shared::Shared;
 use crate::cpu::CpuLevel;
-use crate::motion::generators::{GENERATORS, NON_TURNS, TURNS, fields};
+use crate::lanes::DoubleCpu;
+use crate::motion::generators::velocities;
 use crate::solve::continuous::data::{Match, Shutter};
 use crate::solve::continuous::trajectory::Trajectory;
-use nalgebra::{Matrix2, SVector, Vector2};
+use nalgebra::{Matrix2, Vector2};
 
 /// The estimate at which pairs are evaluated.
 pub struct Evaluator<'a> {
@@ -78,26 +79,30 @@ impl Evaluator<'_> {
 
     /// The residual of a match, not yet whitened; `None` without a path.
     #[inline(always)]
-    pub fn match_residual(&self, stamps: [f64; 2], m: &Match, prior: f64) -> Option<MatchResidual> {
+    pub fn match_residual<C: DoubleCpu>(
+        &self,
+        cpu: C,
+        stamps: [f64; 2],
+        m: &Match,
+        prior: f64,
+    ) -> Option<MatchResidual> {
         let blocks = self.blocks(stamps, m);
         let homographies = &self.trajectory.homographies;
         let (from, to) = (homographies.at(blocks[0])?, homographies.at(blocks[1])?);
         let places = [m.from, m.to].map(|point| self.trajectory.block(self.shutter.scan_axis.place(point)));
-        let (rates, values) = ([from.rates(), to.rates()], [from.values(), to.values()]);
-        let rates =
-            SVector::<f64, GENERATORS>::from_fn(|j, _| rates[1][j] * places[1] - rates[0][j] * places[0]);
-        let moved = SVector::<f64, GENERATORS>::from_fn(|j, _| values[1][j] - values[0][j]);
+        let moved = to.values_less(cpu, from);
+        let rates = to.rates_less(cpu, places[1], from, places[0]);
         let middle = (m.from + m.to) / 2.0;
-        let fields = fields(middle, self.trajectory.splines.kappa);
-        let (turns, others) = (fields.fixed_columns::<TURNS>(0), fields.fixed_columns::<NON_TURNS>(TURNS));
+        let kappa = self.trajectory.splines.kappa;
+        let [_, parallax] = velocities(middle, kappa, &moved);
         Some(MatchResidual {
             measured: *m,
             prior,
             blocks,
-            residual: (m.to - from.carry(m.from, to)) * self.trajectory.radius,
-            parallax: others * moved.fixed_rows::<NON_TURNS>(TURNS),
-            by_gamma: [turns * rates.fixed_rows::<TURNS>(0), others * rates.fixed_rows::<NON_TURNS>(TURNS)],
-            by_kappa: middle * middle.dot(&moved.xy()),
+            residual: (m.to - from.carry(cpu, m.from, to)) * self.trajectory.radius,
+            parallax,
+            by_gamma: velocities(middle, kappa, &rates),
+            by_kappa: middle * (middle.x * moved[0] + middle.y * moved[1]),
             whitening: Matrix2::identity(),
         })
     }

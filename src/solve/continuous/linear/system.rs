@@ -57,16 +57,16 @@ impl System {
     pub fn solve_path(&mut self, cpu: CpuLevel) -> bool {
         let is_definite = self.matrix.factorise(cpu);
         if is_definite {
-            self.matrix.solve(&mut self.right);
+            self.matrix.solve(cpu, &mut self.right);
         }
         is_definite
     }
 
     /// The equations of γ and κ with the path eliminated; after [`System::solve_path`].
-    pub fn eliminate_path(&mut self, mut shared: SharedEquations) -> SharedEquations {
+    pub fn eliminate_path(&mut self, cpu: CpuLevel, mut shared: SharedEquations) -> SharedEquations {
         for (weighted, border) in self.weighted.as_mut().zip(self.border.as_ref()).into_array() {
             weighted.clone_from(border);
-            self.matrix.solve(weighted);
+            self.matrix.solve(cpu, weighted);
         }
         let dot = |a: &[f64], b: &[f64]| -> f64 { a.iter().zip(b).map(|(a, b)| a * b).sum() };
         let weighted = self.weighted.as_ref().into_array();

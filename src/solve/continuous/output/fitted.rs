@@ -3,6 +3,7 @@
 //! The residuals of a frame's correspondences.
 
 use crate::correspond::Correspondence;
+use crate::lanes::scalar::Scalar;
 use crate::solve::continuous::camera::Hypothesis;
 use crate::solve::continuous::linear::INLIER_SQUARE;
 use crate::solve::solution::FittedCorrespondence;
@@ -34,7 +35,7 @@ impl FittedPair<'_> {
             let ends = [found.from, found.to].map(|pixel| (pixel - centre) / radius);
             let block = |end: usize| posterior.block(self.stamps[end], setup.scan_axis.place(ends[end]));
             let (from, to) = (homographies.at(block(0))?, homographies.at(block(1))?);
-            let residual = (ends[1] - from.carry(ends[0], to)) * radius;
+            let residual = (ends[1] - from.carry(Scalar, ends[0], to)) * radius;
             let variance = Matrix2::identity() * (self.sigma * self.sigma) + found.covariance;
             let square = residual.dot(&(variance.try_inverse()? * residual));
             square.is_finite().then_some(FittedCorrespondence {

@@ -171,7 +171,7 @@ mod tests {
             (0..measured.len()).for_each(|place| matrix.add(place, place, 1.0 / (noise * noise)));
             smoothness.add(&path, 1.0, &mut matrix, &mut right);
             assert!(matrix.factorise(CpuLevel::detect()));
-            matrix.solve(&mut right);
+            matrix.solve(CpuLevel::detect(), &mut right);
             path.coefficients.iter_mut().zip(&right).for_each(|(value, step)| *value += step);
             matrix.inverse_band(CpuLevel::detect(), &mut covariance);
             smoothness.learn(&path, &covariance, 1, noise);

@@ -10,6 +10,8 @@
 //! followed to 0.03 px; a turn about one axis, in closed form, to 0.001 px.
 
 use super::splines::Splines;
+use crate::lanes::scalar::Scalar;
+use crate::lanes::{DOUBLES, DoubleCpu};
 use crate::motion::generators::{GENERATORS, flow_matrix};
 use nalgebra::{Matrix3, Vector2};
 
@@ -18,12 +20,16 @@ const STEP: f64 = 0.125;
 /// Half the distance between the nodes of Gauss's quadrature on an interval of length 1: √3/6.
 const GAUSS: f64 = 0.288_675_134_594_812_9;
 
+/// The columns of a 3 × 3 matrix, each a vector whose last number is 0. Products with them are not fused, so that residuals
+/// are the same on all machines.
+type Columns = [[f64; DOUBLES]; 3];
+
 #[derive(Clone, Debug)]
 struct Node {
     /// H and its slope per step.
-    forward: [Matrix3<f64>; 2],
+    forward: [Columns; 2],
     /// H⁻¹ and its slope per step.
-    back: [Matrix3<f64>; 2],
+    back: [Columns; 2],
     /// Rates of the generators in pixels a block.
     rates: [f64; GENERATORS],
     /// Paths of the generators in pixels, up to constants.
@@ -41,40 +47,67 @@ pub struct PathState<'a> {
 impl PathState<'_> {
     /// H, from the first instant to this one.
     #[inline(always)]
-    fn until(self) -> Matrix3<f64> {
-        hermite(&self.nodes[0].forward, &self.nodes[1].forward, self.step)
+    fn until<C: DoubleCpu>(self, cpu: C) -> [C::Doubles; 3] {
+        hermite(cpu, &self.nodes[0].forward, &self.nodes[1].forward, self.step)
     }
 
     /// H⁻¹, from this instant to the first.
     #[inline(always)]
-    fn back(self) -> Matrix3<f64> {
-        hermite(&self.nodes[0].back, &self.nodes[1].back, self.step)
+    fn back<C: DoubleCpu>(self, cpu: C) -> [C::Doubles; 3] {
+        hermite(cpu, &self.nodes[0].back, &self.nodes[1].back, self.step)
     }
 
     /// Where a point seen at this instant is at another.
     #[inline(always)]
-    pub fn carry(self, point: Vector2<f64>, to: Self) -> Vector2<f64> {
-        let seen = to.until() * (self.back() * point.push(1.0));
-        seen.xy() / seen.z
+    pub fn carry<C: DoubleCpu>(self, cpu: C, point: Vector2<f64>, to: Self) -> Vector2<f64> {
+        let first = times(cpu, self.back(cpu), [point.x, point.y, 1.0]);
+        let [x, y, z] = times(cpu, to.until(cpu), first);
+        Vector2::new(x, y) / z
     }
 
-    /// Rates of the generators in pixels a block.
+    /// Rates of the generators in pixels a block here, times a factor, less those at another instant, times another.
     #[inline(always)]
-    pub fn rates(self) -> [f64; GENERATORS] {
-        self.linear(|node| &node.rates)
+    pub fn rates_less<C: DoubleCpu>(self, cpu: C, factor: f64, other: Self, by: f64) -> [f64; GENERATORS] {
+        self.less(cpu, factor, other, by, |node| &node.rates)
     }
 
-    /// Paths of the generators in pixels, up to constants.
+    /// Paths of the generators in pixels here less those at another instant.
     #[inline(always)]
-    pub fn values(self) -> [f64; GENERATORS] {
-        self.linear(|node| &node.values)
+    pub fn values_less<C: DoubleCpu>(self, cpu: C, other: Self) -> [f64; GENERATORS] {
+        self.less(cpu, 1.0, other, 1.0, |node| &node.values)
     }
 
-    /// Linear interpolation between the nodes.
+    /// Numbers interpolated linearly between the nodes.
     #[inline(always)]
-    fn linear(self, of: impl Fn(&Node) -> &[f64; GENERATORS]) -> [f64; GENERATORS] {
-        let [a, b] = [of(&self.nodes[0]), of(&self.nodes[1])];
-        std::array::from_fn(|j| a[j] + (b[j] - a[j]) * self.step)
+    fn less<C: DoubleCpu>(
+        self,
+        cpu: C,
+        factor: f64,
+        other: Self,
+        by: f64,
+        of: impl Fn(&Node) -> &[f64; GENERATORS],
+    ) -> [f64; GENERATORS] {
+        let mut sums = [0.0; GENERATORS];
+        for (k, sums) in sums.as_chunks_mut().0.iter_mut().enumerate() {
+            let own = cpu.splat_double(factor) * self.linear(cpu, k, &of);
+            *sums = cpu.store_doubles(own - cpu.splat_double(by) * other.linear(cpu, k, &of));
+        }
+        sums
+    }
+
+    /// Four of some numbers, interpolated linearly between the nodes.
+    #[inline(always)]
+    fn linear<C: DoubleCpu>(
+        self,
+        cpu: C,
+        four: usize,
+        of: impl Fn(&Node) -> &[f64; GENERATORS],
+    ) -> C::Doubles {
+        let [a, b] = [0, 1].map(
+            #[inline(always)]
+            |node: usize| cpu.load_doubles(&of(&self.nodes[node]).as_chunks().0[four]),
+        );
+        a + (b - a) * cpu.splat_double(self.step)
     }
 }
 
@@ -102,7 +135,12 @@ impl Homographies {
             let here = rates(steps);
             let a = matrix(here);
             let values = path.values(STEP * (self.first + steps));
-            self.nodes.push(Node { forward: [h, a * h], back: [inverse, -inverse * a], rates: here, values });
+            self.nodes.push(Node {
+                forward: [h, a * h].map(columns),
+                back: [inverse, -inverse * a].map(columns),
+                rates: here,
+                values,
+            });
             let [p, q] = [0.5 - GAUSS, 0.5 + GAUSS].map(|offset| matrix(rates(steps + offset)));
             let omega = (p + q) / 2.0 + (q * p - p * q) * (GAUSS / 2.0);
             h = exponential(omega) * h;
@@ -128,30 +166,50 @@ impl Homographies {
 
     /// The homography from the first instant to a block.
     pub fn until(&self, block: f64) -> Matrix3<f64> {
-        self.at(block).map_or_else(Matrix3::identity, PathState::until)
+        self.at(block).map_or_else(Matrix3::identity, |state| matrix(state.until(Scalar)))
     }
 
     /// The homography from a block to the first instant.
     pub fn back(&self, block: f64) -> Matrix3<f64> {
-        self.at(block).map_or_else(Matrix3::identity, PathState::back)
+        self.at(block).map_or_else(Matrix3::identity, |state| matrix(state.back(Scalar)))
     }
 
     /// Where a point seen at block `from` is at block `to`.
     pub fn carry(&self, point: Vector2<f64>, from: f64, to: f64) -> Vector2<f64> {
-        self.at(from).zip(self.at(to)).map_or(point, |(from, to)| from.carry(point, to))
+        self.at(from).zip(self.at(to)).map_or(point, |(from, to)| from.carry(Scalar, point, to))
     }
+}
+
+fn columns(matrix: Matrix3<f64>) -> Columns {
+    std::array::from_fn(|c| [matrix[(0, c)], matrix[(1, c)], matrix[(2, c)], 0.0])
+}
+
+fn matrix(columns: [<Scalar as DoubleCpu>::Doubles; 3]) -> Matrix3<f64> {
+    let columns = columns.map(|column| Scalar.store_doubles(column));
+    Matrix3::from_fn(|r, c| columns[c][r])
+}
+
+/// The product of a matrix, by its columns, and a point.
+#[inline(always)]
+fn times<C: DoubleCpu>(cpu: C, [a, b, c]: [C::Doubles; 3], [x, y, z]: [f64; 3]) -> [f64; 3] {
+    let sum = cpu.splat_double(x) * a + cpu.splat_double(y) * b + cpu.splat_double(z) * c;
+    let [x, y, z, _] = cpu.store_doubles(sum);
+    [x, y, z]
 }
 
 /// The cubic with these values and slopes at 0 and 1.
 #[inline(always)]
-fn hermite(a: &[Matrix3<f64>; 2], b: &[Matrix3<f64>; 2], s: f64) -> Matrix3<f64> {
+fn hermite<C: DoubleCpu>(cpu: C, a: &[Columns; 2], b: &[Columns; 2], s: f64) -> [C::Doubles; 3] {
     let (s2, s3) = (s * s, s * s * s);
     let weights = [1.0 - 3.0 * s2 + 2.0 * s3, s - 2.0 * s2 + s3, 3.0 * s2 - 2.0 * s3, s3 - s2];
-    let mut sum = Matrix3::zeros();
-    for (k, cell) in sum.iter_mut().enumerate() {
-        *cell = weights[0] * a[0][k] + weights[1] * a[1][k] + weights[2] * b[0][k] + weights[3] * b[1][k];
+    let mut sums = [cpu.splat_double(0.0); 3];
+    for (k, sum) in sums.iter_mut().enumerate() {
+        *sum = cpu.splat_double(weights[0]) * cpu.load_doubles(&a[0][k]);
+        for (of, weight) in [&a[1], &b[0], &b[1]].into_iter().zip(&weights[1..]) {
+            *sum = *sum + cpu.splat_double(*weight) * cpu.load_doubles(&of[k]);
+        }
     }
-    sum
+    sums
 }
 
 /// The exponential of a small matrix, to the fourth order.
@@ -219,7 +277,8 @@ mod tests {
         let mut flow = Homographies::default();
         flow.integrate(&path, [0.0, 4.0], RADIUS);
         for time in [0.3, 1.07, 2.94] {
-            let off = flow.at(time).unwrap().rates()[1] - path.rates(time)[1];
+            let state = flow.at(time).unwrap();
+            let off = state.rates_less(Scalar, 1.0, state, 0.0)[1] - path.rates(time)[1];
             // A chord is off by an eighth of the step squared times the second derivative, 640.
             assert!(off.abs() < STEP * STEP / 8.0 * 640.0, "{time}: {off}");
         }

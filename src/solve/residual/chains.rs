@@ -1,0 +1,132 @@
+// SPDX-License-Identifier: MIT OR Apache-2.0
+
+//! Messages along eight chains of cells at a time: what [`FieldPrior::pass`](super::diffuse::FieldPrior) does to one cell,
+//! in vectors, operation by operation, so that the result is the same.
+
+use super::estimate::{QUARTER_WEIGHT_DISTANCE, VelocityEstimate};
+use crate::lanes::{FLOATS, WordCpu};
+
+/// Chains in a vector.
+pub(super) const CHAINS: usize = FLOATS;
+
+/// A cell of each chain: information and sum, as of [`VelocityEstimate`].
+#[derive(Clone, Copy)]
+struct Estimates<C: WordCpu> {
+    information: [C::Lanes; 3],
+    sum: [C::Lanes; 2],
+}
+
+/// The numbers of a cell.
+#[inline(always)]
+fn numbers(cell: &VelocityEstimate) -> [f32; 5] {
+    let ([xx, xy, yy], [x, y]) = (cell.information, cell.sum);
+    [xx, xy, yy, x, y]
+}
+
+impl<C: WordCpu> Estimates<C> {
+    #[inline(always)]
+    fn zero(cpu: C) -> Self {
+        Self { information: [cpu.splat(0.0); 3], sum: [cpu.splat(0.0); 2] }
+    }
+
+    /// Of the cells from the first on that are `stride` apart.
+    #[inline(always)]
+    fn load(cpu: C, cells: &[VelocityEstimate], stride: usize) -> Self {
+        let mut columns = [[0.0; CHAINS]; 5];
+        for (chain, cell) in cells.iter().step_by(stride).take(CHAINS).enumerate() {
+            for (column, number) in columns.iter_mut().zip(numbers(cell)) {
+                column[chain] = number;
+            }
+        }
+        let [xx, xy, yy, x, y] = &columns;
+        Self { information: [cpu.load(xx), cpu.load(xy), cpu.load(yy)], sum: [cpu.load(x), cpu.load(y)] }
+    }
+
+    #[inline(always)]
+    fn store(self, cpu: C, cells: &mut [VelocityEstimate], stride: usize) {
+        let ([xx, xy, yy], [x, y]) = (self.information, self.sum);
+        let [xx, xy, yy] = [cpu.store(xx), cpu.store(xy), cpu.store(yy)];
+        let [x, y] = [cpu.store(x), cpu.store(y)];
+        for (chain, cell) in cells.iter_mut().step_by(stride).take(CHAINS).enumerate() {
+            cell.information = [xx[chain], xy[chain], yy[chain]];
+            cell.sum = [x[chain], y[chain]];
+        }
+    }
+
+    #[inline(always)]
+    fn plus(self, other: Self) -> Self {
+        let ([a, b, c], [d, e, f]) = (self.information, other.information);
+        let ([x, y], [u, v]) = (self.sum, other.sum);
+        Self { information: [a + d, b + e, c + f], sum: [x + u, y + v] }
+    }
+
+    #[inline(always)]
+    fn plus_prior(self, prior: C::Lanes) -> Self {
+        let [xx, xy, yy] = self.information;
+        Self { information: [xx + prior, xy, yy + prior], ..self }
+    }
+
+    #[inline(always)]
+    fn squared_norm(self, cpu: C, [x, y]: [C::Lanes; 2]) -> C::Lanes {
+        let [xx, xy, yy] = self.information;
+        xx * x * x + cpu.splat(2.0) * xy * x * y + yy * y * y
+    }
+
+    #[inline(always)]
+    fn value(self, cpu: C) -> [C::Lanes; 2] {
+        let ([xx, xy, yy], [x, y]) = (self.information, self.sum);
+        let determinant = xx * yy - xy * xy;
+        let (zero, share) = (cpu.splat(0.0), cpu.divided(cpu.splat(1.0), determinant));
+        let (x, y) = ((yy * x - xy * y) * share, (xx * y - xy * x) * share);
+        [cpu.above_floats(determinant, zero, x, zero), cpu.above_floats(determinant, zero, y, zero)]
+    }
+
+    #[inline(always)]
+    fn after_step(self, cpu: C, q: C::Lanes) -> Self {
+        let ([xx, xy, yy], [x, y]) = (self.information, self.sum);
+        let (trace, determinant) = (xx + yy, cpu.greater(xx * yy - xy * xy, cpu.splat(0.0)));
+        let one = cpu.splat(1.0);
+        let share = cpu.divided(one, one + q * trace + q * q * determinant);
+        Self {
+            information: [(xx + q * determinant) * share, xy * share, (yy + q * determinant) * share],
+            sum: [(x + q * (yy * x - xy * y)) * share, (y + q * (xx * y - xy * x)) * share],
+        }
+    }
+
+    #[inline(always)]
+    fn accept(self, cpu: C, value: [C::Lanes; 2], message: Self) -> Self {
+        let other = message.value(cpu);
+        let difference = [value[0] - other[0], value[1] - other[1]];
+        let (own, other) = (self.squared_norm(cpu, difference), message.squared_norm(cpu, difference));
+        let square = cpu.divided(own * other, own + other + cpu.splat(f32::MIN_POSITIVE));
+        // The weight of Geman and McClure.
+        let quarter = cpu.splat(QUARTER_WEIGHT_DISTANCE);
+        let share = cpu.divided(quarter, quarter + square);
+        let ([xx, xy, yy], [x, y], weight) = (message.information, message.sum, share * share);
+        Self { information: [weight * xx, weight * xy, weight * yy], sum: [weight * x, weight * y] }
+    }
+}
+
+/// Passes messages along eight chains that are `stride` cells apart, by the indices of the first chain's cells in their order,
+/// and adds them to the posterior of the cells. `step` and `prior` are those of the field.
+#[inline(always)]
+pub(super) fn pass_along<C: WordCpu>(
+    cpu: C,
+    [step, prior]: [f32; 2],
+    cells: impl Iterator<Item = usize>,
+    stride: usize,
+    own: &[VelocityEstimate],
+    out: &mut [VelocityEstimate],
+) {
+    let (step, prior) = (cpu.splat(step), cpu.splat(prior));
+    let mut message = Estimates::zero(cpu);
+    for first in cells {
+        let last = first + (CHAINS - 1) * stride;
+        let (Some(own), Some(out)) = (own.get(first..=last), out.get_mut(first..=last)) else { return };
+        let own = Estimates::load(cpu, own, stride);
+        let alone = own.plus_prior(prior);
+        let accepted = own.accept(cpu, alone.value(cpu), message);
+        Estimates::load(cpu, out, stride).plus(accepted).store(cpu, out, stride);
+        message = alone.plus(accepted).after_step(cpu, step);
+    }
+}
