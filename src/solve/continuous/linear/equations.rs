@@ -118,6 +118,11 @@ pub struct Equations {
     /// First knot, and number of knots.
     first: [i64; KINDS],
     count: [usize; KINDS],
+}
+
+/// Memory with which bands are spread, used again for the next pair.
+#[derive(Debug, Default)]
+pub struct Spreading {
     ends: Vec<[Option<End>; 3]>,
     terms: Vec<Term>,
 }
@@ -160,9 +165,14 @@ impl Equations {
 
     /// Makes these the equations of bands.
     #[inline(always)]
-    pub fn fill<C: DoubleCpu>(&mut self, cpu: C, bands: &[Band], path: &Splines) {
+    pub fn fill<C: DoubleCpu>(
+        &mut self,
+        cpu: C,
+        bands: &[Band],
+        path: &Splines,
+        Spreading { ends, terms }: &mut Spreading,
+    ) {
         self.reset(bands, path);
-        let (mut ends, mut terms) = (std::mem::take(&mut self.ends), std::mem::take(&mut self.terms));
         ends.clear();
         ends.extend(bands.iter().map(|band| {
             let mut ends = [None; 3];
@@ -170,13 +180,12 @@ impl Equations {
             ends
         }));
         terms.resize_with(bands.len(), Term::default);
-        for (band, ends) in bands.iter().zip(&ends) {
+        for (band, ends) in bands.iter().zip(&*ends) {
             self.add_sides(cpu, band, ends);
         }
         for (pair, factors) in END_PAIRS {
-            self.add_matrices(cpu, bands, &ends, pair, factors, &mut terms);
+            self.add_matrices(cpu, bands, ends, pair, factors, terms);
         }
-        (self.ends, self.terms) = (ends, terms);
         self.add_transposed();
     }
 

@@ -16,7 +16,7 @@
 //! Jacobians, not the residuals.
 
 use super::bands::{Band, Jacobian, Unit, product, root};
-use super::equations::Equations;
+use super::equations::{Equations, Spreading};
 use super::pair_residuals::PairResiduals;
 use super::parallax::{Innovation, ResidualVariances};
 use super::residual::{Evaluator, MatchResidual};
@@ -28,6 +28,7 @@ use crate::motion::generators::{TURNS, field_rows};
 use crate::robust::loss::{Density, EffectiveNumber, Loss, Mixture};
 use crate::solve::continuous::data::INDEPENDENT_MATCHES;
 use nalgebra::{Matrix2, SMatrix, SVector};
+use std::cell::RefCell;
 
 /// Bands to a pair.
 const BANDS: usize = 24;
@@ -47,11 +48,21 @@ pub struct Normal {
     pub independent: f64,
     /// Sum of the weights of the matches.
     weight: f64,
+}
+
+/// What is needed only until the equations are added up, or the variances known.
+#[derive(Debug, Default)]
+struct Buffers {
     bands: Vec<Band>,
     /// Band and index of each match, sorted; the innovations of one band.
     order: Vec<(u8, usize)>,
     units: Vec<Unit>,
+    spreading: Spreading,
     squares: Vec<(f64, f64)>,
+}
+
+thread_local! {
+    static BUFFERS: RefCell<Buffers> = RefCell::default();
 }
 
 impl Normal {
@@ -90,7 +101,8 @@ impl Normal {
 
     /// Estimates the variances of the residuals; `noise` is the least standard deviation in pixels.
     pub fn estimate_variances(&mut self, residuals: &PairResiduals, noise: f64) {
-        self.variances = ResidualVariances::of(residuals, noise * noise, &mut self.squares);
+        self.variances = BUFFERS
+            .with_borrow_mut(|buffers| ResidualVariances::of(residuals, noise * noise, &mut buffers.squares));
     }
 
     /// Log likelihood of the innovations, up to a constant, for the number of independent matches.
@@ -121,21 +133,33 @@ fn independent_share(residuals: &PairResiduals) -> f64 {
 impl Evaluator<'_> {
     /// Computes the normal equations of a pair, given its variances.
     pub fn normal(&self, residuals: &PairResiduals, out: &mut Normal) {
-        with_word_cpu!(self.cpu, cpu => cpu.vectorize(#[inline(always)] || self.add_up(cpu, residuals, out)));
+        BUFFERS.with_borrow_mut(|buffers| {
+            with_word_cpu!(
+                self.cpu,
+                cpu => cpu.vectorize(#[inline(always)] || self.add_up(cpu, residuals, buffers, out))
+            );
+        });
     }
 
     #[inline(always)]
-    fn add_up<C: DoubleCpu>(&self, cpu: C, residuals: &PairResiduals, out: &mut Normal) {
+    fn add_up<C: DoubleCpu>(
+        &self,
+        cpu: C,
+        residuals: &PairResiduals,
+        buffers: &mut Buffers,
+        out: &mut Normal,
+    ) {
+        let Buffers { bands, order, units, spreading, .. } = buffers;
         let variances = out.variances;
         let independent = independent_share(residuals);
         out.independent = 2.0 * INDEPENDENT_MATCHES.min(residuals.matches.len() as f64);
-        out.bands.resize_with(BANDS, Band::default);
+        bands.resize_with(BANDS, Band::default);
         out.shared = SMatrix::zeros();
         out.shared_right = SVector::zeros();
-        self.sort(residuals, &mut out.order);
-        let mut order = out.order.iter().peekable();
-        for (number, band) in (0u8..).zip(&mut out.bands) {
-            out.units.clear();
+        self.sort(residuals, order);
+        let mut order = order.iter().peekable();
+        for (number, band) in (0u8..).zip(&mut *bands) {
+            units.clear();
             band.clear();
             while let Some((_, index)) = order.next_if(|(of, _)| *of == number) {
                 let (Some(own), Some(before)) = (residuals.matches.get(*index), residuals.before.get(*index))
@@ -151,13 +175,13 @@ impl Evaluator<'_> {
                         out.shared += shared * shared.transpose();
                         out.shared_right += shared * error;
                     }
-                    out.units.push(unit);
+                    units.push(unit);
                 }
             }
-            band.sum(cpu, &out.units);
+            band.sum(cpu, units);
         }
-        out.weight = out.bands.iter().map(|band| band.weight).sum();
-        out.equations.fill(cpu, &out.bands, &self.trajectory.splines);
+        out.weight = bands.iter().map(|band| band.weight).sum();
+        out.equations.fill(cpu, bands, &self.trajectory.splines, spreading);
     }
 
     /// Band and index of each match, sorted by both.
