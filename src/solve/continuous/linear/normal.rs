@@ -18,7 +18,7 @@
 use super::bands::{Band, Jacobian, Unit, product, root};
 use super::equations::{Equations, Spreading};
 use super::pair_residuals::PairResiduals;
-use super::parallax::{Innovation, ResidualVariances};
+use super::parallax::{Innovation, ResidualVariances, VarianceBuffers};
 use super::residual::{Evaluator, MatchResidual};
 use super::shared::SHARED;
 use crate::cpu::CpuLevel;
@@ -58,7 +58,7 @@ struct Buffers {
     order: Vec<(u8, usize)>,
     units: Vec<Unit>,
     spreading: Spreading,
-    squares: Vec<(f64, f64)>,
+    variances: VarianceBuffers,
 }
 
 thread_local! {
@@ -101,8 +101,9 @@ impl Normal {
 
     /// Estimates the variances of the residuals; `noise` is the least standard deviation in pixels.
     pub fn estimate_variances(&mut self, residuals: &PairResiduals, noise: f64) {
-        self.variances = BUFFERS
-            .with_borrow_mut(|buffers| ResidualVariances::of(residuals, noise * noise, &mut buffers.squares));
+        self.variances = BUFFERS.with_borrow_mut(|buffers| {
+            ResidualVariances::of(residuals, noise * noise, &mut buffers.variances)
+        });
     }
 
     /// Log likelihood of the innovations, up to a constant, for the number of independent matches.

@@ -47,7 +47,7 @@ pub struct Innovation {
 }
 
 /// Sums of wᵀr and |w|² over a residual, or over both that a track joins.
-#[derive(Clone, Copy)]
+#[derive(Clone, Copy, Debug)]
 struct Joint {
     product: f64,
     length: f64,
@@ -65,6 +65,7 @@ impl Joint {
 }
 
 /// A residual and that of the match it continues, as far as variances depend on them.
+#[derive(Debug)]
 struct Linked {
     prior: f64,
     /// |rᵢ − rⱼ|² and |rᵢ|².
@@ -92,15 +93,26 @@ impl Linked {
     }
 }
 
+/// Memory with which variances are estimated, used again for the next pair.
+#[derive(Debug, Default)]
+pub struct VarianceBuffers {
+    linked: Vec<Linked>,
+    squares: Vec<(f64, f64)>,
+}
+
 impl ResidualVariances {
     /// Estimates σ², at least `least` px², and τ²; without parallax all is noise.
-    pub fn of(residuals: &PairResiduals, least: f64, squares: &mut Vec<(f64, f64)>) -> Self {
+    pub fn of(
+        residuals: &PairResiduals,
+        least: f64,
+        VarianceBuffers { linked, squares }: &mut VarianceBuffers,
+    ) -> Self {
         let all = residuals.sigma * residuals.sigma;
         let mut found = Self { noise: all, depth: 0.0 };
         let Some(parallax) = residuals.parallax else { return found };
-        let linked = residuals.matches.iter().zip(&residuals.before);
-        let linked: Vec<Linked> =
-            linked.filter_map(|(now, before)| Some(Linked::of(now, before.as_ref()?))).collect();
+        let both = residuals.matches.iter().zip(&residuals.before);
+        linked.clear();
+        linked.extend(both.filter_map(|(now, before)| Some(Linked::of(now, before.as_ref()?))));
         let mut noise = |square: &dyn Fn(&Linked) -> f64, factor: f64| {
             squares.clear();
             squares.extend(linked.iter().map(|one| (square(one), one.prior)));
@@ -223,7 +235,7 @@ mod tests {
     fn estimated(mut residuals: PairResiduals) -> ResidualVariances {
         let both = residuals.matches.iter().zip(residuals.before.iter().map(Option::as_ref));
         residuals.parallax = parallax(both, residuals.sigma * residuals.sigma - 1e-4, &mut Vec::new());
-        ResidualVariances::of(&residuals, 1e-4, &mut Vec::new())
+        ResidualVariances::of(&residuals, 1e-4, &mut VarianceBuffers::default())
     }
 
     #[test]
