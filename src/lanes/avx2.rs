@@ -339,6 +339,9 @@ operation!(Sub, sub, Floats, _mm256_sub_ps);
 operation!(Mul, mul, Floats, _mm256_mul_ps);
 operation!(Add, add, Words, _mm256_add_epi16);
 operation!(Sub, sub, Words, _mm256_sub_epi16);
+operation!(Add, add, Doubles, _mm256_add_pd);
+operation!(Sub, sub, Doubles, _mm256_sub_pd);
+operation!(Mul, mul, Doubles, _mm256_mul_pd);
 
 impl DoubleCpu for Avx2 {
     type Doubles = Doubles;
@@ -368,32 +371,5 @@ impl DoubleCpu for Avx2 {
     #[inline(always)]
     fn fused_less_doubles(self, a: Doubles, b: Doubles, c: Doubles) -> Doubles {
         Doubles(avx2!(_mm256_fnmadd_pd(a.0, b.0, c.0)))
-    }
-}
-
-impl Mul for Doubles {
-    type Output = Self;
-
-    #[inline(always)]
-    fn mul(self, other: Self) -> Self {
-        Self(avx2!(_mm256_mul_pd(self.0, other.0)))
-    }
-}
-
-impl Add for Doubles {
-    type Output = Self;
-
-    #[inline(always)]
-    fn add(self, other: Self) -> Self {
-        Self(avx2!(_mm256_add_pd(self.0, other.0)))
-    }
-}
-
-impl Sub for Doubles {
-    type Output = Self;
-
-    #[inline(always)]
-    fn sub(self, other: Self) -> Self {
-        Self(avx2!(_mm256_sub_pd(self.0, other.0)))
     }
 }

@@ -344,6 +344,9 @@ operation!(Sub, sub, Floats, vsubq_f32);
 operation!(Mul, mul, Floats, vmulq_f32);
 operation!(Add, add, Words, vaddq_s16);
 operation!(Sub, sub, Words, vsubq_s16);
+operation!(Add, add, Doubles, vaddq_f64);
+operation!(Sub, sub, Doubles, vsubq_f64);
+operation!(Mul, mul, Doubles, vmulq_f64);
 
 impl DoubleCpu for Neon {
     type Doubles = Doubles;
@@ -377,32 +380,5 @@ impl DoubleCpu for Neon {
     #[inline(always)]
     fn fused_less_doubles(self, a: Doubles, b: Doubles, c: Doubles) -> Doubles {
         neon!(Doubles(vfmsq_f64(c.0, a.0, b.0), vfmsq_f64(c.1, a.1, b.1)))
-    }
-}
-
-impl Mul for Doubles {
-    type Output = Self;
-
-    #[inline(always)]
-    fn mul(self, other: Self) -> Self {
-        neon!(Self(vmulq_f64(self.0, other.0), vmulq_f64(self.1, other.1)))
-    }
-}
-
-impl Add for Doubles {
-    type Output = Self;
-
-    #[inline(always)]
-    fn add(self, other: Self) -> Self {
-        neon!(Self(vaddq_f64(self.0, other.0), vaddq_f64(self.1, other.1)))
-    }
-}
-
-impl Sub for Doubles {
-    type Output = Self;
-
-    #[inline(always)]
-    fn sub(self, other: Self) -> Self {
-        neon!(Self(vsubq_f64(self.0, other.0), vsubq_f64(self.1, other.1)))
     }
 }

@@ -211,8 +211,8 @@ fn nearest(float: f32) -> i32 {
 
 /// A binary operator on lanes.
 macro_rules! operation {
-    ($name:ident, $function:ident) => {
-        impl $name for Array {
+    ($name:ident, $function:ident, $vector:ident) => {
+        impl $name for $vector {
             type Output = Self;
 
             #[inline(always)]
@@ -223,9 +223,12 @@ macro_rules! operation {
     };
 }
 
-operation!(Add, add);
-operation!(Sub, sub);
-operation!(Mul, mul);
+operation!(Add, add, Array);
+operation!(Sub, sub, Array);
+operation!(Mul, mul, Array);
+operation!(Add, add, Doubles);
+operation!(Sub, sub, Doubles);
+operation!(Mul, mul, Doubles);
 
 impl Add for Words {
     type Output = Self;
@@ -275,32 +278,5 @@ impl DoubleCpu for Scalar {
     #[inline(always)]
     fn fused_less_doubles(self, Doubles(a): Doubles, Doubles(b): Doubles, Doubles(c): Doubles) -> Doubles {
         Doubles(from_fn(|lane| c[lane] - a[lane] * b[lane]))
-    }
-}
-
-impl Mul for Doubles {
-    type Output = Self;
-
-    #[inline(always)]
-    fn mul(self, other: Self) -> Self {
-        Self(from_fn(|lane| self.0[lane] * other.0[lane]))
-    }
-}
-
-impl Add for Doubles {
-    type Output = Self;
-
-    #[inline(always)]
-    fn add(self, other: Self) -> Self {
-        Self(from_fn(|lane| self.0[lane] + other.0[lane]))
-    }
-}
-
-impl Sub for Doubles {
-    type Output = Self;
-
-    #[inline(always)]
-    fn sub(self, other: Self) -> Self {
-        Self(from_fn(|lane| self.0[lane] - other.0[lane]))
     }
 }

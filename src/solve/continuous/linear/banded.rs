@@ -10,9 +10,8 @@
 //! multiply-adds, the inverse inside the band at most Σ b².
 
 use crate::cpu::CpuLevel;
-use crate::lanes::Cpu;
-use crate::lanes::DoubleCpu;
 use crate::lanes::dispatch::with_word_cpu;
+use crate::lanes::{Cpu, DoubleCpu};
 
 /// Rows and columns of a tile.
 const SIDE: usize = 4;
@@ -99,8 +98,7 @@ impl Banded {
 
     /// Replaces the matrix by its Cholesky factor L; false if it is not positive definite.
     pub fn factorise(&mut self, cpu: CpuLevel) -> bool {
-        with_word_cpu!(cpu, cpu => cpu.vectorize(
-#[inline(always)] || self.replace_by_factor(cpu)))
+        with_word_cpu!(cpu, cpu => cpu.vectorize(#[inline(always)] || self.replace_by_factor(cpu)))
     }
 
     #[inline(always)]
