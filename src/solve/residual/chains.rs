@@ -1,15 +1,17 @@
 // SPDX-License-Identifier: MIT OR Apache-2.0
 
-//! Messages along eight chains of cells at a time: what [`FieldPrior::pass`](super::diffuse::FieldPrior) does to one cell,
-//! in vectors, operation by operation, so that the result is the same.
+//! Messages along chains of cells, up to eight chains at a time.
 
-use super::estimate::{QUARTER_WEIGHT_DISTANCE, VelocityEstimate};
+use super::estimate::VelocityEstimate;
 use crate::lanes::{FLOATS, WordCpu};
 
 /// Chains in a vector.
 pub(super) const CHAINS: usize = FLOATS;
+/// Squared distance of a message from a cell's own estimate, in units of their summed variances, at which its
+/// weight is ¼.
+pub(super) const QUARTER_WEIGHT_DISTANCE: f32 = 4.0;
 
-/// A cell of each chain: information and sum, as of [`VelocityEstimate`].
+/// A cell of each chain: information and sum, as of [`VelocityEstimate`]; nothing is known of chains that are not there.
 #[derive(Clone, Copy)]
 struct Estimates<C: WordCpu> {
     information: [C::Lanes; 3],
@@ -53,6 +55,7 @@ impl<C: WordCpu> Estimates<C> {
         }
     }
 
+    /// The product of independent likelihoods.
     #[inline(always)]
     fn plus(self, other: Self) -> Self {
         let ([a, b, c], [d, e, f]) = (self.information, other.information);
@@ -60,18 +63,21 @@ impl<C: WordCpu> Estimates<C> {
         Self { information: [a + d, b + e, c + f], sum: [x + u, y + v] }
     }
 
+    /// The product with a prior of mean zero and this information along each axis.
     #[inline(always)]
     fn plus_prior(self, prior: C::Lanes) -> Self {
         let [xx, xy, yy] = self.information;
         Self { information: [xx + prior, xy, yy + prior], ..self }
     }
 
+    /// The squared Mahalanobis norms of vectors.
     #[inline(always)]
     fn squared_norm(self, cpu: C, [x, y]: [C::Lanes; 2]) -> C::Lanes {
         let [xx, xy, yy] = self.information;
         xx * x * x + cpu.splat(2.0) * xy * x * y + yy * y * y
     }
 
+    /// The means; zero where the information is singular.
     #[inline(always)]
     fn value(self, cpu: C) -> [C::Lanes; 2] {
         let ([xx, xy, yy], [x, y]) = (self.information, self.sum);
@@ -81,6 +87,7 @@ impl<C: WordCpu> Estimates<C> {
         [cpu.above_floats(determinant, zero, x, zero), cpu.above_floats(determinant, zero, y, zero)]
     }
 
+    /// The messages to the next cells, a random step of variance q away: (I + q·Λ)⁻¹ times information and sum.
     #[inline(always)]
     fn after_step(self, cpu: C, q: C::Lanes) -> Self {
         let ([xx, xy, yy], [x, y]) = (self.information, self.sum);
@@ -93,11 +100,14 @@ impl<C: WordCpu> Estimates<C> {
         }
     }
 
+    /// The messages, down-weighted where they contradict the cells' own measurements; `value` are the cells' posteriors without
+    /// them.
     #[inline(always)]
     fn accept(self, cpu: C, value: [C::Lanes; 2], message: Self) -> Self {
         let other = message.value(cpu);
         let difference = [value[0] - other[0], value[1] - other[1]];
         let (own, other) = (self.squared_norm(cpu, difference), message.squared_norm(cpu, difference));
+        // The variances of the two along their difference add up.
         let square = cpu.divided(own * other, own + other + cpu.splat(f32::MIN_POSITIVE));
         // The weight of Geman and McClure.
         let quarter = cpu.splat(QUARTER_WEIGHT_DISTANCE);
@@ -107,21 +117,24 @@ impl<C: WordCpu> Estimates<C> {
     }
 }
 
-/// Passes messages along eight chains that are `stride` cells apart, by the indices of the first chain's cells in their order,
+/// Passes messages along `count` chains that are `stride` cells apart, by the indices of the first chain's cells in their order,
 /// and adds them to the posterior of the cells. `step` and `prior` are those of the field.
+///
+/// Messages are compared with the cell's measurement only, not with the prior: neighbours predict a cell better than the
+/// mean of the frame.
 #[inline(always)]
 pub(super) fn pass_along<C: WordCpu>(
     cpu: C,
     [step, prior]: [f32; 2],
     cells: impl Iterator<Item = usize>,
-    stride: usize,
+    [count, stride]: [usize; 2],
     own: &[VelocityEstimate],
     out: &mut [VelocityEstimate],
 ) {
     let (step, prior) = (cpu.splat(step), cpu.splat(prior));
     let mut message = Estimates::zero(cpu);
     for first in cells {
-        let last = first + (CHAINS - 1) * stride;
+        let last = first + count.saturating_sub(1) * stride;
         let (Some(own), Some(out)) = (own.get(first..=last), out.get_mut(first..=last)) else { return };
         let own = Estimates::load(cpu, own, stride);
         let alone = own.plus_prior(prior);

@@ -1,12 +1,6 @@
 // SPDX-License-Identifier: MIT OR Apache-2.0
 
-//! What is known of the velocity of a cell, and what of it is passed on to the next cell.
-
-use crate::robust::loss::{GemanMcClure, Loss};
-
-/// Squared distance of a message from a cell's own estimate, in units of their summed variances, at which its
-/// weight is ¼.
-pub(super) const QUARTER_WEIGHT_DISTANCE: f32 = 4.0;
+//! The velocity of a cell, as far as it is measured or inferred.
 
 /// Information about a vector (xx, xy, yy), and that times the vector.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -55,21 +49,6 @@ impl VelocityEstimate {
         self.information[0] + self.information[2]
     }
 
-    /// The squared Mahalanobis norm of a vector.
-    #[inline(always)]
-    fn squared_norm(&self, [x, y]: [f32; 2]) -> f32 {
-        let [xx, xy, yy] = self.information;
-        xx * x * x + 2.0 * xy * x * y + yy * y * y
-    }
-
-    #[inline(always)]
-    fn times(self, share: f32) -> Self {
-        Self {
-            information: self.information.map(|value| share * value),
-            sum: self.sum.map(|value| share * value),
-        }
-    }
-
     /// The mean; zero if the information is singular.
     #[inline(always)]
     pub(super) fn value(&self) -> [f32; 2] {
@@ -81,29 +60,5 @@ impl VelocityEstimate {
         } else {
             [0.0; 2]
         }
-    }
-
-    /// The message to the next cell, a random step of variance q away: (I + q·Λ)⁻¹ times information and sum.
-    #[inline(always)]
-    pub(super) fn after_step(&self, q: f32) -> Self {
-        let ([xx, xy, yy], [x, y]) = (self.information, self.sum);
-        let (trace, determinant) = (xx + yy, (xx * yy - xy * xy).max(0.0));
-        let share = 1.0 / (1.0 + q * trace + q * q * determinant);
-        Self {
-            information: [(xx + q * determinant) * share, xy * share, (yy + q * determinant) * share],
-            sum: [(x + q * (yy * x - xy * y)) * share, (y + q * (xx * y - xy * x)) * share],
-        }
-    }
-
-    /// The message, down-weighted where it contradicts the cell's own measurement; `value` is the cell's
-    /// posterior without the message.
-    #[inline(always)]
-    pub(super) fn accept(&self, value: [f32; 2], message: &Self) -> Self {
-        let other = message.value();
-        let difference = [value[0] - other[0], value[1] - other[1]];
-        let (own, other) = (self.squared_norm(difference), message.squared_norm(difference));
-        // The variances of the two along their difference add up.
-        let square = own * other / (own + other + f32::MIN_POSITIVE);
-        message.times(GemanMcClure(QUARTER_WEIGHT_DISTANCE).weight(square))
     }
 }
