@@ -15,8 +15,9 @@
 //! The correction makes room as a camera does that turns: by shift, with the tilt that belongs to it, and roll. Of a zoom it
 //! makes little use: it would take from the picture what the window is to keep. Shears and other tilts are left as the plan has them.
 
-use super::band::Row;
+use super::band::{Row, solve};
 use super::logarithm::Coordinates;
+use super::plan::PlanRow;
 use nalgebra::{SMatrix, SVector};
 
 /// Seconds τ in which the path turns around at a limit: ρ = μ/τ⁴. It is shorter than a shake that is seen, a frame or two. From
@@ -37,7 +38,6 @@ const SOLUTIONS: usize = 20;
 const WAYS: usize = 4;
 
 type Part = SVector<f64, WAYS>;
-type Block = SMatrix<f64, WAYS, WAYS>;
 
 /// The ways in which corrections are made, as columns of coordinates.
 #[derive(Clone, Copy, Debug)]
@@ -85,21 +85,10 @@ struct Side {
     is_met: bool,
 }
 
-/// A row of blocks of the equations; far and near ones are multiples of the identity.
-#[derive(Clone, Copy, Debug, Default)]
-struct BlockRow {
-    diagonal: Block,
-    right: Part,
-    /// Of a row that is done: the inverse of the diagonal, and the factors beside it with the row two before and one before.
-    inverse: Block,
-    to_two: Block,
-    to_one: Block,
-}
-
 /// Corrects plans; reuses its buffers.
 #[derive(Debug, Default)]
 pub struct Bound {
-    rows: Vec<BlockRow>,
+    rows: Vec<Row<WAYS, 1>>,
     sides: Vec<Side>,
     found: Vec<Part>,
 }
@@ -108,7 +97,7 @@ impl Bound {
     /// Adds to the changes of a plan what its limits take. `plan` are its equations, `stiffness` is μ.
     pub fn keep(
         &mut self,
-        plan: &[Row],
+        plan: &[PlanRow],
         limits: &[Limit],
         ways: &Ways,
         stiffness: f64,
@@ -123,7 +112,7 @@ impl Bound {
         let strength = stiffness / TURN.powi(4);
         for _ in 0..SOLUTIONS {
             self.collect(plan, strength);
-            self.solve(plan);
+            solve(&mut self.rows, &mut self.found);
             let mut is_settled = true;
             for side in &mut self.sides {
                 let moved = self.found.get(side.frame).map_or(0.0, |found| side.outwards.dot(found));
@@ -141,52 +130,17 @@ impl Bound {
     }
 
     /// Collects the equations with the limits that are met.
-    fn collect(&mut self, plan: &[Row], strength: f64) {
+    fn collect(&mut self, plan: &[PlanRow], strength: f64) {
         self.rows.clear();
-        let row = |row: &Row| BlockRow {
-            diagonal: Block::from_diagonal_element(row.elements[2]),
-            ..BlockRow::default()
+        let row = |row: &PlanRow| {
+            Row::new(row.beside, SMatrix::from_diagonal_element(row.diagonal.x), row.interval)
         };
         self.rows.extend(plan.iter().map(row));
         for side in self.sides.iter().filter(|side| side.is_met) {
-            let (Some(row), Some(own)) = (self.rows.get_mut(side.frame), plan.get(side.frame)) else {
-                continue;
-            };
-            let weighted = side.outwards * (strength * own.interval);
+            let Some(row) = self.rows.get_mut(side.frame) else { continue };
+            let weighted = side.outwards * (strength * row.interval);
             row.diagonal += weighted * side.outwards.transpose();
             row.right += weighted * side.beyond;
-        }
-    }
-
-    /// Solves the equations by the Cholesky factor L·D·Lᵀ inside the band, of blocks.
-    fn solve(&mut self, plan: &[Row]) {
-        let rows = &mut self.rows;
-        for (index, own) in plan.iter().enumerate().take(rows.len()) {
-            let (done, rest) = rows.split_at_mut(index);
-            let Some(row) = rest.first_mut() else { break };
-            let one = done.last().copied().unwrap_or_default();
-            let two = index.checked_sub(2).and_then(|two| done.get(two)).copied().unwrap_or_default();
-            let [far, near, _] = own.elements;
-            let near = Block::from_diagonal_element(near) - one.to_one.transpose() * far;
-            row.to_two = two.inverse * far;
-            row.to_one = near * one.inverse;
-            row.right -= row.to_two * two.right + row.to_one * one.right;
-            let diagonal = row.diagonal - row.to_two * far - row.to_one * near.transpose();
-            row.inverse = diagonal.cholesky().map_or_else(Block::zeros, |factor| factor.inverse());
-        }
-        self.found.resize(rows.len(), Part::zeros());
-        for index in (0..rows.len()).rev() {
-            let Some(row) = rows.get(index) else { continue };
-            let mut value = row.inverse * row.right;
-            if let (Some(row), Some(after)) = (rows.get(index + 1), self.found.get(index + 1)) {
-                value -= row.to_one.tr_mul(after);
-            }
-            if let (Some(row), Some(after)) = (rows.get(index + 2), self.found.get(index + 2)) {
-                value -= row.to_two.tr_mul(after);
-            }
-            if let Some(slot) = self.found.get_mut(index) {
-                *slot = value;
-            }
         }
     }
 }

@@ -17,6 +17,7 @@
 
 use super::band::{Row, solve};
 use super::logarithm::Coordinates;
+use nalgebra::SMatrix;
 
 /// Product of the deviation of a Gaussian and the angular frequency that it halves: √(2·ln 2).
 const HALVING: f64 = 1.177_410_022_515_474_7;
@@ -43,10 +44,14 @@ impl Point {
     }
 }
 
-/// Makes plans; reuses its buffer.
+/// The equations of a frame: they are the same for all coordinates, with a right side for each.
+pub type PlanRow = Row<1, 8>;
+
+/// Makes plans; reuses its buffers.
 #[derive(Debug, Default)]
 pub struct Planner {
-    rows: Vec<Row>,
+    rows: Vec<PlanRow>,
+    found: Vec<SMatrix<f64, 1, 8>>,
 }
 
 impl Planner {
@@ -63,7 +68,7 @@ impl Planner {
         let Some(last) = points.len().checked_sub(1) else { return };
         let mu = stiffness(deviation);
         self.rows.clear();
-        self.rows.resize(points.len(), Row::default());
+        self.rows.resize(points.len(), PlanRow::default());
         // Frames before have the indices −1 and −2.
         let at = |index: isize| match usize::try_from(index) {
             Ok(index) => points.get(index).map(|point| (point.time, point.place)),
@@ -90,11 +95,12 @@ impl Planner {
             self.add(&terms, mu * sum / 2.0, guessed);
         }
         self.add_future(points, mu, at(-1));
-        solve(&mut self.rows, changes);
+        solve(&mut self.rows, &mut self.found);
+        changes.extend(self.found.iter().map(SMatrix::transpose));
     }
 
     /// The equations of the last plan.
-    pub fn rows(&self) -> &[Row] {
+    pub fn rows(&self) -> &[PlanRow] {
         &self.rows
     }
 
@@ -104,11 +110,15 @@ impl Planner {
             let Some(row) = usize::try_from(*index).ok().and_then(|index| self.rows.get_mut(index)) else {
                 continue;
             };
-            row.right -= guessed * (factor * coefficient);
+            row.right -= guessed.transpose() * (factor * coefficient);
+            let [far, near] = &mut row.beside;
             for (other, beside) in terms.iter().filter(|(other, _)| *other >= 0 && other <= index) {
-                if let Some(element) = row.elements.get_mut((2 - (index - other)).max(0) as usize) {
-                    *element += factor * coefficient * beside;
-                }
+                let element = match index - other {
+                    0 => &mut row.diagonal.x,
+                    1 => &mut *near,
+                    _ => &mut *far,
+                };
+                *element += factor * coefficient * beside;
             }
         }
     }
