@@ -66,6 +66,8 @@ struct Figure {
 
 /// Figures by sequence and system.
 type Figures = BTreeMap<String, Figure>;
+/// Pixels left by sequence and system, of one run.
+type Left = BTreeMap<String, f64>;
 
 /// Runs the library on what `footage` makes of a few short sequences and compares with the recorded figures, or records.
 ///
@@ -75,17 +77,17 @@ pub fn run(record: bool, footage: &dyn Fn(&Settings) -> Result<Footage>) -> Resu
     if record {
         let replicas =
             (0..REPLICAS).map(|replica| measure(&|settings| Ok(changed(footage(settings)?, replica))));
-        let replicas: Vec<Figures> = replicas.collect::<Result<_>>()?;
+        let replicas: Vec<Left> = replicas.collect::<Result<_>>()?;
         return Ok(fs::write(RECORDED, serde_json::to_string_pretty(&summary(&replicas))? + "\n")?);
     }
-    let figures = measure(footage)?;
+    let now = measure(footage)?;
     let text = fs::read(Path::new(RECORDED)).context("nothing is recorded: run `quick --record`")?;
-    let (table, worse) = compare(&figures, &serde_json::from_slice(&text)?);
+    let (table, worse) = compare(&now, &serde_json::from_slice(&text)?);
     print!("{table}");
     if worse.is_empty() { Ok(()) } else { bail!("worse than recorded: {}", worse.join(", ")) }
 }
 
-fn measure(footage: &dyn Fn(&Settings) -> Result<Footage>) -> Result<Figures> {
+fn measure(footage: &dyn Fn(&Settings) -> Result<Footage>) -> Result<Left> {
     let entries: Vec<Entry> =
         registry::all().into_iter().filter(|entry| RECORDED_SYSTEMS.contains(&entry.id.as_str())).collect();
     let mut tasks = Vec::new();
@@ -104,7 +106,8 @@ fn measure(footage: &dyn Fn(&Settings) -> Result<Footage>) -> Result<Figures> {
         });
     }
     let mut progress = Progress::new(tasks.len());
-    Ok(figures(&runner::run(&tasks, &entries, footage, &mut progress)?))
+    let Results { trials, .. } = runner::run(&tasks, &entries, footage, &mut progress)?;
+    Ok(trials.iter().map(|trial| (format!("{} {}", trial.sequence, trial.method), trial.left.rms)).collect())
 }
 
 /// The footage of a replica: 0 is as it was, all others have bytes that are one level darker or brighter.
@@ -120,42 +123,31 @@ fn changed(mut footage: Footage, replica: u64) -> Footage {
 }
 
 /// Of each figure the median of its replicas, and how far they are apart.
-fn summary(replicas: &[Figures]) -> Figures {
+fn summary(replicas: &[Left]) -> Figures {
     let mut all: BTreeMap<&String, Vec<f64>> = BTreeMap::new();
-    for (key, figure) in replicas.iter().flatten() {
-        all.entry(key).or_default().push(figure.left);
+    for (key, left) in replicas.iter().flatten() {
+        all.entry(key).or_default().push(*left);
     }
     let summary = all.into_iter().map(|(key, mut values)| {
         values.sort_by(f64::total_cmp);
         let left = values[values.len() / 2];
         let apart = values[values.len() - 1] - values[0];
-        (key.clone(), Figure { left, noise: apart.max(least_noise(left)) })
+        let noise = apart.max(LEAST_NOISE[0]).max(LEAST_NOISE[1] * left);
+        (key.clone(), Figure { left, noise })
     });
     summary.collect()
 }
 
-fn least_noise(left: f64) -> f64 {
-    LEAST_NOISE[0].max(LEAST_NOISE[1] * left)
-}
-
-fn figures(results: &Results) -> Figures {
-    let figures = results.trials.iter().map(|trial| {
-        let left = trial.left.rms;
-        (format!("{} {}", trial.sequence, trial.method), Figure { left, noise: least_noise(left) })
-    });
-    figures.collect()
-}
-
 /// A table of all figures, and the names of those that are worse or missing.
-fn compare(now: &Figures, recorded: &Figures) -> (String, Vec<String>) {
+fn compare(now: &Left, recorded: &Figures) -> (String, Vec<String>) {
     let titles = ["figure", "recorded px left", "noise", "now", ""];
     let mut table = Table::new(titles.map(String::from));
     let mut worse = Vec::new();
     for (key, before) in recorded {
         let found = now.get(key);
         let verdict = match found {
-            Some(found) if found.left <= before.left - before.noise => "better: record it",
-            Some(found) if found.left <= before.left + before.noise => "",
+            Some(left) if *left <= before.left - before.noise => "better: record it",
+            Some(left) if *left <= before.left + before.noise => "",
             Some(_) => "**worse**",
             None => "**missing**",
         };
@@ -163,7 +155,7 @@ fn compare(now: &Figures, recorded: &Figures) -> (String, Vec<String>) {
             worse.push(key.clone());
         }
         let px = |value: f64| Some(format!("{value:.3}"));
-        let now = found.and_then(|found| px(found.left));
+        let now = found.and_then(|left| px(*left));
         table.row(key, vec![px(before.left), px(before.noise), now, Some(verdict.into())]);
     }
     (table.markdown(), worse)
@@ -175,21 +167,19 @@ mod tests {
 
     #[test]
     fn worse_by_more_than_the_noise_fails() {
-        let of = |left: [f64; 3]| -> Figures {
-            let keys = ["a", "b", "c"].map(String::from);
-            keys.into_iter().zip(left.map(|left| Figure { left, noise: 0.1 })).collect()
-        };
-        let recorded = of([1.0, 1.0, 1.0]);
+        let keys = || ["a", "b", "c"].map(String::from).into_iter();
+        let of = |left: [f64; 3]| -> Left { keys().zip(left).collect() };
+        let recorded: Figures = keys().map(|key| (key, Figure { left: 1.0, noise: 0.1 })).collect();
         assert_eq!(compare(&of([1.09, 0.8, 1.0]), &recorded).1, Vec::<String>::new());
         let (table, worse) = compare(&of([1.11, 1.0, 1.0]), &recorded);
         assert_eq!(worse, ["a"]);
         assert!(table.contains("| a | 1.000 | 0.100 | 1.110 | **worse** |"), "{table}");
-        assert_eq!(compare(&Figures::new(), &recorded).1.len(), 3);
+        assert_eq!(compare(&Left::new(), &recorded).1.len(), 3);
     }
 
     #[test]
     fn the_noise_is_what_small_changes_do() {
-        let of = |left| Figures::from([("a".into(), Figure { left, noise: least_noise(left) })]);
+        let of = |left| Left::from([("a".into(), left)]);
         let Figure { left, noise } = summary(&[1.0, 1.1, 0.7].map(of))["a"];
         assert!(left == 1.0 && (noise - 0.4).abs() < 1e-12, "{left} {noise}");
         let Figure { left, noise } = summary(&[1.0, 1.01, 0.99].map(of))["a"];
