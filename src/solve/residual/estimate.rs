@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT OR Apache-2.0
 
-//! The velocity of a cell, as far as it is measured or inferred.
+//! The estimate of the velocity of a cell, with its information.
 
 /// Information about a vector (xx, xy, yy), and that times the vector.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]

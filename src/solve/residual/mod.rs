@@ -14,7 +14,7 @@
 //! | step | file |
 //! |---|---|
 //! | flow to both neighbours → residual velocity of each cell, with its information | `velocity` |
-//! | velocities of all cells → the posterior of each | `diffuse`, in vectors `chains` |
+//! | velocities of all cells → the posterior of each | `diffuse`, with the messages of `chains` |
 //!
 //! The field is the posterior mean of a Gaussian Markov random field: a prior of mean zero (the path) with
 //! the variance that residual velocities have in the frame, and neighbouring cells that differ by a random
