@@ -181,6 +181,11 @@ pub struct Readout {
 }
 
 impl Readout {
+    /// Seconds of readout below which the rows are as good as exposed at once: it bends nothing that could be seen.
+    pub const MIN_VISIBLE_TIME: f64 = 1e-3;
+    /// Standard deviation of an estimated readout time, in frame periods, up to which it can be relied on.
+    pub const MAX_KNOWN_DEVIATION: f64 = 0.1;
+
     /// The shutter of frames of `width` × `height` pixels, `period` seconds apart.
     ///
     /// With N rows and a delay of B, T = period · N / (N + B). If unknown, T is the whole period.

@@ -12,7 +12,7 @@
 //! | readout, camera and focal length, before a clip is rectified | `readout`, `camera`, `estimate` |
 //! | lookahead and crop for stabilisation, before a clip is rectified | `steady` |
 //! | motion of a clip from a motion file | `motions` |
-//! | what was done with a clip, and why frames keep their picture | `summary`, `as_recorded`, `displacement` |
+//! | what was done with a clip, and why frames keep their picture | `summary`, `as_recorded` |
 //! | codecs, encoders, containers, the finished file | `output` |
 //! | audio, subtitles, timecode and other streams of the clip | `streams` |
 //! | containers read without GStreamer | `isobmff`, `boxes`, `corrections`, `matroska`, `packets`, `times` |
@@ -27,7 +27,6 @@ mod colour;
 mod corrections;
 mod damage;
 mod decoder;
-mod displacement;
 mod drawing;
 mod elements;
 mod estimate;

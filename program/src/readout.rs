@@ -15,7 +15,7 @@ use crate::progress;
 use crate::property_values::{Direction, Stabilised, name_of};
 use crate::rectifier_options::AnalysisOptions;
 use anyhow::Result;
-use rsrectify::readout::{ReadoutDirection, ReadoutPosterior, ReadoutPrior};
+use rsrectify::readout::{Readout, ReadoutDirection, ReadoutPosterior, ReadoutPrior};
 use rsrectify::rectifier::{FocalLength, FrameSolution, FrameTiming, Settings, Timeline};
 use std::fmt;
 use std::path::Path;
@@ -24,13 +24,9 @@ use std::path::Path;
 const STRETCHES: u64 = 5;
 /// How long each one is.
 const LENGTH: gst::ClockTime = gst::ClockTime::from_seconds(4);
-/// Standard deviation, in frame durations, from which on a readout is taken as found.
-pub const SURE: f64 = 0.1;
 /// Frames that must have followed one motion, with at least half the confidence there is: what a lone thing
 /// before a blank wall does says nothing of the camera.
 const FOLLOWED: u32 = 15;
-/// A readout of fewer milliseconds bends nothing that could be seen.
-pub const NONE: f64 = 1.0;
 /// Standard deviations by which a readout must differ from the expected one to be another one.
 const ANOTHER: f64 = 3.0;
 
@@ -110,7 +106,7 @@ impl Found {
             Some(Doubt::Stabilised)
         } else if self.followed < FOLLOWED {
             Some(Doubt::NoMotion)
-        } else if self.deviation > SURE {
+        } else if self.deviation > Readout::MAX_KNOWN_DEVIATION {
             Some(Doubt::Uncertain)
         } else {
             None
@@ -168,7 +164,7 @@ impl Found {
 
     /// Whether the rows are as good as exposed at once.
     pub fn is_global(&self) -> bool {
-        self.milliseconds < NONE
+        self.milliseconds * 1e-3 < Readout::MIN_VISIBLE_TIME
     }
 }
 

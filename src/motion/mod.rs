@@ -4,6 +4,7 @@
 //!
 //! Points are *centred*: pixels from the image centre ((W − 1)/2, (H − 1)/2), y down.
 
+mod displacement;
 pub mod file;
 mod frame;
 pub(crate) mod generators;

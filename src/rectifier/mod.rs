@@ -29,7 +29,9 @@ use std::collections::VecDeque;
 use std::time::{Duration, Instant};
 
 pub use crate::solve::residual::REGIONS;
-pub use crate::solve::{FittedCorrespondence, FocalLength, FrameSolution, FrameTiming, Origin, Timeline};
+pub use crate::solve::{
+    AsRecorded, FittedCorrespondence, FocalLength, FrameSolution, FrameTiming, Origin, Timeline,
+};
 pub use crate::stabilize::PLANNED_SHARE;
 pub use error::{PushError, SettingsError};
 pub use settings::{Effort, Estimator, MOTION_LOOKAHEAD, Settings, stabilization_lookahead};
@@ -304,8 +306,9 @@ impl Rectifier {
             Some(last) => last.clone(),
             None => self.untouched(&frame),
         };
+        let as_recorded = solution.reason_as_recorded(self.clock.period());
         let Waiting { index, stated: time, begins_shot, .. } = frame;
-        self.pass_on(FrameSolution { index, time, begins_shot, ..solution }, &frame);
+        self.pass_on(FrameSolution { index, time, begins_shot, as_recorded, ..solution }, &frame);
         self.timings.solve += started.elapsed();
     }
 

@@ -2,10 +2,16 @@
 
 //! The result for a frame, from either estimator.
 
-use super::frame_timing::FrameTiming;
+use super::as_recorded::AsRecorded;
+use super::frame_timing::{FrameTiming, Timeline};
 use crate::motion::{FrameMotion, MotionPath};
 use crate::readout::Readout;
 use nalgebra::Vector2;
+
+/// Pixels a frame: where the picture moves less than that even where it moves fastest, no readout bends it by more than half.
+const STILL: f64 = 0.25;
+/// Share of the readout at which it is asked whether a frame is corrected; of other instants, few pixels more or less are.
+const REFERENCE: f64 = 0.5;
 
 /// How a frame's motion was obtained.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -84,6 +90,8 @@ pub struct FrameSolution {
     /// Timing and placement of the frames, as estimated from all that were pushed so far; undecided from the sequential
     /// estimator.
     pub timing: FrameTiming,
+    /// Why the frame keeps its picture; `None` if it is corrected.
+    pub as_recorded: Option<AsRecorded>,
     /// The focal length; `None` for a frame without a motion, from the sequential estimator, and for a model
     /// without perspective.
     pub focal_length: Option<FocalLength>,
@@ -117,9 +125,34 @@ impl FrameSolution {
             readout_deviation: 0.0,
             begins_shot: false,
             timing: FrameTiming::default(),
+            as_recorded: None,
             focal_length: None,
             fitted: Vec::new(),
         }
+    }
+
+    /// Why the frame keeps its picture; `None` if it is corrected. `period`: seconds from frame to frame.
+    pub(crate) fn reason_as_recorded(&self, period: f64) -> Option<AsRecorded> {
+        if !self.motion.corrects_nothing(REFERENCE) {
+            return None;
+        }
+        let readout = self.motion.readout();
+        let twist = self.motion.path().mean_twist();
+        let reach = 0.5 * (readout.width() as f64).hypot(readout.height() as f64);
+        let speed = twist.velocity.norm() + twist.omega.abs() * reach;
+        let is_known = self.readout_deviation <= Readout::MAX_KNOWN_DEVIATION;
+        let is_global = readout.time() < Readout::MIN_VISIBLE_TIME;
+        Some(match (self.timing.timeline, is_known, is_global) {
+            (Timeline::Blended { period }, ..) => AsRecorded::Blended { period },
+            _ if self.origin == Origin::Untouched => AsRecorded::NoMotion,
+            _ if self.timing.is_stabilised() => AsRecorded::Stabilised,
+            // With a readout of 0 the path has no displacement during the readout, whatever moves.
+            (_, false, true) => AsRecorded::UnknownReadout,
+            (_, _, false) if speed * period < STILL => AsRecorded::NothingMoved,
+            (_, false, false) => AsRecorded::UnknownReadout,
+            (_, true, true) => AsRecorded::GlobalShutter,
+            (_, true, false) => AsRecorded::Uncertain,
+        })
     }
 }
 
@@ -155,4 +188,45 @@ pub struct FittedCorrespondence {
 pub fn root_mean_square(values: &[f64]) -> Option<f64> {
     let mean_square = values.iter().map(|value| value * value).sum::<f64>() / values.len() as f64;
     (!values.is_empty()).then(|| mean_square.sqrt())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::motion::Twist;
+    use crate::readout::{ReadoutDirection, ReadoutTime};
+
+    /// A frame that moves by so many pixels a second, of which this is known; rectified with the weight 0.
+    fn kept(speed: f64, readout_ms: f64, readout_deviation: f64) -> FrameSolution {
+        let time = ReadoutTime::Seconds(readout_ms * 1e-3);
+        let readout = Readout::new(640, 480, ReadoutDirection::TopToBottom, time, 0.04).unwrap();
+        let path = MotionPath::uniform(Twist::new(0.0, speed, 0.0), readout.time());
+        let motion = FrameMotion::new(readout, path).with_weight(0.0);
+        FrameSolution { readout_deviation, ..FrameSolution::new(motion, Origin::Continuous) }
+    }
+
+    #[test]
+    fn each_frame_that_keeps_its_picture_has_its_reason() {
+        let of = |stabilised, timeline, origin| FrameSolution {
+            timing: FrameTiming::new(stabilised, timeline),
+            origin,
+            ..kept(900.0, 20.0, 0.0)
+        };
+        let (blended, stated) = (Timeline::Blended { period: 6 }, Timeline::Stated);
+        for (solution, reason) in [
+            (of(None, blended, Origin::Continuous), "all frames but one in 6 are blends of two"),
+            (of(None, stated, Origin::Untouched), "no motion was found"),
+            (of(Some(true), stated, Origin::Continuous), "the frames were moved after their readout"),
+            (of(None, stated, Origin::Continuous), "the correction was too uncertain"),
+            (kept(5.0, 20.0, 0.3), "nothing moved"),
+            (kept(50.0, 20.0, 0.3), "the readout was not known"),
+            (kept(50.0, 0.0, 0.3), "the readout was not known"),
+            (kept(0.0, 0.0, 0.01), "the rows are as good as exposed at once"),
+        ] {
+            assert_eq!(solution.reason_as_recorded(0.04).unwrap().to_string(), reason);
+        }
+        let mut corrected = kept(900.0, 20.0, 0.0);
+        corrected.motion = corrected.motion.with_weight(0.5);
+        assert_eq!(corrected.reason_as_recorded(0.04), None);
+    }
 }

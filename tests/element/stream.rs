@@ -356,6 +356,9 @@ fn a_message_for_each_frame() {
             let s = message.structure().unwrap();
             assert_eq!(s.name(), "rsrectify");
             assert!(s.get::<f64>("confidence").is_ok() && s.get::<f64>("omega").is_ok());
+            // A frame that keeps its picture has the reason.
+            let is_kept = s.get::<f64>("applied").unwrap() == 0.0;
+            assert_eq!(s.get::<String>("as-recorded").is_ok(), is_kept, "{s}");
             assert_eq!(s.get::<gst::ClockTime>("stream-time"), s.get::<gst::ClockTime>("timestamp"));
             s.get::<gst::ClockTime>("timestamp").unwrap()
         })

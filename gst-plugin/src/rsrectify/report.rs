@@ -222,6 +222,9 @@ fn add_motion(structure: &mut gst::StructureRef, solution: &FrameSolution, appli
     let twist = solution.motion.path().mean_twist();
     structure.set("origin", solution.origin.name());
     structure.set("applied", applied);
+    if let Some(reason) = solution.as_recorded {
+        structure.set("as-recorded", reason.to_string());
+    }
     if !solution.region_errors.is_empty() {
         structure.set("region-errors", gst::Array::new(&solution.region_errors));
     }

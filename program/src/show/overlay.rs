@@ -4,7 +4,6 @@
 
 use super::strip::{Item, Strip};
 use crate::analysis::Frame;
-use crate::displacement;
 use crate::drawing::{Colour, SKY_BLUE, VERMILION, YELLOW, hex};
 use crate::estimate::Estimate;
 use crate::property_values::{Direction, name_of};
@@ -97,7 +96,7 @@ impl Overlay {
             Vector2::new((column as f64 + 0.5) * step, (row as f64 + 0.5) * height / rows)
         });
         let arrows: String = places
-            .map(|place| arrow(place, displacement::at(motion, place, 0.5) * self.magnify, 6.0 * unit))
+            .map(|place| arrow(place, motion.displacement(place, 0.5) * self.magnify, 6.0 * unit))
             .collect();
         stroke(&arrows, 2.2 * unit, 1.8 * unit, CORRECTION)
     }

@@ -4,9 +4,11 @@
 
 mod tally;
 
+use crate::as_recorded::AsRecorded;
 use crate::estimate::Estimate;
 use crate::property_values::{Direction, name_of};
-use crate::readout::{self, Doubt, Found};
+use crate::readout::{Doubt, Found};
+use rsrectify::readout;
 use serde::Serialize;
 use std::fmt;
 use std::time::Duration;
@@ -141,7 +143,9 @@ impl Readout {
                 let doubt = found.as_ref().and_then(|found| found.doubt());
                 let is_hidden = matches!(doubt, Some(Doubt::Stabilised | Doubt::Blended))
                     || last.is_some_and(|last| last.timing.is_stabilised() || last.timing.is_blended());
-                let is_sure = |last: LastReadout| last.deviation > 0.0 && last.deviation <= readout::SURE;
+                let is_sure = |last: LastReadout| {
+                    last.deviation > 0.0 && last.deviation <= readout::Readout::MAX_KNOWN_DEVIATION
+                };
                 match (is_hidden, last.is_some_and(is_sure)) {
                     (true, _) => nothing(Certainty::Hidden),
                     (false, true) => of_last(Certainty::Found, true),
@@ -181,8 +185,8 @@ fn longest_left(entries: &[Entry], frames: usize, period: f64) -> Option<Stretch
         begin = end;
     }
     let run = entries.get(longest.clone()).filter(|run| !run.is_empty())?;
-    let mut reasons: Vec<(String, usize)> = Vec::new();
-    for reason in run.iter().filter_map(|entry| Some(entry.as_recorded.as_ref()?.reason(period))) {
+    let mut reasons: Vec<(AsRecorded, usize)> = Vec::new();
+    for reason in run.iter().filter_map(|entry| entry.as_recorded) {
         match reasons.iter_mut().find(|(known, _)| *known == reason) {
             Some((_, count)) => *count += 1,
             None => reasons.push((reason, 1)),
@@ -201,7 +205,7 @@ fn longest_left(entries: &[Entry], frames: usize, period: f64) -> Option<Stretch
     let start_s = time(longest.start);
     // The last frame lasts as long as the others.
     let duration_s = time(longest.end - 1) + period - start_s;
-    Some(Stretch { frames: run.len(), start_s, duration_s, reason })
+    Some(Stretch { frames: run.len(), start_s, duration_s, reason: reason.to_string() })
 }
 
 impl fmt::Display for Readout {
@@ -212,7 +216,7 @@ impl fmt::Display for Readout {
                 _ => "not found",
             });
         };
-        if ms.abs() < readout::NONE {
+        if ms.abs() * 1e-3 < readout::Readout::MIN_VISIBLE_TIME {
             write!(f, "{:.1} ms, as good as a global shutter", ms.abs())?;
         } else {
             write!(f, "{ms:.1} ms")?;
@@ -285,7 +289,7 @@ impl fmt::Display for Summary {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::as_recorded::AsRecorded;
+    use rsrectify::rectifier;
 
     fn entries(as_recorded: &[Option<AsRecorded>]) -> Vec<Entry> {
         let entry = |(index, as_recorded): (usize, &Option<AsRecorded>)| Entry {
@@ -299,8 +303,8 @@ mod tests {
 
     #[test]
     fn the_longest_stretch_is_found_with_the_reason_of_most_frames() {
-        let (still, unknown) =
-            (Some(AsRecorded::with_readout(20.0, 0.0, 1.0)), Some(AsRecorded::with_readout(0.0, 0.5, 0.0)));
+        let [still, unknown] = [rectifier::AsRecorded::NothingMoved, rectifier::AsRecorded::UnknownReadout]
+            .map(|reason| Some(AsRecorded::Analysed(reason)));
         let entries = entries(&[still, still, None, unknown, still, unknown, unknown, None, still]);
         let stretch = longest_left(&entries, 9, 0.1).unwrap();
         assert_eq!((stretch.frames, stretch.reason.as_str()), (4, "the readout was not known"));

@@ -3,7 +3,6 @@
 //! What the element reports of each frame that it gives out.
 
 use crate::as_recorded::AsRecorded;
-use crate::displacement;
 use crate::rectifier_options::RectifierOptions;
 use crate::streams::Excerpt;
 use anyhow::{Context, Result};
@@ -123,9 +122,9 @@ impl Frames {
     /// The largest displacement in a frame, 0 without a motion; `None` of one that is not wanted.
     fn pixels(&self, time: Option<gst::ClockTime>, motion: Option<&FrameMotion>) -> Option<f64> {
         let is_wanted = |excerpt: &Arc<Excerpt>| time.is_some_and(|time| excerpt.is_wanted(time));
-        let largest = |motion| displacement::largest(motion, self.reference) * self.strength;
+        let largest = |motion| FrameMotion::largest_displacement(motion, self.reference) * self.strength;
         let is_counted = self.excerpt.as_ref().is_none_or(is_wanted);
         let pixels = is_counted.then(|| motion.map_or(0.0, largest))?;
-        Some(if pixels < displacement::LEAST { 0.0 } else { pixels })
+        Some(if pixels < FrameMotion::MIN_DISPLACEMENT { 0.0 } else { pixels })
     }
 }

@@ -232,10 +232,8 @@ fn write(
     let bar = progress::spinner()?;
     let name = clip.name();
     let (mut index, mut without_motion) = (0, 0u64);
-    // Without one, no speed counts as too small to be seen.
-    let period = analysis.period().unwrap_or(f64::INFINITY);
     analysis.run(None, interruption, &mut |frame: Frame| {
-        let row = FrameRow::new(index, &frame, period);
+        let row = FrameRow::new(index, &frame);
         if let Some(out) = &mut printed {
             row.write(out)?;
         }

@@ -4,8 +4,6 @@
 
 use super::velocity::Instant;
 use crate::analysis::Frame;
-use crate::as_recorded::AsRecorded;
-use crate::displacement;
 use crate::property_values::{Direction, name_of};
 use anyhow::Result;
 use rsrectify::motion::image_centre;
@@ -63,12 +61,11 @@ fn number(value: Option<f64>) -> String {
 }
 
 impl FrameRow {
-    /// Of the frame with this number; `period` is the time from frame to frame in seconds.
-    pub fn new(index: u64, frame: &Frame, period: f64) -> Self {
+    /// Of the frame with this number.
+    pub fn new(index: u64, frame: &Frame) -> Self {
         let solution = &frame.solution;
         let readout = solution.motion.readout();
         let twist = solution.motion.path().mean_twist();
-        let keeps_picture = displacement::largest(&solution.motion, 0.5) < displacement::LEAST;
         Self {
             frame: index,
             time: frame.time,
@@ -84,7 +81,7 @@ impl FrameRow {
             correspondences: solution.correspondences,
             inliers: solution.inliers,
             residual: solution.residual,
-            as_recorded: keeps_picture.then(|| AsRecorded::analysed(solution).reason(period)),
+            as_recorded: solution.as_recorded.map(|reason| reason.to_string()),
         }
     }
 
