@@ -65,9 +65,9 @@ pub(super) struct MapField {
 }
 
 impl MapField {
+    /// Takes new nodes; the values are still to be written.
     fn reset(&mut self, x: Nodes, y: Nodes) {
         (self.x, self.y) = (x, y);
-        self.values.clear();
         self.values.resize(x.count * y.count, 0.0);
     }
 }
@@ -97,6 +97,8 @@ struct LineBuffers {
     shown: Vec<f64>,
     /// Displacements across the line.
     sideways: Vec<f64>,
+    /// Velocities of the residual field along the line.
+    velocities: Vec<Vector2<f64>>,
     spare: Vec<f64>,
 }
 
@@ -169,17 +171,18 @@ impl Lines<'_> {
         crossings: &mut [Crossing],
         scratch: &mut LineBuffers,
     ) {
-        let LineBuffers { shown, sideways, spare } = scratch;
+        let LineBuffers { shown, sideways, velocities, spare } = scratch;
         let centre = self.correction.centre;
         let x = self.frame_x.at(column) - centre.x;
-        shown.clear();
-        sideways.clear();
-        for row in 0..self.frame_y.count {
+        shown.resize(self.frame_y.count, 0.0);
+        sideways.resize(self.frame_y.count, 0.0);
+        self.correction.velocities(x, velocities);
+        for (row, (shown, sideways)) in shown.iter_mut().zip(sideways.iter_mut()).enumerate() {
             let interval = &intervals[if self.by_rows { row } else { column }];
             let point = Vector2::new(x, self.frame_y.at(row) - centre.y);
-            let displacement = self.correction.displacement(interval, point);
-            shown.push(point.y + displacement.y);
-            sideways.push(displacement.x);
+            let displacement = self.correction.displacement_in(velocities, interval, point);
+            *shown = point.y + displacement.y;
+            *sideways = displacement.x;
         }
         let step = self.frame_y.spacing;
         limit_slopes(shown, MIN_STRETCH * step, step / MIN_STRETCH, spare);
@@ -200,7 +203,7 @@ impl Lines<'_> {
         let down = down.par_chunks_mut(self.frame_x.count);
         across.zip(down).enumerate().for_each(|(row, (across, down))| {
             let crossings = || crossings.iter().skip(row).step_by(self.y.count);
-            SCRATCH.with_borrow_mut(|LineBuffers { shown, sideways, spare }| {
+            SCRATCH.with_borrow_mut(|LineBuffers { shown, sideways, spare, .. }| {
                 shown.clear();
                 shown.extend(crossings().map(|crossing| crossing.shown));
                 self.across(shown, spare, across);
@@ -229,8 +232,9 @@ impl Lines<'_> {
 
 /// First of four nodes and their Catmull–Rom weights at position `at` among `count` ≥ 4 nodes.
 pub(super) fn cubic(at: f64, count: usize) -> (usize, [f64; 4]) {
-    let at = super::correction::within(at, 1.0, count.saturating_sub(2).max(1) as f64, 1.0);
-    let node = (at.floor() as usize).clamp(1, count.saturating_sub(3).max(1));
+    let last = count.saturating_sub(3).max(1);
+    let at = super::correction::within(at, 1.0, (last + 1) as f64, 1.0);
+    let node = (at as usize).min(last);
     let t = at - node as f64;
     let weights = [
         -0.5 * t * (1.0 - t) * (1.0 - t),

@@ -54,6 +54,7 @@ impl<'a> Inverse<'a> {
     }
 
     /// The position of `value` in steps from the first one; `value` must not be less than in the last call.
+    #[inline(always)]
     pub fn at(&mut self, value: f64) -> f64 {
         let values = self.values;
         let (first, last) = (values[0], values[values.len() - 1]);
