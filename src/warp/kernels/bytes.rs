@@ -12,9 +12,9 @@
 //! each is repeated for the four samples.
 
 use super::passes::{Passes, with_kernel};
-use super::scalar::{self, Fixed};
+use super::scalar::Fixed;
 use super::task::{Horizontal, Vertical};
-use crate::lanes::{FLOATS, WORDS, WordCpu};
+use crate::lanes::{WORDS, WordCpu};
 use crate::warp::blocks::{BLOCK, Block};
 use crate::warp::settings::Interpolation;
 use crate::warp::weights::{
@@ -370,29 +370,6 @@ fn scatter(block: &[u8], step: usize, task: &Horizontal<'_, i16>, pixel: usize, 
     let pixels = row[pixel * output.step..].chunks_mut(output.step).take(task.width - pixel);
     for (out, samples) in pixels.zip(block.chunks_exact(step).take(BLOCK)) {
         out[..output.channels].copy_from_slice(&samples[..output.channels]);
-    }
-}
-
-/// As [`scalar::knots`], eight knots at a time; the remainder by the scalar function.
-#[inline(always)]
-pub(super) fn knots<C: WordCpu>(cpu: C, nodes: &[f32], weights: [f32; 4], round: f32, knots: &mut [i32]) {
-    let columns = knots.len();
-    assert!(nodes.len() >= 4 * columns);
-    let (eights, _) = knots.as_chunks_mut::<FLOATS>();
-    for (index, knots) in eights.iter_mut().enumerate() {
-        let mut sum = cpu.splat(0.0);
-        for (row, weight) in weights.into_iter().enumerate() {
-            // SAFETY: columns 8 · index to 8 · index + 7 exist in all four rows.
-            let nodes = unsafe { &*nodes.as_ptr().add(row * columns + FLOATS * index).cast() };
-            let product = cpu.splat(weight) * cpu.load(nodes);
-            sum = if row == 0 { product } else { sum + product };
-        }
-        // 2³⁰ units are half a million pixels.
-        *knots = cpu.rounded(sum + cpu.splat(round), 1.0e9);
-    }
-    for column in columns / FLOATS * FLOATS..columns {
-        let four = [0, 1, 2, 3].map(|row| nodes[row * columns + column]);
-        scalar::knots(&four, weights, round, &mut knots[column..column + 1]);
     }
 }
 

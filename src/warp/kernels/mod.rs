@@ -23,6 +23,7 @@
 //! 3.1 GHz.
 
 mod bytes;
+mod knots;
 mod passes;
 mod scalar;
 mod task;
@@ -32,8 +33,9 @@ mod words;
 use super::settings::Interpolation;
 use super::weights::{Cubic, Kernel, Lanczos, Linear, Nearest};
 use crate::cpu::CpuLevel;
-use crate::lanes::Cpu;
 use crate::lanes::dispatch::with_word_cpu;
+use crate::lanes::{Cpu, FLOATS};
+pub(super) use knots::KnotColumn;
 pub(super) use passes::Passes;
 use passes::with_kernel;
 pub(super) use scalar::{Fixed, Float};
@@ -44,12 +46,34 @@ pub(super) fn reach(interpolation: Interpolation) -> (isize, isize, i32) {
     with_kernel!(interpolation, K => (K::FIRST, K::FIRST + K::TAPS as isize - 1, K::ROUND))
 }
 
-/// Σ weight · node + round, rounded to integers, for four rows of `nodes` as long as `knots`.
-pub(super) fn knots(level: CpuLevel, nodes: &[f32], weights: [f32; 4], round: f32, knots: &mut [i32]) {
+/// Σ weight · node for each column of knots, in each row of `nodes`; finite. The number of columns is a multiple of eight, and
+/// `strip` is a buffer.
+pub(super) fn knots_along_x(
+    level: CpuLevel,
+    nodes: &[f32],
+    columns: &[KnotColumn],
+    strip: &mut Vec<[f32; FLOATS]>,
+    knots: &mut [f32],
+) {
     with_word_cpu!(
         level,
-        cpu => cpu.vectorize(#[inline(always)] || bytes::knots(cpu, nodes, weights, round, knots)),
-        _ => scalar::knots(nodes, weights, round, knots)
+        cpu => cpu.vectorize(#[inline(always)] || knots::along_x(cpu, nodes, columns, strip, knots)),
+        _ => scalar::along_x(nodes, columns, knots)
+    );
+}
+
+/// Σ weight · node + round, rounded to integers, for four rows of `nodes` as long as `knots`: a multiple of eight.
+pub(super) fn knots_along_y(
+    level: CpuLevel,
+    nodes: &[f32],
+    weights: [f32; 4],
+    round: f32,
+    knots: &mut [i32],
+) {
+    with_word_cpu!(
+        level,
+        cpu => cpu.vectorize(#[inline(always)] || knots::along_y(cpu, nodes, weights, round, knots)),
+        _ => scalar::along_y(nodes, weights, round, knots)
     );
 }
 

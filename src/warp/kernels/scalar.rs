@@ -2,6 +2,7 @@
 
 //! Both passes in plain Rust, for every format and interpolation.
 
+use super::knots::{KnotColumn, MAX_DISPLACEMENT};
 use super::task::{Horizontal, Vertical};
 use crate::warp::blocks::BLOCK;
 use crate::warp::weights::{Kernel, MAX_TAPS, mulhrs};
@@ -110,8 +111,20 @@ pub(super) fn horizontal<A: Arithmetic, K: Kernel>(task: &Horizontal<'_, A::Numb
     }
 }
 
+/// The knots of all rows of nodes, columns of four of which are weighted; zero in place of NaN.
+pub(super) fn along_x(nodes: &[f32], columns: &[KnotColumn], knots: &mut [f32]) {
+    let rows = knots.len() / columns.len().max(1);
+    let width = nodes.len() / rows.max(1);
+    for (nodes, knots) in nodes.chunks_exact(width.max(1)).zip(knots.chunks_exact_mut(columns.len().max(1))) {
+        for (KnotColumn { node, weights }, knot) in columns.iter().zip(knots) {
+            let value: f32 = nodes[*node..].iter().zip(weights).map(|(node, weight)| node * weight).sum();
+            *knot = if value.is_nan() { 0.0 } else { value.clamp(-MAX_DISPLACEMENT, MAX_DISPLACEMENT) };
+        }
+    }
+}
+
 /// Knots of a row from four rows of nodes.
-pub(super) fn knots(nodes: &[f32], weights: [f32; 4], round: f32, knots: &mut [i32]) {
+pub(super) fn along_y(nodes: &[f32], weights: [f32; 4], round: f32, knots: &mut [i32]) {
     let (a, rest) = nodes.split_at(knots.len());
     let (b, rest) = rest.split_at(knots.len());
     let (c, d) = rest.split_at(knots.len());
