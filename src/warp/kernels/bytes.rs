@@ -109,9 +109,10 @@ impl VectorKernel for Cubic {
         let first = cpu.shifted_right::<2>(square - t15 - rest);
         let last = cpu.shifted_right::<2>(rest);
         let third = (t14 + first) - (last + last);
-        let second = cpu.splat_words(1 << WEIGHT_BITS) - t14 - (first + first);
+        // That of the sum of all four, one, as integers are exact.
+        let second = (cpu.splat_words(1 << WEIGHT_BITS) - third) - (first + last);
         let none = cpu.splat_words(0);
-        [first, second + last, third, last, none, none]
+        [first, second, third, last, none, none]
     }
 }
 
@@ -291,14 +292,15 @@ fn vertical<C: WordCpu, K: VectorKernel, const STEP: usize>(
     // Of its own: what is written cannot change it.
     let task = *task;
     middle.resize(task.blocks.len() * BLOCK * STEP, 0);
+    let windows = task.windows::<K>();
     let blocks = task.blocks.iter().enumerate();
     for ((index, block), out) in blocks.zip(middle.chunks_exact_mut(BLOCK * STEP)) {
-        let window = task.window::<K>(index, patch);
-        let last = window.offset + (K::TAPS - 1 + block.span as usize) * window.stride;
-        let bytes = &window.bytes[window.offset..last + BLOCK * STEP];
+        let window = windows.of(index, block, patch);
+        let last = (K::TAPS - 1 + block.span as usize) * window.stride;
+        let bytes = &window.bytes[..last + BLOCK * STEP];
         // The row below is new to the next output row. Without this, half of the time of large frames is spent waiting for it.
         if STEP == MAX_STEP {
-            cpu.prefetch(bytes.as_ptr().wrapping_add(last - window.offset + window.stride));
+            cpu.prefetch(bytes.as_ptr().wrapping_add(last + window.stride));
         }
         let outs = out.as_chunks_mut::<WORDS>().0;
         // SAFETY: `bytes` holds 16 · STEP samples in each row of the window.

@@ -75,14 +75,15 @@ pub(super) fn vertical<A: Arithmetic, K: Kernel>(
     let layout = *task.plane.layout();
     let (step, bytes, shift) = (layout.step, layout.format.bytes(), layout.format.shift());
     middle.resize(task.blocks.len() * BLOCK * step, A::Number::default());
-    for (index, out) in middle.chunks_exact_mut(BLOCK * step).enumerate() {
-        let block = &task.blocks[index];
-        let window = task.window::<K>(index, patch);
+    let windows = task.windows::<K>();
+    let blocks = task.blocks.iter().enumerate();
+    for ((index, block), out) in blocks.zip(middle.chunks_exact_mut(BLOCK * step)) {
+        let window = windows.of(index, block, patch);
         for (pixel, out) in out.chunks_exact_mut(step).enumerate() {
             let (whole, fraction) = block.at(pixel);
             let weights = A::weights::<K>(fraction);
             let tap = (whole - block.first as isize) as usize;
-            let at = window.offset + tap * window.stride + pixel * step * bytes;
+            let at = tap * window.stride + pixel * step * bytes;
             for (channel, out) in out[..layout.channels].iter_mut().enumerate() {
                 *out = (0..K::TAPS).fold(A::Number::default(), |sum, tap| {
                     let at = at + tap * window.stride + channel * bytes;
