@@ -103,13 +103,15 @@ impl<'a> Vertical<'a> {
         'a: 'b,
     {
         let layout = self.plane.layout();
+        let data = self.plane.data();
         let height = layout.height as isize;
         // Unless mirrored, all rows beyond an edge are identical.
         let is_uniform = self.border != PlaneBorder::Mirror && (top >= height || top + rows as isize <= 0);
+        // Byte offset of the row shown.
+        let shown = |row: isize| resolve(row, layout.height, self.border).map(|row| row * layout.stride);
         let columns = self.columns(left);
-        let shown = |row: isize| resolve(row, layout.height, self.border).map(|row| self.plane.row(row));
-        if let (true, Columns::InPlace(offset), Some(bytes)) = (is_uniform, &columns, shown(top)) {
-            return SourceWindow { bytes: &bytes[*offset..], stride: 0 };
+        if let (true, Columns::InPlace(from), Some(row)) = (is_uniform, &columns, shown(top)) {
+            return SourceWindow { bytes: &data[row + from..], stride: 0 };
         }
         let pixel = layout.step * layout.format.bytes();
         let own_bytes = layout.channels * layout.format.bytes();
@@ -122,12 +124,12 @@ impl<'a> Vertical<'a> {
         for index in 0..rows {
             let out = &mut patch[index * bytes..][..bytes];
             match (shown(top + index as isize), &columns) {
-                (Some(row), Columns::InPlace(from)) => copy_row(&row[*from..*from + bytes], out),
+                (Some(row), Columns::InPlace(from)) => copy_row(&data[row + from..][..bytes], out),
                 (Some(row), Columns::Single(Some(at))) => {
-                    copy_pixel(&row[*at..], out, own_bytes);
+                    copy_pixel(&data[row + at..], out, own_bytes);
                     repeat_first(out, pixel);
                 }
-                (Some(row), Columns::Listed(columns)) => self.copy_pixels(row, columns, out),
+                (Some(row), Columns::Listed(columns)) => self.copy_pixels(&data[row..], columns, out),
                 _ => self.fill(out, pixel),
             }
         }
