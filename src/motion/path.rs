@@ -190,7 +190,7 @@ impl From<SampledPath> for MotionPath {
 }
 
 /// Applies a homography to a point.
-#[inline]
+#[inline(always)]
 pub(crate) fn project(motion: &Matrix3<f64>, point: Vector2<f64>) -> Vector2<f64> {
     let row = |i: usize| motion[(i, 0)] * point.x + motion[(i, 1)] * point.y + motion[(i, 2)];
     Vector2::new(row(0), row(1)) / row(2).max(MIN_W)

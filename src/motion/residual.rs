@@ -107,6 +107,7 @@ impl ResidualField {
     }
 
     /// The velocities at one x (centred pixels) in all rows of nodes, from the top: `velocities` is overwritten.
+    #[inline(always)]
     pub(crate) fn column(&self, x: f64, velocities: &mut Vec<Vector2<f64>>) {
         let across = self.cell(0, x, self.mesh.columns);
         velocities.clear();
@@ -121,6 +122,7 @@ impl ResidualField {
     }
 
     /// The velocity in a row of nodes, between two of its columns.
+    #[inline(always)]
     fn in_row(&self, row: usize, (left, right, x): (usize, usize, f64)) -> Vector2<f64> {
         let at =
             |column: usize| Vector2::from(self.velocities[row * self.mesh.columns + column].map(f64::from));
@@ -133,7 +135,7 @@ impl ResidualField {
     }
 
     /// The nodes on both sides of a coordinate and its fraction of the way from the first to the second.
-    #[inline]
+    #[inline(always)]
     fn cell(&self, axis: usize, at: f64, count: usize) -> (usize, usize, f64) {
         let last = count - 1;
         let at = ((at - self.mesh.origin[axis]) / self.mesh.spacing[axis]).clamp(0.0, last as f64);

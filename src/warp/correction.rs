@@ -98,6 +98,7 @@ impl<'a> Correction<'a> {
     }
 
     /// The velocities of the residual field at one x (centred pixels), which all points of a column share.
+    #[inline(always)]
     pub fn velocities(&self, x: f64, velocities: &mut Vec<Vector2<f64>>) {
         if let Some(field) = self.path.residual() {
             field.column(x, velocities);
@@ -153,6 +154,7 @@ impl<'a> Correction<'a> {
 }
 
 /// `value` clamped to bounds; `otherwise` if it is NaN.
+#[inline(always)]
 pub(super) fn within(value: f64, low: f64, high: f64, otherwise: f64) -> f64 {
     if value.is_nan() { otherwise } else { value.clamp(low, high) }
 }

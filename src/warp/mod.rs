@@ -130,7 +130,7 @@ impl Warper {
         // The last comes first: each finds memory of its own size again where frames have the same planes in the same order.
         planes.spare.extend(planes.used.drain(..).rev().map(|(_, _, map)| map));
         if !self.identity {
-            self.map.solve(motion, settings);
+            self.map.solve(self.level, motion, settings);
         }
     }
 
