@@ -296,19 +296,18 @@ fn vertical<C: WordCpu, K: VectorKernel, const STEP: usize>(
     let blocks = task.blocks.iter().enumerate();
     for ((index, block), out) in blocks.zip(middle.chunks_exact_mut(BLOCK * STEP)) {
         let window = windows.of(index, block, patch);
-        let last = (K::TAPS - 1 + block.span as usize) * window.stride;
-        let bytes = &window.bytes[..last + BLOCK * STEP];
+        let bytes = window.bytes.as_ptr();
         // The row below is new to the next output row. Without this, half of the time of large frames is spent waiting for it.
         if STEP == MAX_STEP {
-            cpu.prefetch(bytes.as_ptr().wrapping_add(last + window.stride));
+            cpu.prefetch(bytes.wrapping_add((K::TAPS + block.span as usize) * window.stride));
         }
         let outs = out.as_chunks_mut::<WORDS>().0;
-        // SAFETY: `bytes` holds 16 · STEP samples in each row of the window.
+        // SAFETY: the window holds 16 · STEP samples in each of `TAPS + span` rows.
         unsafe {
             sums::<C, K, STEP, _>(
                 cpu,
                 #[inline(always)]
-                |vector| ByteRows(bytes.as_ptr().add(WORDS * vector), window.stride),
+                |vector| ByteRows(bytes.add(WORDS * vector), window.stride),
                 block,
                 #[inline(always)]
                 |vector, sum| outs[vector] = cpu.store_words(sum),

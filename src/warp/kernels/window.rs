@@ -10,7 +10,8 @@ use crate::warp::border::{PlaneBorder, resolve};
 use crate::warp::weights::Kernel;
 use std::ops::Range;
 
-/// The samples that one block of the vertical pass reads: 16 pixels in each of `taps + span` rows.
+/// The samples that one block of the vertical pass reads: `bytes` holds 16 pixels in each of `taps + span` rows. Kernels rely on
+/// that; only [`Windows`] makes a window.
 pub(super) struct SourceWindow<'a> {
     /// From pixel 0 in the first tap's row at the least displacement on.
     pub bytes: &'a [u8],
@@ -77,7 +78,11 @@ impl<'a> Windows<'a> {
         let top = self.top + block.first as isize;
         if self.inside.contains(&index) && top >= 0 && top as usize + rows <= self.height {
             let offset = self.left.wrapping_add(top as usize * self.stride + index * self.block_bytes);
-            return SourceWindow { bytes: &self.task.plane.data()[offset..], stride: self.stride };
+            let end = offset + (rows - 1) * self.stride + self.block_bytes;
+            debug_assert!(end <= self.task.plane.data().len());
+            // SAFETY: these rows and columns are inside the plane, whose data holds all its rows and columns.
+            let bytes = unsafe { self.task.plane.data().get_unchecked(offset..end) };
+            return SourceWindow { bytes, stride: self.stride };
         }
         self.task.border_window([self.task.column + (index * BLOCK) as isize, top], rows, patch)
     }
