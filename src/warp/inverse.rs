@@ -30,8 +30,8 @@
 //! vibration of 7 px at 2.3 cycles a frame and 0.009 px for one of 4 px with a field of small curvature
 //! within a mesh cell, read sideways at 640 × 480.
 //!
-//! 1080p: 23 × 100 nodes, or 125 × 100 with a field on nodes 16 px apart; some 90 ns a node on one core:
-//! 0.2 and 1.1 ms, distributed by lines of nodes.
+//! 1080p: 23 × 100 nodes, or 125 × 100 with a field on nodes 16 px apart; some 40 ns a node on one core:
+//! 0.1 and 0.5 ms, distributed by lines of nodes.
 
 use super::borders::kept_inside;
 use super::correction::Correction;

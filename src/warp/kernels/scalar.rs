@@ -2,8 +2,7 @@
 
 //! Both passes in plain Rust, for every format and interpolation.
 
-use super::knots::{KnotColumn, MAX_DISPLACEMENT};
-use super::task::{Horizontal, Vertical};
+use super::task::{Horizontal, KnotColumn, MAX_DISPLACEMENT, Vertical};
 use crate::warp::blocks::BLOCK;
 use crate::warp::weights::{Kernel, MAX_TAPS, mulhrs};
 
