@@ -147,6 +147,22 @@ impl MotionPath {
         }
     }
 
+    /// As [`carry_by`](Self::carry_by), for a point with the x of a [`ResidualField::column`], which is not read
+    /// without a field.
+    #[inline(always)]
+    pub(crate) fn carry_in(
+        &self,
+        interval: &IntervalMotion,
+        point: Vector2<f64>,
+        column: &[Vector2<f64>],
+    ) -> Vector2<f64> {
+        let moved = project(&interval.motion, point);
+        match &self.residual {
+            Some(field) => moved + field.velocity_in(column, point.y) * interval.elapsed,
+            None => moved,
+        }
+    }
+
     /// Whether no point moves during the readout.
     pub fn is_still(&self) -> bool {
         let global = match &self.global {
@@ -174,6 +190,7 @@ impl From<SampledPath> for MotionPath {
 }
 
 /// Applies a homography to a point.
+#[inline(always)]
 pub(crate) fn project(motion: &Matrix3<f64>, point: Vector2<f64>) -> Vector2<f64> {
     let row = |i: usize| motion[(i, 0)] * point.x + motion[(i, 1)] * point.y + motion[(i, 2)];
     Vector2::new(row(0), row(1)) / row(2).max(MIN_W)

@@ -101,14 +101,32 @@ impl ResidualField {
     /// The velocity, in pixels per whole readout, at the position (centred pixels) where the frame shows a
     /// point.
     pub fn velocity(&self, point: Vector2<f64>) -> Vector2<f64> {
-        let ResidualMesh { columns, rows, .. } = self.mesh;
-        let (left, right, x) = self.cell(0, point.x, columns);
-        let (top, bottom, y) = self.cell(1, point.y, rows);
+        let across = self.cell(0, point.x, self.mesh.columns);
+        let (top, bottom, y) = self.cell(1, point.y, self.mesh.rows);
+        self.in_row(top, across) * (1.0 - y) + self.in_row(bottom, across) * y
+    }
+
+    /// The velocities at one x (centred pixels) in all rows of nodes, from the top: `velocities` is overwritten.
+    #[inline(always)]
+    pub(crate) fn column(&self, x: f64, velocities: &mut Vec<Vector2<f64>>) {
+        let across = self.cell(0, x, self.mesh.columns);
+        velocities.clear();
+        velocities.extend((0..self.mesh.rows).map(|row| self.in_row(row, across)));
+    }
+
+    /// [`velocity`](Self::velocity) at `y` and the x of a [`column`](Self::column).
+    #[inline(always)]
+    pub(crate) fn velocity_in(&self, column: &[Vector2<f64>], y: f64) -> Vector2<f64> {
+        let (top, bottom, y) = self.cell(1, y, self.mesh.rows);
+        column[top] * (1.0 - y) + column[bottom] * y
+    }
+
+    /// The velocity in a row of nodes, between two of its columns.
+    #[inline(always)]
+    fn in_row(&self, row: usize, (left, right, x): (usize, usize, f64)) -> Vector2<f64> {
         let at =
-            |column: usize, row: usize| Vector2::from(self.velocities[row * columns + column].map(f64::from));
-        let above = at(left, top) * (1.0 - x) + at(right, top) * x;
-        let below = at(left, bottom) * (1.0 - x) + at(right, bottom) * x;
-        above * (1.0 - y) + below * y
+            |column: usize| Vector2::from(self.velocities[row * self.mesh.columns + column].map(f64::from));
+        at(left) * (1.0 - x) + at(right) * x
     }
 
     /// Whether all velocities are zero.
@@ -117,6 +135,7 @@ impl ResidualField {
     }
 
     /// The nodes on both sides of a coordinate and its fraction of the way from the first to the second.
+    #[inline(always)]
     fn cell(&self, axis: usize, at: f64, count: usize) -> (usize, usize, f64) {
         let last = count - 1;
         let at = ((at - self.mesh.origin[axis]) / self.mesh.spacing[axis]).clamp(0.0, last as f64);

@@ -83,7 +83,32 @@ impl<'a> Correction<'a> {
     /// Displacement of a point of the frame (centred pixels), before the zoom: finite, and at most one and
     /// a half frames.
     pub fn displacement(&self, interval: &IntervalMotion, point: Vector2<f64>) -> Vector2<f64> {
-        let moved = self.strength * (self.path.carry_by(interval, point) - point);
+        self.applied(point, self.path.carry_by(interval, point))
+    }
+
+    /// The same of a point with the x of [`velocities`](Self::velocities).
+    #[inline(always)]
+    pub fn displacement_in(
+        &self,
+        velocities: &[Vector2<f64>],
+        interval: &IntervalMotion,
+        point: Vector2<f64>,
+    ) -> Vector2<f64> {
+        self.applied(point, self.path.carry_in(interval, point, velocities))
+    }
+
+    /// The velocities of the residual field at one x (centred pixels), which all points of a column share.
+    #[inline(always)]
+    pub fn velocities(&self, x: f64, velocities: &mut Vec<Vector2<f64>>) {
+        if let Some(field) = self.path.residual() {
+            field.column(x, velocities);
+        }
+    }
+
+    /// The displacement of a point that the path carries to `carried`.
+    #[inline(always)]
+    fn applied(&self, point: Vector2<f64>, carried: Vector2<f64>) -> Vector2<f64> {
+        let moved = self.strength * (carried - point);
         let moved = match &self.placement {
             Some((placement, share)) => {
                 let rectified = point + moved;
@@ -129,6 +154,7 @@ impl<'a> Correction<'a> {
 }
 
 /// `value` clamped to bounds; `otherwise` if it is NaN.
+#[inline(always)]
 pub(super) fn within(value: f64, low: f64, high: f64, otherwise: f64) -> f64 {
     if value.is_nan() { otherwise } else { value.clamp(low, high) }
 }

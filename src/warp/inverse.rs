@@ -30,14 +30,15 @@
 //! vibration of 7 px at 2.3 cycles a frame and 0.009 px for one of 4 px with a field of small curvature
 //! within a mesh cell, read sideways at 640 × 480.
 //!
-//! 1080p: 23 × 100 nodes, or 125 × 100 with a field on nodes 16 px apart; some 90 ns a node on one core:
-//! 0.2 and 1.1 ms, distributed by lines of nodes.
+//! 1080p: 23 × 100 nodes, or 125 × 100 with a field on nodes 16 px apart; some 40 ns a node on one core:
+//! 0.1 and 0.5 ms, distributed by lines of nodes.
 
 use super::borders::kept_inside;
 use super::correction::Correction;
 use super::monotone::{Inverse, limit_slopes};
 use super::nodes::Nodes;
 use super::settings::WarpSettings;
+use crate::cpu::{CpuLevel, for_each_cpu};
 use crate::motion::{FrameMotion, IntervalMotion, MotionPath};
 use crate::parallel::*;
 use crate::readout::Readout;
@@ -65,9 +66,9 @@ pub(super) struct MapField {
 }
 
 impl MapField {
+    /// Takes new nodes; the values are still to be written.
     fn reset(&mut self, x: Nodes, y: Nodes) {
         (self.x, self.y) = (x, y);
-        self.values.clear();
         self.values.resize(x.count * y.count, 0.0);
     }
 }
@@ -97,6 +98,8 @@ struct LineBuffers {
     shown: Vec<f64>,
     /// Displacements across the line.
     sideways: Vec<f64>,
+    /// Velocities of the residual field along the line.
+    velocities: Vec<Vector2<f64>>,
     spare: Vec<f64>,
 }
 
@@ -106,7 +109,7 @@ thread_local! {
 
 impl InverseMap {
     /// Solves the map of one frame.
-    pub fn solve(&mut self, motion: &FrameMotion, settings: &WarpSettings) {
+    pub fn solve(&mut self, level: CpuLevel, motion: &FrameMotion, settings: &WarpSettings) {
         let (readout, path) = (motion.readout(), motion.path());
         let correction = kept_inside(motion, settings);
         let spacing = spacing(readout, path);
@@ -119,7 +122,8 @@ impl InverseMap {
         self.down.reset(frame_x, y);
         self.crossings.resize(frame_x.count * y.count, Crossing::default());
         correction.intervals(&frame_x, &frame_y, &mut self.intervals);
-        let lines = Lines { correction, by_rows: readout.direction.is_by_rows(), frame_x, frame_y, x, y };
+        let lines =
+            Lines { level, correction, by_rows: readout.direction.is_by_rows(), frame_x, frame_y, x, y };
         lines.columns(&self.intervals, &mut self.crossings);
         lines.rows(&self.crossings, &mut self.across.values, &mut self.down.values);
     }
@@ -144,6 +148,7 @@ fn spacing(readout: &Readout, path: &MotionPath) -> [f64; 2] {
 
 /// The lines along which the map is inverted.
 struct Lines<'a> {
+    level: CpuLevel,
     correction: Correction<'a>,
     by_rows: bool,
     /// Nodes of the frame.
@@ -158,40 +163,10 @@ impl Lines<'_> {
     /// Inverts the map down each column of the frame; crossings are stored column by column.
     fn columns(&self, intervals: &[IntervalMotion], crossings: &mut [Crossing]) {
         crossings.par_chunks_mut(self.y.count).enumerate().for_each(|(column, crossings)| {
-            SCRATCH.with_borrow_mut(|scratch| self.column(column, intervals, crossings, scratch));
+            SCRATCH.with_borrow_mut(|scratch| {
+                invert_column(self.level, self, column, intervals, crossings, scratch);
+            });
         });
-    }
-
-    fn column(
-        &self,
-        column: usize,
-        intervals: &[IntervalMotion],
-        crossings: &mut [Crossing],
-        scratch: &mut LineBuffers,
-    ) {
-        let LineBuffers { shown, sideways, spare } = scratch;
-        let centre = self.correction.centre;
-        let x = self.frame_x.at(column) - centre.x;
-        shown.clear();
-        sideways.clear();
-        for row in 0..self.frame_y.count {
-            let interval = &intervals[if self.by_rows { row } else { column }];
-            let point = Vector2::new(x, self.frame_y.at(row) - centre.y);
-            let displacement = self.correction.displacement(interval, point);
-            shown.push(point.y + displacement.y);
-            sideways.push(displacement.x);
-        }
-        let step = self.frame_y.spacing;
-        limit_slopes(shown, MIN_STRETCH * step, step / MIN_STRETCH, spare);
-        let mut inverse = Inverse::new(shown, step);
-        for (row, crossing) in crossings.iter_mut().enumerate() {
-            let y = self.y.at(row);
-            let at = inverse.at((y - centre.y) / self.correction.zoom);
-            let (node, weights) = cubic(at, sideways.len());
-            let moved: f64 =
-                weights.iter().zip(&sideways[node..]).map(|(weight, moved)| weight * moved).sum();
-            *crossing = Crossing { down: self.frame_y.first + at * step - y, shown: x + moved };
-        }
     }
 
     /// Inverts the map along each row of the output, from its crossings with the frame's columns.
@@ -199,38 +174,85 @@ impl Lines<'_> {
         let across = across.par_chunks_mut(self.x.count);
         let down = down.par_chunks_mut(self.frame_x.count);
         across.zip(down).enumerate().for_each(|(row, (across, down))| {
-            let crossings = || crossings.iter().skip(row).step_by(self.y.count);
-            SCRATCH.with_borrow_mut(|LineBuffers { shown, sideways, spare }| {
-                shown.clear();
-                shown.extend(crossings().map(|crossing| crossing.shown));
-                self.across(shown, spare, across);
-                sideways.clear();
-                sideways.extend(crossings().map(|crossing| crossing.down));
-                let max_step = MAX_SLOPE * self.frame_x.spacing;
-                limit_slopes(sideways, -max_step, max_step, spare);
-                down.iter_mut().zip(sideways).for_each(|(to, from)| *to = *from as f32);
+            SCRATCH.with_borrow_mut(|scratch| {
+                invert_row(self.level, self, row, crossings, across, down, scratch);
             });
         });
     }
+}
 
-    /// x − X along one output row from the X of the frame's columns in it.
-    fn across(&self, shown: &mut [f64], spare: &mut Vec<f64>, across: &mut [f32]) {
-        let Correction { centre, zoom, .. } = self.correction;
-        let step = self.frame_x.spacing;
-        limit_slopes(shown, step / (1.0 + MAX_SLOPE), step / MIN_STRETCH, spare);
+for_each_cpu! {
+    fn invert_column(
+        lines: &Lines<'_>,
+        column: usize,
+        intervals: &[IntervalMotion],
+        crossings: &mut [Crossing],
+        scratch: &mut LineBuffers,
+    ) {
+        let LineBuffers { shown, sideways, velocities, spare } = scratch;
+        let centre = lines.correction.centre;
+        let x = lines.frame_x.at(column) - centre.x;
+        shown.resize(lines.frame_y.count, 0.0);
+        sideways.resize(lines.frame_y.count, 0.0);
+        lines.correction.velocities(x, velocities);
+        for (row, (shown, sideways)) in shown.iter_mut().zip(sideways.iter_mut()).enumerate() {
+            let interval = &intervals[if lines.by_rows { row } else { column }];
+            let point = Vector2::new(x, lines.frame_y.at(row) - centre.y);
+            let displacement = lines.correction.displacement_in(velocities, interval, point);
+            *shown = point.y + displacement.y;
+            *sideways = displacement.x;
+        }
+        let step = lines.frame_y.spacing;
+        limit_slopes(shown, MIN_STRETCH * step, step / MIN_STRETCH, spare);
         let mut inverse = Inverse::new(shown, step);
-        for (column, value) in across.iter_mut().enumerate() {
-            let x = self.x.at(column);
-            let at = inverse.at((x - centre.x) / zoom);
-            *value = (self.frame_x.first + at * step - x) as f32;
+        for (row, crossing) in crossings.iter_mut().enumerate() {
+            let y = lines.y.at(row);
+            let at = inverse.at((y - centre.y) / lines.correction.zoom);
+            let (node, weights) = cubic(at, sideways.len());
+            let moved: f64 =
+                weights.iter().zip(&sideways[node..]).map(|(weight, moved)| weight * moved).sum();
+            *crossing = Crossing { down: lines.frame_y.first + at * step - y, shown: x + moved };
         }
     }
 }
 
+for_each_cpu! {
+    /// x − X along one output row from the X of the frame's columns in it, and the y − Y of these columns.
+    fn invert_row(
+        lines: &Lines<'_>,
+        row: usize,
+        crossings: &[Crossing],
+        across: &mut [f32],
+        down: &mut [f32],
+        scratch: &mut LineBuffers,
+    ) {
+        let LineBuffers { shown, sideways, spare, .. } = scratch;
+        shown.resize(lines.frame_x.count, 0.0);
+        sideways.resize(lines.frame_x.count, 0.0);
+        let columns = crossings.chunks_exact(lines.y.count);
+        for ((shown, sideways), column) in shown.iter_mut().zip(sideways.iter_mut()).zip(columns) {
+            *shown = column[row].shown;
+            *sideways = column[row].down;
+        }
+        let step = lines.frame_x.spacing;
+        limit_slopes(shown, step / (1.0 + MAX_SLOPE), step / MIN_STRETCH, spare);
+        let mut inverse = Inverse::new(shown, step);
+        for (column, value) in across.iter_mut().enumerate() {
+            let x = lines.x.at(column);
+            let at = inverse.at((x - lines.correction.centre.x) / lines.correction.zoom);
+            *value = (lines.frame_x.first + at * step - x) as f32;
+        }
+        limit_slopes(sideways, -MAX_SLOPE * step, MAX_SLOPE * step, spare);
+        down.iter_mut().zip(sideways).for_each(|(to, from)| *to = *from as f32);
+    }
+}
+
 /// First of four nodes and their Catmull–Rom weights at position `at` among `count` ≥ 4 nodes.
+#[inline(always)]
 pub(super) fn cubic(at: f64, count: usize) -> (usize, [f64; 4]) {
-    let at = super::correction::within(at, 1.0, count.saturating_sub(2).max(1) as f64, 1.0);
-    let node = (at.floor() as usize).clamp(1, count.saturating_sub(3).max(1));
+    let last = count.saturating_sub(3).max(1);
+    let at = super::correction::within(at, 1.0, (last + 1) as f64, 1.0);
+    let node = (at as usize).min(last);
     let t = at - node as f64;
     let weights = [
         -0.5 * t * (1.0 - t) * (1.0 - t),

@@ -4,14 +4,11 @@
 
 use super::blocks::{BLOCK, Block, KNOT};
 use super::inverse::{MapField, cubic};
-use super::kernels;
+use super::kernels::{self, KnotColumn};
 use super::sample_grid::SampleGrid;
 use super::weights::ONE;
 use crate::cpu::{CpuLevel, for_each_cpu};
-
-/// Largest displacement in plane pixels: a scale near zero makes displacements infinite or NaN, which vector
-/// kernels and plain Rust would convert to different integers.
-const MAX_DISPLACEMENT: f32 = 4e5;
+use crate::lanes::FLOATS;
 
 for_each_cpu! {
     /// The blocks between successive pairs of knots, at most as many as `blocks`.
@@ -29,48 +26,58 @@ for_each_cpu! {
 pub(super) struct KnotTable {
     /// Index of the first knot; knot k lies at plane column 8k.
     first: isize,
-    /// Knots in a row.
-    columns: usize,
+    /// The knots of a row, a multiple of [`FLOATS`].
+    columns: Vec<KnotColumn>,
     /// Displacements in plane pixels, row by row.
     values: Vec<f32>,
     /// Plane row of node row 0.
     origin: f64,
     /// Plane rows between node rows.
     spacing: f64,
+    /// A buffer.
+    strip: Vec<[f32; FLOATS]>,
 }
 
 impl KnotTable {
     /// Resamples `field` at knots that cover plane columns `from` to `to`; `axis` is the one along
     /// which the field displaces.
-    pub fn fill(&mut self, field: &MapField, grid: &SampleGrid, axis: usize, from: isize, to: isize) {
+    pub fn fill(
+        &mut self,
+        level: CpuLevel,
+        field: &MapField,
+        grid: &SampleGrid,
+        axis: usize,
+        [from, to]: [isize; 2],
+    ) {
         let [scale_x, scale_y] = grid.scale;
         self.first = from.div_euclid(BLOCK as isize) * 2;
-        self.columns = (to.div_euclid(BLOCK as isize) * 2 + 3 - self.first).max(3) as usize;
         self.origin = (field.y.first - grid.offset[1]) / scale_y;
         self.spacing = field.y.spacing / scale_y;
-        self.values.clear();
-        self.values.resize(self.columns * field.y.count, 0.0);
-        for index in 0..self.columns {
+        let count = (to.div_euclid(BLOCK as isize) * 2 + 3 - self.first).max(3) as usize;
+        self.columns.clear();
+        self.columns.extend((0..count.next_multiple_of(FLOATS)).map(|index| {
             let column = ((self.first + index as isize) * KNOT as isize) as f64;
             let at = (scale_x * column + grid.offset[0] - field.x.first) / field.x.spacing;
             let (node, weights) = cubic(at, field.x.count);
-            let weights = weights.map(|weight| weight as f32 / grid.scale[axis] as f32);
-            let nodes = field.values.chunks_exact(field.x.count.max(1));
-            for (row, nodes) in self.values.chunks_exact_mut(self.columns).zip(nodes) {
-                let value = weights.iter().zip(&nodes[node..]).map(|(w, v)| w * v).sum();
-                row[index] =
-                    if f32::is_nan(value) { 0.0 } else { value.clamp(-MAX_DISPLACEMENT, MAX_DISPLACEMENT) };
-            }
-        }
+            KnotColumn { node, weights: weights.map(|weight| weight as f32 / grid.scale[axis] as f32) }
+        }));
+        self.values.resize(self.columns.len() * field.y.count, 0.0);
+        kernels::knots_along_x(level, &field.values, &self.columns, &mut self.strip, &mut self.values);
     }
 
-    /// Displacements at all knots of plane row `row`, in 1/[`ONE`] px plus `round`.
-    pub fn row(&self, level: CpuLevel, row: usize, round: i32, knots: &mut Vec<i32>) {
-        let rows = self.values.len() / self.columns.max(1);
+    /// Displacements at all knots of plane row `row`, in 1/[`ONE`] px plus `round`; `knots` is a buffer.
+    pub fn row<'a>(&self, level: CpuLevel, row: usize, round: i32, knots: &'a mut Vec<i32>) -> &'a [i32] {
+        let columns = self.columns.len();
+        let rows = self.values.len() / columns.max(1);
         let (node, weights) = cubic((row as f64 - self.origin) / self.spacing, rows);
-        let nodes = &self.values[node * self.columns..(node + 4) * self.columns];
-        knots.resize(self.columns, 0);
-        kernels::knots(level, nodes, weights.map(|weight| weight as f32 * ONE as f32), round as f32, knots);
+        let nodes = &self.values[node * columns..(node + 4) * columns];
+        if knots.len() < columns {
+            knots.resize(columns, 0);
+        }
+        let knots = &mut knots[..columns];
+        let weights = weights.map(|weight| weight as f32 * ONE as f32);
+        kernels::knots_along_y(level, nodes, weights, round as f32, knots);
+        knots
     }
 
     /// The blocks of plane columns `from` (a multiple of 16) to `to`, from the knots of a row; constant
@@ -82,17 +89,20 @@ impl KnotTable {
         let first = from * 2 - self.first;
         let single = |index: isize| Block::new([knot(index), knot(index + 1), knot(index + 2)]);
         // Blocks before the table; those within it except the last, which has no second pair; all others.
-        let before = (-first / 2).clamp(0, to - from + 1);
-        blocks.clear();
-        blocks.extend((0..before).map(|block| single(first + 2 * block)));
+        blocks.resize((to - from + 1) as usize, Block::default());
+        let (before, inside) = blocks.split_at_mut((-first / 2).clamp(0, to - from + 1) as usize);
         let start = (first.max(0) / 2) as usize;
         let (pairs, _) = knots.as_chunks::<2>();
         let pairs = pairs.get(start..).unwrap_or_default();
-        let count = pairs.len().saturating_sub(1).min((to - from + 1 - before) as usize);
-        let added = blocks.len();
-        blocks.resize(added + count, Block::default());
-        between(level, pairs, &mut blocks[added..]);
-        blocks.extend((blocks.len() as isize..=to - from).map(|block| single(first + 2 * block)));
+        let count = pairs.len().saturating_sub(1).min(inside.len());
+        let (inside, after) = inside.split_at_mut(count);
+        between(level, pairs, inside);
+        let behind = first + 2 * (before.len() + count) as isize;
+        for (start, outside) in [(first, before), (behind, after)] {
+            for (knot, block) in (start..).step_by(2).zip(outside) {
+                *block = single(knot);
+            }
+        }
     }
 }
 

@@ -127,9 +127,10 @@ impl Warper {
         let is_still = motion.is_still() || settings.strength <= 0.0;
         self.identity = is_still && settings.zoom <= 1.0;
         let planes = self.planes.get_mut().unwrap_or_else(PoisonError::into_inner);
-        planes.spare.extend(planes.used.drain(..).map(|(_, _, map)| map));
+        // The last comes first: each finds memory of its own size again where frames have the same planes in the same order.
+        planes.spare.extend(planes.used.drain(..).rev().map(|(_, _, map)| map));
         if !self.identity {
-            self.map.solve(motion, settings);
+            self.map.solve(self.level, motion, settings);
         }
     }
 
@@ -176,7 +177,7 @@ impl Warper {
             return map.clone();
         }
         let mut map = planes.spare.pop().unwrap_or_default();
-        Arc::make_mut(&mut map).fill(&self.map, &grid, width);
+        Arc::make_mut(&mut map).fill(self.level, &self.map, &grid, width);
         planes.used.push((grid, width, map.clone()));
         map
     }
@@ -243,13 +244,13 @@ impl PreparedFrame<'_> {
 }
 
 impl PlaneMap {
-    fn fill(&mut self, map: &InverseMap, grid: &SampleGrid, width: usize) {
+    fn fill(&mut self, level: CpuLevel, map: &InverseMap, grid: &SampleGrid, width: usize) {
         let last = width as isize - 1;
-        self.across.fill(&map.across, grid, 0, 0, last);
+        self.across.fill(level, &map.across, grid, 0, [0, last]);
         let down = &map.down;
         let column = |x: f64| ((x - grid.offset[0]) / grid.scale[0]) as isize;
         let from = column(down.x.first).clamp(-2 * last - 2, 0);
         let to = column(down.x.at(down.x.count)).clamp(last, 3 * last + 3);
-        self.down.fill(down, grid, 1, from, to);
+        self.down.fill(level, down, grid, 1, [from, to]);
     }
 }

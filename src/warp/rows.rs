@@ -73,12 +73,12 @@ impl PlaneTask<'_> {
     fn row(&self, index: usize, output: OutputFormat, row: &mut [u8], scratch: &mut RowBuffers) {
         let layout = self.source.layout();
         let (first, last, round) = kernels::reach(self.interpolation);
-        self.across.row(self.level, index, round, &mut scratch.knots);
-        self.across.blocks(self.level, &scratch.knots, 0, layout.width as isize - 1, &mut scratch.across);
+        let knots = self.across.row(self.level, index, round, &mut scratch.knots);
+        self.across.blocks(self.level, knots, 0, layout.width as isize - 1, &mut scratch.across);
         let (from, to) = columns_read(self.level, &scratch.across);
         let from = (from + first).div_euclid(BLOCK as isize) * BLOCK as isize;
-        self.down.row(self.level, index, round, &mut scratch.knots);
-        self.down.blocks(self.level, &scratch.knots, from, to + last, &mut scratch.down);
+        let knots = self.down.row(self.level, index, round, &mut scratch.knots);
+        self.down.blocks(self.level, knots, from, to + last, &mut scratch.down);
 
         let vertical = Vertical {
             plane: self.source,

@@ -12,9 +12,9 @@
 //! each is repeated for the four samples.
 
 use super::passes::{Passes, with_kernel};
-use super::scalar::{self, Fixed};
+use super::scalar::Fixed;
 use super::task::{Horizontal, Vertical};
-use crate::lanes::{FLOATS, WORDS, WordCpu};
+use crate::lanes::{WORDS, WordCpu};
 use crate::warp::blocks::{BLOCK, Block};
 use crate::warp::settings::Interpolation;
 use crate::warp::weights::{
@@ -109,9 +109,10 @@ impl VectorKernel for Cubic {
         let first = cpu.shifted_right::<2>(square - t15 - rest);
         let last = cpu.shifted_right::<2>(rest);
         let third = (t14 + first) - (last + last);
-        let second = cpu.splat_words(1 << WEIGHT_BITS) - t14 - (first + first);
+        // That of the sum of all four, one, as integers are exact.
+        let second = (cpu.splat_words(1 << WEIGHT_BITS) - third) - (first + last);
         let none = cpu.splat_words(0);
-        [first, second + last, third, last, none, none]
+        [first, second, third, last, none, none]
     }
 }
 
@@ -291,22 +292,22 @@ fn vertical<C: WordCpu, K: VectorKernel, const STEP: usize>(
     // Of its own: what is written cannot change it.
     let task = *task;
     middle.resize(task.blocks.len() * BLOCK * STEP, 0);
+    let windows = task.windows::<K>();
     let blocks = task.blocks.iter().enumerate();
     for ((index, block), out) in blocks.zip(middle.chunks_exact_mut(BLOCK * STEP)) {
-        let window = task.window::<K>(index, patch);
-        let last = window.offset + (K::TAPS - 1 + block.span as usize) * window.stride;
-        let bytes = &window.bytes[window.offset..last + BLOCK * STEP];
+        let window = windows.of(index, block, patch);
+        let bytes = window.bytes.as_ptr();
         // The row below is new to the next output row. Without this, half of the time of large frames is spent waiting for it.
         if STEP == MAX_STEP {
-            cpu.prefetch(bytes.as_ptr().wrapping_add(last - window.offset + window.stride));
+            cpu.prefetch(bytes.wrapping_add((K::TAPS + block.span as usize) * window.stride));
         }
         let outs = out.as_chunks_mut::<WORDS>().0;
-        // SAFETY: `bytes` holds 16 · STEP samples in each row of the window.
+        // SAFETY: the window holds 16 · STEP samples in each of `TAPS + span` rows.
         unsafe {
             sums::<C, K, STEP, _>(
                 cpu,
                 #[inline(always)]
-                |vector| ByteRows(bytes.as_ptr().add(WORDS * vector), window.stride),
+                |vector| ByteRows(bytes.add(WORDS * vector), window.stride),
                 block,
                 #[inline(always)]
                 |vector, sum| outs[vector] = cpu.store_words(sum),
@@ -370,29 +371,6 @@ fn scatter(block: &[u8], step: usize, task: &Horizontal<'_, i16>, pixel: usize, 
     let pixels = row[pixel * output.step..].chunks_mut(output.step).take(task.width - pixel);
     for (out, samples) in pixels.zip(block.chunks_exact(step).take(BLOCK)) {
         out[..output.channels].copy_from_slice(&samples[..output.channels]);
-    }
-}
-
-/// As [`scalar::knots`], eight knots at a time; the remainder by the scalar function.
-#[inline(always)]
-pub(super) fn knots<C: WordCpu>(cpu: C, nodes: &[f32], weights: [f32; 4], round: f32, knots: &mut [i32]) {
-    let columns = knots.len();
-    assert!(nodes.len() >= 4 * columns);
-    let (eights, _) = knots.as_chunks_mut::<FLOATS>();
-    for (index, knots) in eights.iter_mut().enumerate() {
-        let mut sum = cpu.splat(0.0);
-        for (row, weight) in weights.into_iter().enumerate() {
-            // SAFETY: columns 8 · index to 8 · index + 7 exist in all four rows.
-            let nodes = unsafe { &*nodes.as_ptr().add(row * columns + FLOATS * index).cast() };
-            let product = cpu.splat(weight) * cpu.load(nodes);
-            sum = if row == 0 { product } else { sum + product };
-        }
-        // 2³⁰ units are half a million pixels.
-        *knots = cpu.rounded(sum + cpu.splat(round), 1.0e9);
-    }
-    for column in columns / FLOATS * FLOATS..columns {
-        let four = [0, 1, 2, 3].map(|row| nodes[row * columns + column]);
-        scalar::knots(&four, weights, round, &mut knots[column..column + 1]);
     }
 }
 

@@ -15,7 +15,7 @@
 //! Cubic, 8 bits, AVX2, a block of 16 samples with a constant integer displacement: 5 instructions for
 //! the positions, 14 for the weights, 4 × 4 (vertical) or 4 × 3 (horizontal) for the taps, some 4 for
 //! rounding and storing: 75 to 80 for both passes, 5 per sample; at three per cycle, 1.6 cycles. Counted,
-//! with addressing and varying integer displacements: 85 (vertical) and 57 (horizontal), 9 per sample.
+//! with addressing and varying integer displacements: 77 (vertical) and 57 (horizontal), 8 per sample.
 //! Lanczos: 54 for the weights, which are rows of a table, and 6 taps; counted, 146 and 111, 16 per sample.
 //! Memory: one byte read and one written per sample, everything else is in the L1 cache (a source row is
 //! read four times from there, two bytes per sample between the passes): 2 × 3.1 MB for 1080p I420, 0.4 ms
@@ -23,6 +23,7 @@
 //! 3.1 GHz.
 
 mod bytes;
+mod knots;
 mod passes;
 mod scalar;
 mod task;
@@ -32,24 +33,46 @@ mod words;
 use super::settings::Interpolation;
 use super::weights::{Cubic, Kernel, Lanczos, Linear, Nearest};
 use crate::cpu::CpuLevel;
-use crate::lanes::Cpu;
 use crate::lanes::dispatch::with_word_cpu;
+use crate::lanes::{Cpu, FLOATS};
 pub(super) use passes::Passes;
 use passes::with_kernel;
 pub(super) use scalar::{Fixed, Float};
-pub(super) use task::{Horizontal, OutputFormat, Vertical};
+pub(super) use task::{Horizontal, KnotColumn, OutputFormat, Vertical};
 
 /// First and last tap, relative to the integer position, and the rounding of positions.
 pub(super) fn reach(interpolation: Interpolation) -> (isize, isize, i32) {
     with_kernel!(interpolation, K => (K::FIRST, K::FIRST + K::TAPS as isize - 1, K::ROUND))
 }
 
-/// Σ weight · node + round, rounded to integers, for four rows of `nodes` as long as `knots`.
-pub(super) fn knots(level: CpuLevel, nodes: &[f32], weights: [f32; 4], round: f32, knots: &mut [i32]) {
+/// Σ weight · node for each column of knots, in each row of `nodes`; finite. The number of columns is a multiple of eight, and
+/// `strip` is a buffer.
+pub(super) fn knots_along_x(
+    level: CpuLevel,
+    nodes: &[f32],
+    columns: &[KnotColumn],
+    strip: &mut Vec<[f32; FLOATS]>,
+    knots: &mut [f32],
+) {
     with_word_cpu!(
         level,
-        cpu => cpu.vectorize(#[inline(always)] || bytes::knots(cpu, nodes, weights, round, knots)),
-        _ => scalar::knots(nodes, weights, round, knots)
+        cpu => cpu.vectorize(#[inline(always)] || knots::along_x(cpu, nodes, columns, strip, knots)),
+        _ => scalar::along_x(nodes, columns, knots)
+    );
+}
+
+/// Σ weight · node + round, rounded to integers, for four rows of `nodes` as long as `knots`: a multiple of eight.
+pub(super) fn knots_along_y(
+    level: CpuLevel,
+    nodes: &[f32],
+    weights: [f32; 4],
+    round: f32,
+    knots: &mut [i32],
+) {
+    with_word_cpu!(
+        level,
+        cpu => cpu.vectorize(#[inline(always)] || knots::along_y(cpu, nodes, weights, round, knots)),
+        _ => scalar::along_y(nodes, weights, round, knots)
     );
 }
 

@@ -2,7 +2,7 @@
 
 //! Both passes in plain Rust, for every format and interpolation.
 
-use super::task::{Horizontal, Vertical};
+use super::task::{Horizontal, KnotColumn, MAX_DISPLACEMENT, Vertical};
 use crate::warp::blocks::BLOCK;
 use crate::warp::weights::{Kernel, MAX_TAPS, mulhrs};
 
@@ -74,14 +74,15 @@ pub(super) fn vertical<A: Arithmetic, K: Kernel>(
     let layout = *task.plane.layout();
     let (step, bytes, shift) = (layout.step, layout.format.bytes(), layout.format.shift());
     middle.resize(task.blocks.len() * BLOCK * step, A::Number::default());
-    for (index, out) in middle.chunks_exact_mut(BLOCK * step).enumerate() {
-        let block = &task.blocks[index];
-        let window = task.window::<K>(index, patch);
+    let windows = task.windows::<K>();
+    let blocks = task.blocks.iter().enumerate();
+    for ((index, block), out) in blocks.zip(middle.chunks_exact_mut(BLOCK * step)) {
+        let window = windows.of(index, block, patch);
         for (pixel, out) in out.chunks_exact_mut(step).enumerate() {
             let (whole, fraction) = block.at(pixel);
             let weights = A::weights::<K>(fraction);
             let tap = (whole - block.first as isize) as usize;
-            let at = window.offset + tap * window.stride + pixel * step * bytes;
+            let at = tap * window.stride + pixel * step * bytes;
             for (channel, out) in out[..layout.channels].iter_mut().enumerate() {
                 *out = (0..K::TAPS).fold(A::Number::default(), |sum, tap| {
                     let at = at + tap * window.stride + channel * bytes;
@@ -110,8 +111,20 @@ pub(super) fn horizontal<A: Arithmetic, K: Kernel>(task: &Horizontal<'_, A::Numb
     }
 }
 
+/// The knots of all rows of nodes, columns of four of which are weighted; zero in place of NaN.
+pub(super) fn along_x(nodes: &[f32], columns: &[KnotColumn], knots: &mut [f32]) {
+    let rows = knots.len() / columns.len().max(1);
+    let width = nodes.len() / rows.max(1);
+    for (nodes, knots) in nodes.chunks_exact(width.max(1)).zip(knots.chunks_exact_mut(columns.len().max(1))) {
+        for (KnotColumn { node, weights }, knot) in columns.iter().zip(knots) {
+            let value: f32 = nodes[*node..].iter().zip(weights).map(|(node, weight)| node * weight).sum();
+            *knot = if value.is_nan() { 0.0 } else { value.clamp(-MAX_DISPLACEMENT, MAX_DISPLACEMENT) };
+        }
+    }
+}
+
 /// Knots of a row from four rows of nodes.
-pub(super) fn knots(nodes: &[f32], weights: [f32; 4], round: f32, knots: &mut [i32]) {
+pub(super) fn along_y(nodes: &[f32], weights: [f32; 4], round: f32, knots: &mut [i32]) {
     let (a, rest) = nodes.split_at(knots.len());
     let (b, rest) = rest.split_at(knots.len());
     let (c, d) = rest.split_at(knots.len());

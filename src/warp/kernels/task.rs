@@ -1,10 +1,21 @@
 // SPDX-License-Identifier: MIT OR Apache-2.0
 
-//! The input of a pass over one output row.
+//! The input of a pass over one output row, and of the knots.
 
 use crate::plane::Plane;
 use crate::warp::blocks::Block;
 use crate::warp::border::PlaneBorder;
+
+/// Largest displacement in plane pixels: a scale near zero makes displacements infinite or NaN, which vector
+/// kernels and plain Rust would convert to different integers.
+pub(in crate::warp) const MAX_DISPLACEMENT: f32 = 4e5;
+
+/// A column of knots: the first of four columns of nodes, and the weights of these.
+#[derive(Clone, Copy, Debug, Default)]
+pub(in crate::warp) struct KnotColumn {
+    pub node: usize,
+    pub weights: [f32; 4],
+}
 
 /// One output row of the vertical pass.
 #[derive(Clone, Copy)]

@@ -1,19 +1,19 @@
 // SPDX-License-Identifier: MIT OR Apache-2.0
 
 //! The samples that a block of the vertical pass reads: in place if inside the plane, otherwise a copy with
-//! the plane's border. Counted for a cubic, mean of all blocks that extend beyond an edge: 580 instructions
-//! for a displacement of 12 px, 290 for 90 px, where most of them lie wholly outside.
+//! the plane's border. Counted for a cubic, mean of all blocks that extend beyond an edge: 250 instructions.
 
 use super::task::Vertical;
-use crate::warp::blocks::BLOCK;
+use crate::warp::blocks::{BLOCK, Block};
 use crate::warp::border::{PlaneBorder, resolve};
 use crate::warp::weights::Kernel;
+use std::ops::Range;
 
-/// The samples that one block of the vertical pass reads.
+/// The samples that one block of the vertical pass reads: `bytes` holds 16 pixels in each of `taps + span` rows. Kernels rely on
+/// that; only [`Windows`] makes a window.
 pub(super) struct SourceWindow<'a> {
+    /// From pixel 0 in the first tap's row at the least displacement on.
     pub bytes: &'a [u8],
-    /// Byte offset of pixel 0 in the first tap's row at the least displacement.
-    pub offset: usize,
     /// Bytes from one row to the next; 0 if all rows are identical.
     pub stride: usize,
 }
@@ -29,24 +29,66 @@ enum Columns {
     Listed([Option<usize>; BLOCK]),
 }
 
-impl Vertical<'_> {
-    /// The window of block `index`: `taps + span` rows of 16 pixels.
-    #[inline(always)]
-    pub(super) fn window<'a, K: Kernel>(&'a self, index: usize, patch: &'a mut Vec<u8>) -> SourceWindow<'a> {
-        let layout = self.plane.layout();
-        let rows = K::TAPS + self.blocks[index].span as usize;
-        let top = self.row + self.blocks[index].first as isize + K::FIRST;
-        let left = self.column + (index * BLOCK) as isize;
-        let inside_rows = top >= 0 && top + rows as isize <= layout.height as isize;
-        if inside_rows && left >= 0 && left + (BLOCK as isize) <= self.whole_pixels() {
-            let offset = top as usize * layout.stride + left as usize * layout.step * layout.format.bytes();
-            return SourceWindow { bytes: self.plane.data(), offset, stride: layout.stride };
-        }
-        self.border_window([left, top], rows, patch)
-    }
+/// The windows of the blocks of one row: what they have in common.
+pub(super) struct Windows<'a> {
+    task: Vertical<'a>,
+    /// Blocks whose columns all lie inside the plane.
+    inside: Range<usize>,
+    /// Row of the first tap where the displacement is zero.
+    top: isize,
+    taps: usize,
+    height: usize,
+    /// Bytes from one row to the next, and of the 16 pixels of a block.
+    stride: usize,
+    block_bytes: usize,
+    /// Byte offset of the first block in a row; wraps around where that lies before the row.
+    left: usize,
+}
 
-    /// Pixels of a row whose step ends within the row; that of the last one may not.
+impl<'a> Vertical<'a> {
+    /// The windows of this row for the taps of a kernel.
     #[inline(always)]
+    pub(super) fn windows<K: Kernel>(&self) -> Windows<'a> {
+        let layout = *self.plane.layout();
+        let pixel = layout.step * layout.format.bytes();
+        let before = (-self.column).max(0) as usize;
+        let whole = (self.whole_pixels() - self.column).max(0) as usize;
+        Windows {
+            task: *self,
+            inside: before.div_ceil(BLOCK)..whole / BLOCK,
+            top: self.row + K::FIRST,
+            taps: K::TAPS,
+            height: layout.height,
+            stride: layout.stride,
+            block_bytes: BLOCK * pixel,
+            left: self.column.wrapping_mul(pixel as isize) as usize,
+        }
+    }
+}
+
+impl<'a> Windows<'a> {
+    /// The window of a block, the one of this index: `taps + span` rows of 16 pixels.
+    #[inline(always)]
+    pub(super) fn of<'b>(&self, index: usize, block: &Block, patch: &'b mut Vec<u8>) -> SourceWindow<'b>
+    where
+        'a: 'b,
+    {
+        let rows = self.taps + block.span as usize;
+        let top = self.top + block.first as isize;
+        if self.inside.contains(&index) && top >= 0 && top as usize + rows <= self.height {
+            let offset = self.left.wrapping_add(top as usize * self.stride + index * self.block_bytes);
+            let end = offset + (rows - 1) * self.stride + self.block_bytes;
+            debug_assert!(end <= self.task.plane.data().len());
+            // SAFETY: these rows and columns are inside the plane, whose data holds all its rows and columns.
+            let bytes = unsafe { self.task.plane.data().get_unchecked(offset..end) };
+            return SourceWindow { bytes, stride: self.stride };
+        }
+        self.task.border_window([self.task.column + (index * BLOCK) as isize, top], rows, patch)
+    }
+}
+
+impl<'a> Vertical<'a> {
+    /// Pixels of a row whose step ends within the row; that of the last one may not.
     fn whole_pixels(&self) -> isize {
         let layout = self.plane.layout();
         layout.width as isize - isize::from(layout.step > layout.channels)
@@ -55,44 +97,47 @@ impl Vertical<'_> {
     /// The window of `rows` rows of 16 pixels with top left pixel (left, top), some of them outside the
     /// plane. Not inlined, to keep the common case small.
     #[inline(never)]
-    fn border_window<'a>(
-        &'a self,
+    fn border_window<'b>(
+        &self,
         [left, top]: [isize; 2],
         rows: usize,
-        patch: &'a mut Vec<u8>,
-    ) -> SourceWindow<'a> {
+        patch: &'b mut Vec<u8>,
+    ) -> SourceWindow<'b>
+    where
+        'a: 'b,
+    {
         let layout = self.plane.layout();
+        let data = self.plane.data();
         let height = layout.height as isize;
         // Unless mirrored, all rows beyond an edge are identical.
         let is_uniform = self.border != PlaneBorder::Mirror && (top >= height || top + rows as isize <= 0);
+        // Byte offset of the row shown.
+        let shown = |row: isize| resolve(row, layout.height, self.border).map(|row| row * layout.stride);
         let columns = self.columns(left);
-        let shown = |row: isize| resolve(row, layout.height, self.border).map(|row| self.plane.row(row));
-        if let (true, Columns::InPlace(offset), Some(bytes)) = (is_uniform, &columns, shown(top)) {
-            return SourceWindow { bytes, offset: *offset, stride: 0 };
+        if let (true, Columns::InPlace(from), Some(row)) = (is_uniform, &columns, shown(top)) {
+            return SourceWindow { bytes: &data[row + from..], stride: 0 };
         }
         let pixel = layout.step * layout.format.bytes();
         let own_bytes = layout.channels * layout.format.bytes();
-        let (rows, stride) = if is_uniform { (1, 0) } else { (rows, BLOCK * pixel) };
+        let bytes = BLOCK * pixel;
+        let (rows, stride) = if is_uniform { (1, 0) } else { (rows, bytes) };
         // Samples of other views between a pixel's own samples are not initialised.
-        let needed = rows * BLOCK * pixel;
-        if patch.len() < needed {
-            patch.resize(needed, 0);
+        if patch.len() < rows * bytes {
+            patch.resize(rows * bytes, 0);
         }
-        for (row, out) in (top..).zip(patch[..needed].chunks_exact_mut(BLOCK * pixel)) {
-            match (shown(row), &columns) {
-                (Some(row), Columns::InPlace(from)) => copy_row(&row[*from..*from + BLOCK * pixel], out),
+        for index in 0..rows {
+            let out = &mut patch[index * bytes..][..bytes];
+            match (shown(top + index as isize), &columns) {
+                (Some(row), Columns::InPlace(from)) => copy_row(&data[row + from..][..bytes], out),
                 (Some(row), Columns::Single(Some(at))) => {
-                    copy_pixel(&row[*at..], out, own_bytes);
+                    copy_pixel(&data[row + at..], out, own_bytes);
                     repeat_first(out, pixel);
                 }
-                (Some(row), Columns::Listed(columns)) => self.copy_pixels(row, columns, out),
-                _ => {
-                    self.copy_fill(out);
-                    repeat_first(out, pixel);
-                }
+                (Some(row), Columns::Listed(columns)) => self.copy_pixels(&data[row..], columns, out),
+                _ => self.fill(out, pixel),
             }
         }
-        SourceWindow { bytes: patch, offset: 0, stride }
+        SourceWindow { bytes: patch, stride }
     }
 
     /// The 16 pixels starting at column `left`.
@@ -110,6 +155,8 @@ impl Vertical<'_> {
         }
     }
 
+    /// Not inlined, to keep the common cases small, and so with [`fill`](Self::fill).
+    #[inline(never)]
     fn copy_pixels(&self, row: &[u8], columns: &[Option<usize>; BLOCK], out: &mut [u8]) {
         let layout = self.plane.layout();
         let own_bytes = layout.channels * layout.format.bytes();
@@ -119,6 +166,13 @@ impl Vertical<'_> {
                 None => self.copy_fill(out),
             }
         }
+    }
+
+    /// Writes the fill value to all pixels of `out`.
+    #[inline(never)]
+    fn fill(&self, out: &mut [u8], pixel: usize) {
+        self.copy_fill(out);
+        repeat_first(out, pixel);
     }
 
     /// Writes the fill value to the first pixel of `out`.
@@ -172,7 +226,6 @@ fn repeat_first(out: &mut [u8], pixel: usize) {
 mod tests {
     use super::*;
     use crate::plane::{Plane, PlaneLayout, SampleFormat};
-    use crate::warp::blocks::Block;
     use crate::warp::weights::Cubic;
 
     const FILL: [u16; 4] = [9, 8, 7, 6];
@@ -217,11 +270,11 @@ mod tests {
         let size = layout.format.bytes();
         for index in 0..task.blocks.len() {
             let mut patch = Vec::new();
-            let window = task.window::<Cubic>(index, &mut patch);
+            let window = task.windows::<Cubic>().of(index, &task.blocks[index], &mut patch);
             for (tap, pixel, channel) in
                 (0..4 * 16 * layout.channels).map(|sample| (sample % 4, sample / 4 % 16, sample / 64))
             {
-                let at = window.offset + tap * window.stride + (pixel * layout.step + channel) * size;
+                let at = tap * window.stride + (pixel * layout.step + channel) * size;
                 let row = resolve(task.row + tap as isize - 1, layout.height, task.border);
                 let column = resolve(task.column + (16 * index + pixel) as isize, layout.width, task.border);
                 let truth = match row.zip(column) {

@@ -138,18 +138,17 @@ fn vertical<C: WordCpu, K: FloatVectorKernel>(
     let layout = task.plane.layout();
     let (step, shift) = (layout.step, layout.format.shift());
     middle.resize(task.blocks.len() * BLOCK * step, 0.0);
-    for (index, out) in middle.chunks_exact_mut(BLOCK * step).enumerate() {
-        let block = &task.blocks[index];
-        let (window, span) = (task.window::<K>(index, patch), block.span as usize);
-        let last = window.offset + (K::TAPS - 1 + span) * window.stride;
-        let bytes = &window.bytes[window.offset..last + 2 * BLOCK * step];
+    let windows = task.windows::<K>();
+    let blocks = task.blocks.iter().enumerate();
+    for ((index, block), out) in blocks.zip(middle.chunks_exact_mut(BLOCK * step)) {
+        let (window, span) = (windows.of(index, block, patch), block.span as usize);
         let outs = out.as_chunks_mut::<FLOATS>().0.as_chunks_mut::<2>().0;
         for (vector, (out, lanes)) in outs.iter_mut().zip(&LANE_MAPS[step - 1]).enumerate() {
             let positions = halves(cpu, block, lanes);
             for (half, (out, position)) in out.iter_mut().zip(positions).enumerate() {
-                // SAFETY: `bytes` holds 16 · step words in each row of the window.
+                // SAFETY: the window holds 16 · step words in each of `TAPS + span` rows.
                 let sum = unsafe {
-                    let at = bytes.as_ptr().add(2 * WORDS * vector + 2 * FLOATS * half);
+                    let at = window.bytes.as_ptr().add(2 * WORDS * vector + 2 * FLOATS * half);
                     sum::<C, K>(cpu, WordRows(at, window.stride, shift), position, span)
                 };
                 *out = cpu.store(sum);

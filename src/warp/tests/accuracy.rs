@@ -108,10 +108,10 @@ pub(super) fn for_each_sample(
     let (mut knots, mut across, mut down) = (Vec::new(), Vec::new(), Vec::new());
     let from = -(width.next_multiple_of(16) as isize);
     for row in (0..height).step_by(13).chain([height - 1]) {
-        map.across.row(CpuLevel::Scalar, row, 0, &mut knots);
-        map.across.blocks(CpuLevel::Scalar, &knots, 0, width as isize - 1, &mut across);
-        map.down.row(CpuLevel::Scalar, row, 0, &mut knots);
-        map.down.blocks(CpuLevel::Scalar, &knots, from, 2 * width as isize, &mut down);
+        let row_knots = map.across.row(CpuLevel::Scalar, row, 0, &mut knots);
+        map.across.blocks(CpuLevel::Scalar, row_knots, 0, width as isize - 1, &mut across);
+        let row_knots = map.down.row(CpuLevel::Scalar, row, 0, &mut knots);
+        map.down.blocks(CpuLevel::Scalar, row_knots, from, 2 * width as isize, &mut down);
         for column in (0..width).step_by(11).chain([width - 1]) {
             let x = position(&across, 0, column as isize);
             let left = x.floor();
@@ -191,8 +191,8 @@ fn the_row_at_the_reference_stays() {
     let map = warper.plane_map(SampleGrid::FULL, 640);
     let (mut knots, mut blocks) = (Vec::new(), Vec::new());
     for table in [&map.across, &map.down] {
-        table.row(CpuLevel::Scalar, 100, 0, &mut knots);
-        table.blocks(CpuLevel::Scalar, &knots, 0, 639, &mut blocks);
+        let row_knots = table.row(CpuLevel::Scalar, 100, 0, &mut knots);
+        table.blocks(CpuLevel::Scalar, row_knots, 0, 639, &mut blocks);
         for column in 0..640 {
             let (whole, fraction) = blocks[column / 16].at(column % 16);
             let moved = whole as f64 + f64::from(fraction) / f64::from(ONE);
