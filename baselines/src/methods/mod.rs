@@ -3,6 +3,7 @@
 //! The systems that rsrectify is compared with, behind one trait.
 
 pub mod affine;
+mod banded;
 pub mod curve;
 pub mod full3d;
 pub mod jitter;
