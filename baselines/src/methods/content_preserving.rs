@@ -21,7 +21,7 @@
 
 use super::low_pass::weights;
 use super::mesh::{Moved, corrections};
-use super::tracks::{Track, link};
+use super::tracks::{Track, following, link};
 use super::{Corrections, Input, Method};
 use anyhow::Result;
 use nalgebra::{Matrix3, Rotation3, Vector2, Vector3};
@@ -65,7 +65,7 @@ impl Method for ContentPreserving {
             path.push(path[frame] * camera.rotation(pairs).inverse());
         }
         let smooth: Vec<_> = (0..path.len()).map(|at| smoothed(&path, at, deviation)).collect();
-        let mut tracks = link(input);
+        let mut tracks = following(link(input), input.stamps.len());
         tracks.retain(|track| track.places.len() >= LEAST_SEEN);
         let smoothed: Vec<_> = tracks.iter().map(|track| camera.smoothed(track, &path, deviation)).collect();
         let mut residuals: Vec<f64> = smoothed.iter().map(|(_, residual)| *residual).collect();

@@ -8,6 +8,7 @@
 //! neighbours do not move alike, as at the edge of something near.
 
 use super::Input;
+use super::robust::{Equation, tukey};
 use crate::correspondences::GRID;
 use nalgebra::{Matrix3, SMatrix, Vector2, Vector3};
 use rsrectify::correspond::Correspondence;
@@ -22,6 +23,11 @@ const LEAST_NEIGHBOURS: usize = 4;
 const DIVIDED: f64 = 0.5;
 /// Added to the second moments of the neighbours, in squared cells: the displacement is constant across a line of them.
 const RIDGE: f64 = 1e-3;
+
+/// Pixels to the unit of places in which the terms of a quadratic motion are of one size.
+const UNIT: f64 = 100.0;
+/// Fewer tracks do not tell the motion that most of them share from others.
+const LEAST_FOLLOWING: usize = 30;
 
 /// The places of a point in successive frames.
 #[derive(Clone, Debug, PartialEq)]
@@ -74,6 +80,43 @@ pub fn link(input: &Input) -> Vec<Track> {
     }
     ended.extend(live);
     ended
+}
+
+/// The tracks that follow the motion which most of them share, so that moving objects are left out. Between successive frames this
+/// motion is a quadratic function of the place, fitted by Tukey's estimate; a track follows it if its RMS residual is at most
+/// three times the median one, or a pixel.
+pub fn following(tracks: Vec<Track>, frames: usize) -> Vec<Track> {
+    let mut squares = vec![(0.0, 0usize); tracks.len()];
+    for frame in 1..frames {
+        let seen = tracks.iter().enumerate();
+        let steps = seen.filter_map(|(index, track)| {
+            let [from, to] = [track.at(frame - 1)?, track.at(frame)?];
+            let at = from / UNIT;
+            let terms = [1.0, at.x, at.y, at.x * at.x, at.x * at.y, at.y * at.y];
+            Some((index, Equation::new(terms.into_iter().enumerate(), to - from)))
+        });
+        let (indices, equations): (Vec<usize>, Vec<Equation>) = steps.unzip();
+        let Some(motion) = tukey(&equations, 6).filter(|_| equations.len() >= LEAST_FOLLOWING) else {
+            continue;
+        };
+        for (index, equation) in indices.into_iter().zip(&equations) {
+            let moved: Vector2<f64> =
+                equation.terms.iter().map(|(term, factor)| motion[*term] * *factor).sum();
+            squares[index].0 += (moved - equation.value).norm_squared();
+            squares[index].1 += 1;
+        }
+    }
+    let residual = |(sum, count): &(f64, usize)| (sum / (*count).max(1) as f64).sqrt();
+    let residuals: Vec<f64> = squares.iter().map(residual).collect();
+    let mut sorted = residuals.clone();
+    sorted.sort_by(f64::total_cmp);
+    let most = (3.0 * sorted.get(sorted.len() / 2).copied().unwrap_or_default()).max(1.0);
+    tracks
+        .into_iter()
+        .zip(residuals)
+        .filter(|(_, residual)| *residual <= most)
+        .map(|(track, _)| track)
+        .collect()
 }
 
 /// The correspondences between two frames, by the cell in which they start.
@@ -240,5 +283,24 @@ mod tests {
             let near = (from.x - 160.0).abs() < 6.0;
             assert_eq!(track.places.len(), if near { 1 } else { 2 }, "{from}");
         }
+    }
+
+    #[test]
+    fn what_moves_on_its_own_follows_nothing() {
+        // A ninth of the picture, in its middle, goes to and fro by 3 px while the rest pans and zooms a little.
+        let block = |start: Vector2<f64>| (start - Vector2::new(160.0, 120.0)).amax() < 48.0;
+        let apart = |track: &Track| block(track.places[0]);
+        let track = |index: usize| {
+            let start = Vector2::new((index % 32 * 10) as f64, (index / 32 * 10) as f64);
+            let place = |frame: usize| {
+                let own = if block(start) && frame % 2 == 1 { 3.0 } else { 0.0 };
+                start * (1.0 + 0.002 * frame as f64) + Vector2::new(2.0 * frame as f64, own)
+            };
+            Track { first: 0, places: (0..12).map(place).collect() }
+        };
+        let all: Vec<_> = (0..768).map(track).collect();
+        let kept = following(all.clone(), 12);
+        assert!(kept.iter().all(|track| !apart(track)));
+        assert_eq!(kept.len(), all.iter().filter(|track| !apart(track)).count());
     }
 }
