@@ -306,11 +306,12 @@ mod tests {
                     let still = track.at(frame).unwrap() - amplitude * shake(frame) * Vector2::new(2.0, -1.0);
                     (smooth.place(frame, &coefficients) - still).norm()
                 });
-                // At the ends a line through a shake of 2.2 px is not quite a smooth track.
+                // At the ends a line through a shake of 2.2 px is not quite a smooth track; elsewhere the prior of the
+                // coefficients costs tenths of a pixel.
                 let (first, last) = (track.first, track.end());
                 let ends = |frame: usize| !(6..54).contains(&frame);
                 for (frame, off) in (first..last).zip(start) {
-                    let most = if ends(frame) { 0.8 } else { 0.15 } * amplitude + 0.2;
+                    let most = if ends(frame) { 1.3 } else { 0.5 };
                     assert!(off < most, "frame {frame}: {off} px");
                 }
             }
