@@ -173,7 +173,10 @@ enum Command {
         /// Standard deviation of the smoothing in seconds.
         #[arg(long, default_value_t = 0.5)]
         deviation: f64,
-        /// Zoom of the library instead of that of vid.stab.
+        /// Standard deviation of the low-pass filters of the published stabilisers in seconds.
+        #[arg(long, default_value_t = 0.1)]
+        published: f64,
+        /// Zoom of the library and of the published stabilisers instead of that of vid.stab.
         #[arg(long)]
         zoom: Option<f64>,
         /// The folder in which to write the pictures of all, as YUV4MPEG2.
@@ -283,8 +286,8 @@ fn main() -> Result<()> {
             print!("{}", clip::judge(&media::decode(&file)?, &shutter, lookahead, out.as_deref())?);
             Ok(())
         }
-        Command::Steady { clip, gyroscope, deviation, zoom, out, chosen } => {
-            let asked = steady::Asked { deviation, zoom };
+        Command::Steady { clip, gyroscope, deviation, published, zoom, out, chosen } => {
+            let asked = steady::Asked { deviation, published, zoom };
             match clip {
                 Some(file) => {
                     let row = steady::row_of_clip(&file, gyroscope.as_ref(), asked, out.as_deref())?;

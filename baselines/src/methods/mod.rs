@@ -3,15 +3,21 @@
 //! The systems that rsrectify is compared with, behind one trait.
 
 pub mod affine;
+mod banded;
+pub mod content_preserving;
 pub mod curve;
 pub mod full3d;
 pub mod jitter;
 pub mod knots;
+mod low_pass;
+mod mesh;
 pub mod mixture;
 pub mod paper;
 pub mod robust;
 pub mod rotation3d;
+pub mod subspace;
 pub mod timed;
+mod tracks;
 pub mod translation;
 pub mod translation3d;
 #[cfg(test)]

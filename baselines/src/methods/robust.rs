@@ -6,6 +6,7 @@
 //! The source of the weights is P. J. Huber and E. M. Ronchetti, *Robust Statistics*, 2nd ed., 2009,
 //! chapters 4 and 7; the paper's own minimisation (25.4) is the library's and not used here.
 
+use super::banded::Banded;
 use nalgebra::Vector2;
 
 /// Reweightings of the convex cost; it settles to some thousandths of a pixel well before.
@@ -18,8 +19,6 @@ const TUKEY_REACH: f64 = 4.685;
 const RAYLEIGH: f64 = 0.849;
 /// Residuals below this many pixels are told apart no more.
 const FLOOR: f64 = 0.01;
-/// Added to the diagonal, relative to its mean: unknowns without data stay zero.
-const RIDGE: f64 = 1e-12;
 
 /// Σ coefficient · unknown = value, in pixels, for x and y at once.
 #[derive(Clone, Debug)]
@@ -107,85 +106,13 @@ fn weighted_least_squares(
             }
         }
     }
-    normal.solve(right)
-}
-
-/// The lower half of a symmetric matrix that is zero further than `reach` from its diagonal.
-struct Banded {
-    size: usize,
-    reach: usize,
-    /// Row by row, `reach + 1` entries each; the last is the diagonal's.
-    entries: Vec<f64>,
-}
-
-impl Banded {
-    fn zeros(size: usize, reach: usize) -> Self {
-        Self { size, reach, entries: vec![0.0; size * (reach + 1)] }
-    }
-
-    /// Entry with `column` ≤ `row` ≤ `column` + reach.
-    fn at(&mut self, row: usize, column: usize) -> &mut f64 {
-        &mut self.entries[row * (self.reach + 1) + self.reach + column - row]
-    }
-
-    /// Cholesky's decomposition in place and both substitutions; `None` where the matrix is not positive.
-    fn solve(mut self, mut right: Vec<Vector2<f64>>) -> Option<Vec<Vector2<f64>>> {
-        let trace: f64 = (0..self.size).map(|i| *self.at(i, i)).sum();
-        let ridge = RIDGE * trace / self.size.max(1) as f64;
-        for row in 0..self.size {
-            let first = row.saturating_sub(self.reach);
-            *self.at(row, row) += ridge;
-            for column in first..=row {
-                let shared = first.max(column.saturating_sub(self.reach))..column;
-                let sum: f64 = shared.map(|k| *self.at(row, k) * *self.at(column, k)).sum();
-                let rest = *self.at(row, column) - sum;
-                *self.at(row, column) = if column < row {
-                    rest / *self.at(column, column)
-                } else {
-                    (rest > 0.0 && rest.is_finite()).then(|| rest.sqrt())?
-                };
-            }
-            let sum: Vector2<f64> = (first..row).map(|k| right[k] * *self.at(row, k)).sum();
-            right[row] = (right[row] - sum) / *self.at(row, row);
-        }
-        for row in (0..self.size).rev() {
-            let last = (row + self.reach).min(self.size - 1);
-            let sum: Vector2<f64> = (row + 1..=last).map(|k| right[k] * *self.at(k, row)).sum();
-            right[row] = (right[row] - sum) / *self.at(row, row);
-        }
-        right.iter().all(|value| value.iter().all(|v| v.is_finite())).then_some(right)
-    }
+    let found = normal.solve(right)?;
+    found.iter().all(|value| value.iter().all(|v| v.is_finite())).then_some(found)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use nalgebra::{DMatrix, DVector};
-
-    #[test]
-    fn a_banded_system_is_solved_as_a_dense_one() {
-        let (size, reach) = (9, 2);
-        let mut banded = Banded::zeros(size, reach);
-        let mut dense = DMatrix::zeros(size, size);
-        for row in 0..size {
-            for column in row.saturating_sub(reach)..=row {
-                let entry =
-                    if row == column { 5.0 + row as f64 } else { (row * 3 + column) as f64 % 4.0 - 1.5 };
-                *banded.at(row, column) = entry;
-                dense[(row, column)] = entry;
-                dense[(column, row)] = entry;
-            }
-        }
-        let right: Vec<_> = (0..size).map(|i| Vector2::new(i as f64, 1.0 - i as f64 * 0.5)).collect();
-        let found = banded.solve(right.clone()).unwrap();
-        let lu = dense.lu();
-        for axis in 0..2 {
-            let expected = lu.solve(&DVector::from_iterator(size, right.iter().map(|r| r[axis]))).unwrap();
-            for (found, expected) in found.iter().zip(&expected) {
-                assert!((found[axis] - expected).abs() < 1e-9);
-            }
-        }
-    }
 
     #[test]
     fn a_line_is_found_among_outliers() {

@@ -1,15 +1,22 @@
 // SPDX-License-Identifier: MIT OR Apache-2.0
 
-//! How steady the library makes a picture, beside vid.stab in two passes at its defaults and ffmpeg's deshake.
+//! How steady the library makes a picture, beside vid.stab in two passes at its defaults, ffmpeg's deshake, and the two published
+//! stabilisers of Liu et al. that are reported to reduce rolling shutter ([`published`]).
 //!
 //! Of a rendered sequence, and of a clip with a gyroscope, it is known where each frame sees a far point, and of each system where it
 //! shows it ([`tracks`]). Of other clips, outputs are judged alike from their pictures: successive frames are followed and the
 //! motion between them fitted. Either way the jitter is the root mean square second difference of places, and the wobble what
 //! rows are displaced by beside the motion of the picture. The library is given the crop that vid.stab took, so that both
-//! keep the same share of the picture.
+//! keep the same share of the picture; so are the published stabilisers, which show borders where that is not enough.
+//!
+//! The displacement from the truth does not measure the rolling shutter that a stabiliser leaves, because a stabiliser also moves the whole
+//! frame. For rendered sequences the *distortion* is measured beside the wobble: the displacement that remains after the
+//! rotation and the zoom of the true camera that fit it best ([`placement`]).
 
 mod gyroscope;
 mod others;
+mod placement;
+mod published;
 mod tracks;
 
 pub use gyroscope::Gyroscope;
@@ -23,6 +30,7 @@ use anyhow::{Context, Result};
 use baselines::methods::{Correction, Corrections};
 use nalgebra::Vector2;
 use others::{Stabilised, deshake, vid_stab};
+use placement::Views;
 use render::footage::Footage;
 use render::media::{self, Clip};
 use render::scene::Frame;
@@ -34,10 +42,13 @@ use rsrectify::rectifier::{Estimator, FrameSolution, Settings};
 use std::path::Path;
 use tracks::Tracks;
 
-/// The heading of the table: jitter and wobble in pixels, and what each system leaves of them.
+/// The heading of the table: jitter, wobble and distortion of the input in pixels, and what each system leaves of them.
 pub const HEADING: &str = "| clip | jitter px | wobble px | zoom | vid.stab: jitter | wobble | zoom without borders \
-     | deshake: jitter | wobble | rsrectify: jitter | wobble | zoom without borders | share of vid.stab's jitter | wobble |\n\
-     |---|---|---|---|---|---|---|---|---|---|---|---|---|---|";
+     | deshake: jitter | wobble | rsrectify: jitter | wobble | zoom without borders | share of vid.stab's jitter | wobble \
+     | distortion px | vid.stab | rsrectify \
+     | subspace: jitter | wobble | distortion | zoom without borders \
+     | content-preserving: jitter | wobble | distortion | zoom without borders |\n\
+     |---|---|---|---|---|---|---|---|---|---|---|---|---|---|---|---|---|---|---|---|---|---|---|---|---|";
 
 /// Frames that are looked ahead: all that the smoothing takes.
 const LOOKAHEAD: usize = 200;
@@ -47,6 +58,8 @@ const LOOKAHEAD: usize = 200;
 pub struct Asked {
     /// Standard deviation of the smoothing in seconds.
     pub deviation: f64,
+    /// Standard deviation of the low-pass filters of the published stabilisers in seconds.
+    pub published: f64,
     /// Zoom; that of vid.stab where it is not given.
     pub zoom: Option<f64>,
 }
@@ -61,6 +74,10 @@ struct Given<'a> {
     analysis: Settings,
     /// Empty where the places of far points are not known.
     tracks: Tracks,
+    /// Empty where the truth is not known, or the camera moves far.
+    views: Views,
+    /// Focal length in pixels, for a method that is told it.
+    focal: f64,
 }
 
 /// A row of the table for a rendered sequence.
@@ -75,10 +92,11 @@ pub fn row(footage: &Footage, asked: Asked, out: Option<&Path>) -> Result<String
         fps: settings.delivered_fps(),
         frames: footage.frames.clone(),
     };
-    let mut tracks = Tracks::default();
+    let (mut tracks, mut views) = (Tracks::default(), Views::default());
     for run in footage.runs() {
         let captures: Vec<_> = run.iter().map(|index| (*index, footage.capture(*index))).collect();
         tracks.add(&captures);
+        views.add(&captures);
     }
     let given = Given {
         name: settings.name.clone(),
@@ -86,6 +104,8 @@ pub fn row(footage: &Footage, asked: Asked, out: Option<&Path>) -> Result<String
         readout: Some(footage.readout()),
         analysis: product::settings(settings, Delay::Unknown, Estimator::Continuous, LOOKAHEAD),
         tracks,
+        views,
+        focal: footage.sequence.focal(),
     };
     given.row(asked, out)
 }
@@ -105,7 +125,10 @@ pub fn row_of_clip(
     analysis.lookahead = LOOKAHEAD;
     let name = file.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
     let tracks = gyroscope.map_or_else(|| Ok(Tracks::default()), |gyroscope| gyroscope.tracks(&clip))?;
-    Given { name, clip: &clip, readout: None, analysis, tracks }.row(asked, out)
+    // A common value for phones, where it is not known.
+    let focal = gyroscope.map_or(clip.width as f64, |gyroscope| gyroscope.focal);
+    let views = Views::default();
+    Given { name, clip: &clip, readout: None, analysis, tracks, views, focal }.row(asked, out)
 }
 
 impl Given<'_> {
@@ -142,8 +165,20 @@ impl Given<'_> {
         let left = |of: Steadiness| {
             format!("{:.3} | {:.2}", of.jitter / original.jitter, of.wobble / original.wobble)
         };
+        let distortion = self.views.distortion(&input);
+        let distorted = |shown: &Corrections| {
+            let left = self.views.distortion(shown).zip(distortion).map(|(left, all)| left / all);
+            left.map_or("–".into(), |left| format!("{left:.2}"))
+        };
+        let mut published = Vec::new();
+        for shown in published::solve(clip, readout, self.focal, asked.published, zoom)? {
+            let pictures = clip.frames.iter().zip(&shown).map(|(frame, shown)| rectified(frame, &**shown));
+            let steadiness = self.judged(readout, "measuring another's", &shown, &mut { pictures })?;
+            let borders = borderless(clip, &shown, zoom);
+            published.push(format!("{} | {} | {borders:.3}", left(steadiness), distorted(&shown)));
+        }
         Ok(format!(
-            "| {} | {:.2} | {:.2} | {zoom:.3} | {} | {:.3} | {} | {} | {:.3} | {:.2} | {:.2} |",
+            "| {} | {:.2} | {:.2} | {zoom:.3} | {} | {:.3} | {} | {} | {:.3} | {:.2} | {:.2} | {} | {} | {} | {} |",
             self.name,
             original.jitter,
             original.wobble,
@@ -154,6 +189,10 @@ impl Given<'_> {
             borderless(clip, &shown, zoom),
             ours.jitter / theirs.jitter,
             ours.wobble / theirs.wobble,
+            distortion.map_or("–".into(), |distortion| format!("{distortion:.2}")),
+            distorted(&stabilised.shown),
+            distorted(&shown),
+            published.join(" | "),
         ))
     }
 
