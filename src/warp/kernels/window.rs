@@ -78,10 +78,7 @@ impl<'a> Windows<'a> {
         if self.inside.contains(&index) && top >= 0 && top as usize + rows <= self.height {
             let offset = self.left.wrapping_add(top as usize * self.stride + index * self.block_bytes);
             let end = offset + (rows - 1) * self.stride + self.block_bytes;
-            debug_assert!(end <= self.task.plane.data().len());
-            // SAFETY: these rows and columns are inside the plane, whose data holds all its rows and columns.
-            let bytes = unsafe { self.task.plane.data().get_unchecked(offset..end) };
-            return SourceWindow { bytes, stride: self.stride };
+            return SourceWindow { bytes: &self.task.plane.data()[offset..end], stride: self.stride };
         }
         self.task.border_window([self.task.column + (index * BLOCK) as isize, top], rows, patch)
     }
