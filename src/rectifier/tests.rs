@@ -157,6 +157,7 @@ fn a_duplicate_is_corrected_as_much_as_its_frame() {
         inliers: 700,
         residual: 1.0,
         begins_shot: true,
+        as_recorded: Some(AsRecorded::NothingMoved),
         ..FrameSolution::new(motion, Origin::Continuous)
     };
     rectifier.last = Some(found.clone());
