@@ -9,8 +9,8 @@ use crate::warp::border::{PlaneBorder, resolve};
 use crate::warp::weights::Kernel;
 use std::ops::Range;
 
-/// The samples that one block of the vertical pass reads: `bytes` holds 16 pixels in each of `taps + span` rows. Kernels rely on
-/// that; only [`Windows`] makes a window.
+/// The samples that one block of the vertical pass reads: `bytes` holds 16 pixels in each of `taps + span` rows, which kernels do not
+/// check again. So each window is a slice of exactly these; only this file makes windows.
 pub(super) struct SourceWindow<'a> {
     /// From pixel 0 in the first tap's row at the least displacement on.
     pub bytes: &'a [u8],
@@ -111,12 +111,12 @@ impl<'a> Vertical<'a> {
         // Byte offset of the row shown.
         let shown = |row: isize| resolve(row, layout.height, self.border).map(|row| row * layout.stride);
         let columns = self.columns(left);
-        if let (true, Columns::InPlace(from), Some(row)) = (is_uniform, &columns, shown(top)) {
-            return SourceWindow { bytes: &data[row + from..], stride: 0 };
-        }
         let pixel = layout.step * layout.format.bytes();
         let own_bytes = layout.channels * layout.format.bytes();
         let bytes = BLOCK * pixel;
+        if let (true, Columns::InPlace(from), Some(row)) = (is_uniform, &columns, shown(top)) {
+            return SourceWindow { bytes: &data[row + from..][..bytes], stride: 0 };
+        }
         let (rows, stride) = if is_uniform { (1, 0) } else { (rows, bytes) };
         // Samples of other views between a pixel's own samples are not initialised.
         if patch.len() < rows * bytes {
@@ -134,7 +134,7 @@ impl<'a> Vertical<'a> {
                 _ => self.fill(out, pixel),
             }
         }
-        SourceWindow { bytes: patch, stride }
+        SourceWindow { bytes: &patch[..rows * bytes], stride }
     }
 
     /// The 16 pixels starting at column `left`.
