@@ -140,11 +140,7 @@ impl MotionPath {
     /// Moves the point that the frame shows at `point` (centred pixels) by an interval.
     #[must_use]
     pub fn carry_by(&self, interval: &IntervalMotion, point: Vector2<f64>) -> Vector2<f64> {
-        let moved = project(&interval.motion, point);
-        match &self.residual {
-            Some(field) => moved + field.velocity(point) * interval.elapsed,
-            None => moved,
-        }
+        self.carry_with(interval, point, |field| field.velocity(point))
     }
 
     /// As [`carry_by`](Self::carry_by), for a point with the x of a [`ResidualField::column`], which is not read
@@ -156,9 +152,25 @@ impl MotionPath {
         point: Vector2<f64>,
         column: &[Vector2<f64>],
     ) -> Vector2<f64> {
+        self.carry_with(
+            interval,
+            point,
+            #[inline(always)]
+            |field| field.velocity_in(column, point.y),
+        )
+    }
+
+    /// As [`carry_by`](Self::carry_by), given the velocity of the field at the point.
+    #[inline(always)]
+    fn carry_with(
+        &self,
+        interval: &IntervalMotion,
+        point: Vector2<f64>,
+        velocity: impl FnOnce(&ResidualField) -> Vector2<f64>,
+    ) -> Vector2<f64> {
         let moved = project(&interval.motion, point);
         match &self.residual {
-            Some(field) => moved + field.velocity_in(column, point.y) * interval.elapsed,
+            Some(field) => moved + velocity(field) * interval.elapsed,
             None => moved,
         }
     }
