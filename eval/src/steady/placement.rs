@@ -8,15 +8,12 @@
 //! none, whatever its direction and zoom. A lean of the picture is a distortion, though a roll fits part of it; the input is
 //! judged in the same way, so that shares of it compare.
 
+use super::tracks::{LEAST_POINTS, STEP, far};
 use baselines::methods::Correction;
 use nalgebra::{Rotation3, SMatrix, SVector, Vector2, Vector3};
 use render::scene::Lens;
 use render::truth::{Capture, Sample};
 
-/// Points are taken every so many pixels.
-const STEP: usize = 12;
-/// Fewer points in a frame do not judge its four parameters.
-const LEAST_POINTS: usize = 40;
 /// Largest distance of the camera from its mean place, as a share of the distance of the nearest far point. A hand sways by less; the
 /// parallax between its path and a smoothed one counts as distortion, but is small beside that of the shutter.
 const TRAVEL: f64 = 0.1;
@@ -72,16 +69,12 @@ impl View {
     /// `None` for fewer than 40 points.
     fn of(index: usize, capture: &Capture<'_>) -> Option<Self> {
         let seen = capture.samples(STEP).into_iter();
-        let mut samples: Vec<_> =
-            seen.filter_map(|sample| Some((capture.distance(sample.seen)?, sample))).collect();
-        samples.sort_by(|a, b| b.0.total_cmp(&a.0));
-        // Of points at one distance, all are far.
-        let median = samples.get(samples.len() / 2).map_or(0.0, |sample| sample.0);
-        let far = samples.into_iter().take_while(|sample| sample.0 >= 0.999 * median);
-        let samples: Vec<_> = far.map(|(_, sample)| sample).collect();
+        let samples = seen.filter_map(|sample| Some((capture.distance(sample.seen)?, sample)));
+        let (distance, far) = far(samples.collect());
+        let samples: Vec<_> = far.collect();
         let lens = capture.take.camera.lens_at(capture.reference());
         let lens = Lens { focal: lens.focal * capture.warp.zoom, ..lens };
-        (samples.len() >= LEAST_POINTS).then_some(Self { index, lens, distance: 0.999 * median, samples })
+        (samples.len() >= LEAST_POINTS).then_some(Self { index, lens, distance, samples })
     }
 
     /// The sum of squares left by the placement for which it is least.

@@ -11,9 +11,9 @@ use rsrectify::correspond::Correspondence;
 use rsrectify::readout::Readout;
 
 /// Points are taken every so many pixels.
-const STEP: usize = 12;
-/// Fewer points between two frames than these do not tell their wobble.
-const LEAST_POINTS: usize = 40;
+pub(super) const STEP: usize = 12;
+/// Fewer points of a frame than these tell neither its wobble to the next one nor its distortion.
+pub(super) const LEAST_POINTS: usize = 40;
 
 /// A point that three successive frames see, each at a place of its own in pixels.
 #[derive(Clone, Copy, Debug)]
@@ -26,6 +26,15 @@ struct Seen {
 #[derive(Clone, Debug, Default)]
 pub struct Tracks {
     seen: Vec<Seen>,
+}
+
+/// The least distance of far points, and these: those that lie at least as far away as the median one, given with their distances.
+pub(super) fn far<T>(mut points: Vec<(f64, T)>) -> (f64, impl Iterator<Item = T>) {
+    points.sort_by(|a, b| b.0.total_cmp(&a.0));
+    // Of points at one distance, all are far.
+    let least = 0.999 * points.get(points.len() / 2).map_or(0.0, |point| point.0);
+    let far = points.into_iter().take_while(move |point| point.0 >= least);
+    (least, far.map(|(_, point)| point))
 }
 
 /// How unsteady what is shown is, RMS in pixels.
@@ -45,13 +54,8 @@ impl Tracks {
             let [_, (_, own), _] = frames else { continue };
             let [columns, rows] = own.places(STEP);
             let pixels = rows.iter().flat_map(|y| columns.iter().map(|x| Vector2::new(*x as f64, *y as f64)));
-            let mut points: Vec<(f64, Vector2<f64>)> =
-                pixels.filter_map(|pixel| Some((own.distance(pixel)?, pixel))).collect();
-            points.sort_by(|a, b| b.0.total_cmp(&a.0));
-            // Of points at one distance, all are far.
-            let median = points.get(points.len() / 2).map_or(0.0, |point| point.0);
-            let far = points.iter().take_while(|point| point.0 >= 0.999 * median);
-            self.add_points(frames, far.map(|(_, pixel)| *pixel));
+            let points = pixels.filter_map(|pixel| Some((own.distance(pixel)?, pixel)));
+            self.add_points(frames, far(points.collect()).1);
         }
     }
 
