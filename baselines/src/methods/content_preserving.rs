@@ -21,7 +21,8 @@
 
 use super::low_pass::weights;
 use super::mesh::{Moved, corrections};
-use super::tracks::{Track, following, link};
+use super::robust::{absolute_weight, scale, tukey_weight};
+use super::tracks::{Track, following, link, most_residual};
 use super::{Corrections, Input, Method};
 use anyhow::Result;
 use nalgebra::{Matrix3, Rotation3, Vector2, Vector3};
@@ -30,16 +31,8 @@ use rsrectify::motion::image_centre;
 
 /// Tracks that fewer frames see are not used: a line through their directions averages too little.
 const LEAST_SEEN: usize = 10;
-/// Tracks whose RMS residual is this many times the median one are outliers.
-const OUTLYING: f64 = 3.0;
 /// Reweightings of the least sum of absolute errors, from no rotation, and of Tukey's estimate from there.
 const ROUNDS: [usize; 2] = [10, 10];
-/// Tukey's constant: 95 % efficient on Gaussian errors.
-const TUKEY: f64 = 4.685;
-/// Standard deviation over median of the length of a two-dimensional Gaussian error.
-const RAYLEIGH: f64 = 0.849;
-/// Residuals below this many pixels are told apart no more.
-const FLOOR: f64 = 0.01;
 
 /// Content-preserving warps that follow a smoothed camera path.
 #[derive(Clone, Copy, Debug)]
@@ -68,9 +61,7 @@ impl Method for ContentPreserving {
         let mut tracks = following(link(input), input.stamps.len());
         tracks.retain(|track| track.places.len() >= LEAST_SEEN);
         let smoothed: Vec<_> = tracks.iter().map(|track| camera.smoothed(track, &path, deviation)).collect();
-        let mut residuals: Vec<f64> = smoothed.iter().map(|(_, residual)| *residual).collect();
-        residuals.sort_by(f64::total_cmp);
-        let most = OUTLYING * residuals.get(residuals.len() / 2).copied().unwrap_or_default();
+        let most = most_residual(smoothed.iter().map(|(_, residual)| *residual).collect());
         let inliers = tracks.iter().zip(&smoothed).filter(|(_, (_, residual))| *residual <= most);
         let moved = inliers.filter_map(|(track, (directions, _))| {
             let seen = smooth[track.first..].iter().zip(directions);
@@ -130,16 +121,13 @@ impl Camera {
                 Some((turned, pair.to - self.project(turned)?))
             });
             let seen: Vec<_> = seen.collect();
-            let mut residuals: Vec<f64> = seen.iter().map(|(_, residual)| residual.norm()).collect();
-            residuals.sort_by(f64::total_cmp);
-            let median = residuals.get(residuals.len() / 2).copied().unwrap_or_default();
-            let reach = TUKEY * (RAYLEIGH * median).max(FLOOR);
+            let scale = scale(seen.iter().map(|(_, residual)| residual.norm()).collect());
             let (mut normal, mut right) = (Matrix3::zeros(), Vector3::zeros());
             for (turned, residual) in &seen {
                 let weight = if round < ROUNDS[0] {
-                    1.0 / residual.norm().max(FLOOR)
+                    absolute_weight(residual.norm())
                 } else {
-                    (1.0 - (residual.norm() / reach).min(1.0).powi(2)).powi(2)
+                    tukey_weight(residual.norm(), scale)
                 };
                 let [x, y] = [turned.x / turned.z, turned.y / turned.z];
                 // What a turn ω × r moves r's projection by.

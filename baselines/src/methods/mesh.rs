@@ -16,11 +16,13 @@
 //! chosen for what is judged here.
 
 use super::banded::Banded;
+use super::homography::{apply, linear_step};
 use super::timed::untouched;
 use super::tracks::Track;
 use super::{Correction, Corrections, Input};
-use nalgebra::{Matrix3, SMatrix, SVector, Vector2};
+use nalgebra::{Matrix3, Vector2};
 use rayon::prelude::*;
+use rsrectify::motion::image_centre;
 
 /// Columns and rows of cells: 10 pixels wide in a frame of 320 × 240, as are the paper's 64 × 36 in one of 640 × 360.
 const CELLS: [usize; 2] = [32, 24];
@@ -188,43 +190,20 @@ impl Equations {
 }
 
 /// The homography in pixels from the points to where they belong, of least weighted squares; `None` where they do not determine one.
-///
-/// R. Hartley and A. Zisserman, *Multiple View Geometry*, 2003, section 4.1: linear steps, each equation divided by the
-/// denominator found before, so that its residual is one of places.
 fn homography(size: [usize; 2], points: &[Point]) -> Option<Matrix3<f64>> {
     if points.len() < LEAST_POINTS {
         return None;
     }
     let scale = size[0].max(size[1]) as f64 / 2.0;
-    let centre = Vector2::new(size[0] as f64 - 1.0, size[1] as f64 - 1.0) / 2.0;
+    let centre = image_centre(size[0], size[1]);
     let to_unit =
         Matrix3::new(1.0 / scale, 0.0, -centre.x / scale, 0.0, 1.0 / scale, -centre.y / scale, 0.0, 0.0, 1.0);
+    let pair = |point: &Point| ([point.from, point.to].map(|place| (place - centre) / scale), point.weight);
     let mut found = Matrix3::identity();
     for _ in 0..STEPS {
-        let mut normal = SMatrix::<f64, 8, 8>::zeros();
-        let mut right = SVector::<f64, 8>::zeros();
-        for point in points {
-            let (p, q) = ((point.from - centre) / scale, (point.to - centre) / scale);
-            let weight = point.weight / (found.row(2) * p.push(1.0)).x.powi(2);
-            let rows = [
-                ([p.x, p.y, 1.0, 0.0, 0.0, 0.0, -p.x * q.x, -p.y * q.x], q.x),
-                ([0.0, 0.0, 0.0, p.x, p.y, 1.0, -p.x * q.y, -p.y * q.y], q.y),
-            ];
-            for (row, value) in rows {
-                let row = SVector::from(row);
-                normal += row * row.transpose() * weight;
-                right += row * (value * weight);
-            }
-        }
-        let h = normal.cholesky()?.solve(&right);
-        found = Matrix3::new(h[0], h[1], h[2], h[3], h[4], h[5], h[6], h[7], 1.0);
+        found = linear_step(&found, points.iter().map(pair))?;
     }
     Some(to_unit.try_inverse()? * found * to_unit)
-}
-
-fn apply(homography: &Matrix3<f64>, place: Vector2<f64>) -> Vector2<f64> {
-    let moved = homography * place.push(1.0);
-    moved.xy() / moved.z
 }
 
 #[cfg(test)]

@@ -21,9 +21,10 @@
 //! dp = v(s, p)·T ds. Nothing is known of the lens; of the shutter only the readout's direction and
 //! time, and told the whole period the method needs no calibration at all.
 
+use super::homography::apply;
 use super::{Correction, Corrections, Input, Method};
 use anyhow::Result;
-use nalgebra::{Cholesky, DMatrix, DVector, Matrix3, Point2, Vector2};
+use nalgebra::{Cholesky, DMatrix, DVector, Matrix3, Vector2};
 use rsrectify::readout::Readout;
 
 /// Blocks of lines.
@@ -137,11 +138,6 @@ impl Mixture {
         };
         (0..count).map(line).collect()
     }
-}
-
-/// H x, dehomogenised.
-fn apply(homography: &Matrix3<f64>, x: Vector2<f64>) -> Vector2<f64> {
-    homography.transform_point(&Point2::from(x)).coords
 }
 
 /// The homography of a line whose blocks weigh so much, in the coordinates of the fit.

@@ -7,6 +7,7 @@ mod banded;
 pub mod content_preserving;
 pub mod curve;
 pub mod full3d;
+pub mod homography;
 pub mod jitter;
 pub mod knots;
 mod low_pass;

@@ -58,7 +58,7 @@ impl Equation {
 pub fn least_absolute(equations: &[Equation], unknowns: usize) -> Option<Vec<Vector2<f64>>> {
     let mut found = weighted_least_squares(equations, unknowns, |_| 1.0)?;
     for _ in 0..ABSOLUTE_ROUNDS {
-        let weight = |equation: &Equation| 1.0 / equation.residual(&found).max(FLOOR);
+        let weight = |equation: &Equation| absolute_weight(equation.residual(&found));
         found = weighted_least_squares(equations, unknowns, weight)?;
     }
     Some(found)
@@ -69,18 +69,34 @@ pub fn least_absolute(equations: &[Equation], unknowns: usize) -> Option<Vec<Vec
 pub fn tukey(equations: &[Equation], unknowns: usize) -> Option<Vec<Vector2<f64>>> {
     let mut found = least_absolute(equations, unknowns)?;
     let measured = equations.iter().filter(|equation| equation.cost == Cost::Robust);
-    let mut residuals: Vec<f64> = measured.map(|equation| equation.residual(&found)).collect();
-    let middle = residuals.len() / 2;
-    let (_, median, _) = residuals.select_nth_unstable_by(middle, f64::total_cmp);
-    let scale = (RAYLEIGH * *median).max(FLOOR);
+    let scale = scale(measured.map(|equation| equation.residual(&found)).collect());
     for _ in 0..TUKEY_ROUNDS {
-        let weight = |equation: &Equation| {
-            let share = (equation.residual(&found) / (TUKEY_REACH * scale)).min(1.0);
-            (1.0 - share * share).powi(2) / scale
-        };
+        let weight = |equation: &Equation| tukey_weight(equation.residual(&found), scale) / scale;
         found = weighted_least_squares(equations, unknowns, weight)?;
     }
     Some(found)
+}
+
+/// The weight of a residual, in pixels, for the least sum of absolute residuals.
+pub fn absolute_weight(residual: f64) -> f64 {
+    1.0 / residual.max(FLOOR)
+}
+
+/// The weight of a residual by Tukey's biweight, 0 to 1; both in pixels.
+pub fn tukey_weight(residual: f64, scale: f64) -> f64 {
+    let share = (residual / (TUKEY_REACH * scale)).min(1.0);
+    (1.0 - share * share).powi(2)
+}
+
+/// The standard deviation of an error's coordinates, in pixels, that its median length tells.
+pub fn scale(lengths: Vec<f64>) -> f64 {
+    (RAYLEIGH * median(lengths)).max(FLOOR)
+}
+
+/// The median, the upper of the middle two of an even number; 0 for none.
+pub fn median(mut values: Vec<f64>) -> f64 {
+    let middle = values.len() / 2;
+    if values.is_empty() { 0.0 } else { *values.select_nth_unstable_by(middle, f64::total_cmp).1 }
 }
 
 fn weighted_least_squares(

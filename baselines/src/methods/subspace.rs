@@ -24,7 +24,7 @@
 use super::low_pass::weights;
 use super::mesh::{Moved, corrections};
 use super::timed::untouched;
-use super::tracks::{Track, following, link};
+use super::tracks::{Track, following, link, most_residual};
 use super::{Corrections, Input, Method};
 use anyhow::Result;
 use nalgebra::{DMatrix, SMatrix, SVector, Vector2};
@@ -50,8 +50,6 @@ const NOISE: f64 = 0.5;
 /// Added to the sums of squared coefficients, each about the number of tracks: far less than these where the tracks determine a
 /// trajectory, and enough that one which they do not determine stays near zero.
 const RIDGE: f64 = 1e-3;
-/// Tracks whose RMS residual is this many times the median one are outliers.
-const OUTLYING: f64 = 3.0;
 
 /// Subspace video stabilisation.
 #[derive(Clone, Copy, Debug)]
@@ -225,10 +223,8 @@ impl Basis {
         let found =
             tracks.into_iter().filter_map(|track| Some((track, self.coefficients(track, frames, least)?)));
         let found: Vec<_> = found.collect();
-        let mut residuals: Vec<f64> = found.iter().map(|(_, (_, residual))| *residual).collect();
-        residuals.sort_by(f64::total_cmp);
-        let median = residuals.get(residuals.len() / 2).copied().unwrap_or_default();
-        let kept = found.into_iter().filter(|(_, (_, residual))| *residual <= OUTLYING * median);
+        let most = most_residual(found.iter().map(|(_, (_, residual))| *residual).collect());
+        let kept = found.into_iter().filter(|(_, (_, residual))| *residual <= most);
         kept.map(|(track, (coefficients, _))| (track, coefficients)).collect()
     }
 

@@ -8,7 +8,7 @@
 //! neighbours do not move alike, as at the edge of something near.
 
 use super::Input;
-use super::robust::{Equation, tukey};
+use super::robust::{Equation, median, tukey};
 use crate::correspondences::GRID;
 use nalgebra::{Matrix3, SMatrix, Vector2, Vector3};
 use rsrectify::correspond::Correspondence;
@@ -26,6 +26,8 @@ const RIDGE: f64 = 1e-3;
 
 /// Pixels to the unit of places in which the terms of a quadratic motion are of one size.
 const UNIT: f64 = 100.0;
+/// Tracks whose RMS residual is this many times the median one are outliers.
+const OUTLYING: f64 = 3.0;
 /// Fewer tracks do not tell the motion that most of them share from others.
 const LEAST_FOLLOWING: usize = 30;
 
@@ -108,15 +110,18 @@ pub fn following(tracks: Vec<Track>, frames: usize) -> Vec<Track> {
     }
     let residual = |(sum, count): &(f64, usize)| (sum / (*count).max(1) as f64).sqrt();
     let residuals: Vec<f64> = squares.iter().map(residual).collect();
-    let mut sorted = residuals.clone();
-    sorted.sort_by(f64::total_cmp);
-    let most = (3.0 * sorted.get(sorted.len() / 2).copied().unwrap_or_default()).max(1.0);
+    let most = most_residual(residuals.clone()).max(1.0);
     tracks
         .into_iter()
         .zip(residuals)
         .filter(|(_, residual)| *residual <= most)
         .map(|(track, _)| track)
         .collect()
+}
+
+/// The RMS residual above which a track is an outlier, of those of all tracks.
+pub fn most_residual(residuals: Vec<f64>) -> f64 {
+    OUTLYING * median(residuals)
 }
 
 /// The correspondences between two frames, by the cell in which they start.

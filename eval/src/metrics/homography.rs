@@ -3,7 +3,8 @@
 //! The homography that most correspondences follow: the motion of a camera that turns, or sees a
 //! plane, with a global shutter.
 
-use nalgebra::{Matrix3, SMatrix, SVector, Vector2};
+use baselines::methods::homography::linear_step;
+use nalgebra::{Matrix3, Vector2};
 use rand::SeedableRng;
 use rand::seq::index::sample;
 use rand_chacha::ChaCha8Rng;
@@ -31,9 +32,6 @@ impl Homography {
     /// The map that most of `pairs` follow: the least median of distances among maps through four of
     /// them (P. Rousseeuw, *Least median of squares regression*, 1984), refined by reweighted least
     /// squares of the transfer error. `None` where the pairs do not determine one.
-    ///
-    /// Linear steps as in R. Hartley and A. Zisserman, *Multiple View Geometry*, 2003, section 4.1,
-    /// each equation divided by the denominator found before, so that its residual is in pixels.
     pub fn fit(pairs: &[Correspondence]) -> Option<Self> {
         if pairs.len() < FEWEST {
             return None;
@@ -77,23 +75,8 @@ impl Homography {
     /// One linear step of weighted least squares, with the denominators of this map.
     fn refined(&self, pairs: &[Correspondence], weights: &[f64], units: &Units) -> Option<Self> {
         let before = units.normalised_map(self);
-        let mut normal = SMatrix::<f64, 8, 8>::zeros();
-        let mut right = SVector::<f64, 8>::zeros();
-        for (pair, weight) in pairs.iter().zip(weights) {
-            let (a, b) = (units.normalised(pair.from), units.normalised(pair.to));
-            let scale = weight / (before.row(2) * a.push(1.0)).x.powi(2);
-            let rows = [
-                ([a.x, a.y, 1.0, 0.0, 0.0, 0.0, -a.x * b.x, -a.y * b.x], b.x),
-                ([0.0, 0.0, 0.0, a.x, a.y, 1.0, -a.x * b.y, -a.y * b.y], b.y),
-            ];
-            for (row, value) in rows {
-                let row = SVector::from(row);
-                normal += row * row.transpose() * scale;
-                right += row * (value * scale);
-            }
-        }
-        let h = normal.cholesky()?.solve(&right);
-        Some(units.to_pixels(&Matrix3::new(h[0], h[1], h[2], h[3], h[4], h[5], h[6], h[7], 1.0)))
+        let pairs = pairs.iter().map(|pair| [pair.from, pair.to].map(|place| units.normalised(place)));
+        Some(units.to_pixels(&linear_step(&before, pairs.zip(weights.iter().copied()))?))
     }
 }
 
