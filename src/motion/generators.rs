@@ -12,7 +12,7 @@
 //! | roll | (−v, u) | rotation about the optical axis |
 //! | right, down | (1, 0), (0, 1) | translation parallel to a frontal plane |
 //! | scale | (u, v) | translation towards a frontal plane |
-//! | shears | (u, −v), (v, u) | translation before a slanted plane |
+//! | stretch, shear | (u, −v), (v, u) | translation before a slanted plane |
 //!
 //! κ = (R/f)², R half the frame's width and f the focal length. With κ = 0 yaw and pitch are translations.
 
@@ -49,7 +49,7 @@ pub enum Model {
 
 impl Model {
     /// Which generators the model has.
-    pub const fn generators(self) -> [bool; GENERATORS] {
+    pub(crate) const fn generators(self) -> [bool; GENERATORS] {
         match self {
             Self::Translation => [true, true, false, false, false, false, false, false],
             Self::Rotation | Self::Rotation3d => [true, true, true, false, false, false, false, false],
@@ -86,24 +86,24 @@ pub fn fields(point: Vector2<f64>, kappa: f64) -> SMatrix<f64, 2, GENERATORS> {
 #[inline(always)]
 pub fn velocities(point: Vector2<f64>, kappa: f64, rates: &[f64; GENERATORS]) -> [Vector2<f64>; 2] {
     let (u, v) = (point.x, point.y);
-    let [yaw, pitch, roll, right, down, scale, shear, skew] = *rates;
+    let [yaw, pitch, roll, right, down, scale, stretch, shear] = *rates;
     let bent = kappa * (u * yaw + v * pitch);
     [
         Vector2::new(yaw + u * bent - v * roll, pitch + v * bent + u * roll),
-        Vector2::new(right + u * (scale + shear) + v * skew, down + v * (scale - shear) + u * skew),
+        Vector2::new(right + u * (scale + stretch) + v * shear, down + v * (scale - stretch) + u * shear),
     ]
 }
 
 /// The matrix A of the flow ẋ = A·x on homogeneous points (u, v, 1) whose velocity is the sum of
 /// the fields times `rates`, in units of the radius.
 pub fn flow_matrix(rates: &[f64; GENERATORS], kappa: f64) -> Matrix3<f64> {
-    let [yaw, pitch, roll, right, down, scale, shear, skew] = *rates;
+    let [yaw, pitch, roll, right, down, scale, stretch, shear] = *rates;
     Matrix3::new(
-        scale + shear,
-        skew - roll,
+        scale + stretch,
+        shear - roll,
         yaw + right,
-        skew + roll,
-        scale - shear,
+        shear + roll,
+        scale - stretch,
         pitch + down,
         -kappa * yaw,
         -kappa * pitch,
