@@ -11,7 +11,7 @@
 //! without.
 
 use super::shared::SHARED;
-use crate::lanes::DoubleCpu;
+use crate::lanes::{DOUBLES, DoubleCpu};
 use crate::motion::generators::GENERATORS;
 use nalgebra::Matrix2;
 
@@ -19,6 +19,8 @@ use nalgebra::Matrix2;
 pub const SIDES: usize = 1 + SHARED;
 /// Generators whose sums are taken at a time: a vector of AVX2.
 const HALF: usize = GENERATORS / 2;
+const _: () =
+    assert!(GENERATORS == 2 * DOUBLES, "a row is two vectors: another generator would not be summed");
 
 /// A number for each generator.
 pub type Row = [f64; GENERATORS];

@@ -19,6 +19,8 @@ use nalgebra::{Matrix3, Vector2};
 const STEP: f64 = 0.125;
 /// Half the distance between the nodes of Gauss's quadrature on an interval of length 1: √3/6.
 const GAUSS: f64 = 0.288_675_134_594_812_9;
+const _: () =
+    assert!(GENERATORS.is_multiple_of(DOUBLES), "rates are taken by vectors: the last ones would stay 0");
 
 /// The columns of a 3 × 3 matrix, each a vector whose last number is 0. Products with them are not fused, so that residuals
 /// are the same on all machines.
