@@ -12,7 +12,7 @@ use rsrectify::readout::{ReadoutPrior, ReadoutTime};
 use rsrectify::{rectifier, warp};
 
 /// Standard deviation of an expected readout time for which none is given, as a share of it: that of values which one person
-/// measured, see `readouts/README.md`.
+/// measured, see `program/cameras/README.md`.
 const USUAL_DEVIATION: f64 = 0.1;
 
 /// What the user has set.

@@ -2,7 +2,7 @@
 
 //! The two passes of the warp: in plain Rust, and in the vectors of [`lanes`](crate::lanes).
 //!
-//! OutputFormat row Y is the image of a curve y = Y + down(x, Y) through the frame. The *vertical* pass
+//! Output row Y is the image of a curve y = Y + down(x, Y) through the frame. The *vertical* pass
 //! samples each column where the curve crosses it; the *horizontal* pass samples the resulting row
 //! at x = X + across(X, Y). This is two-pass resampling after Catmull and Smith: 2·T taps per sample
 //! instead of T², memory read in order, no gathers. It is exact for linear ramps, and its error is of
