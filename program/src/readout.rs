@@ -33,6 +33,9 @@ const ANOTHER: f64 = 3.0;
 /// What is said of frames that were moved after their readout.
 const STABILISED: &str = "hidden: the frames were moved after they were recorded, as by stabilisation in the camera; they are \
                           rectified only as far as the changes of their lean tell it (--stabilised no: by their motion)";
+/// The same, where none was rectified.
+const NOT_LEANED: &str = "hidden: the frames were moved or deformed after they were recorded, and nothing shows a lean of a rolling \
+                          shutter: they stay as they are (--stabilised no: rectified by their motion)";
 
 /// What is said of frames that are blends of two.
 const BLENDED: &str = "hidden: the frames are blends of two exposures, as a conversion of the frame rate leaves them; they stay \
@@ -76,6 +79,8 @@ pub struct Found {
     pub posterior: Option<ReadoutPosterior>,
     /// Whether frames were moved after their readout, and when they were exposed.
     pub timing: FrameTiming,
+    /// Whether frames that were moved after their readout were rectified by their leans: these are seen.
+    pub shows_leans: bool,
     /// Frames at which another shot begins; of stretches, frames of them.
     pub cuts: Vec<usize>,
 }
@@ -116,7 +121,8 @@ impl Found {
     /// Goes on with what was found where it can be relied on, and with what was expected.
     pub fn apply(&self, analysis: &mut AnalysisOptions) {
         analysis.expected = self.expected;
-        if self.doubt() == Some(Doubt::Stabilised) && analysis.stabilised.is_none() {
+        // Given frames are rectified from the first one on, without asking whether they are leaned at all.
+        if self.doubt() == Some(Doubt::Stabilised) && self.shows_leans && analysis.stabilised.is_none() {
             analysis.stabilised = Some(Stabilised::Yes);
         }
         if let Some(frames) = self.frames_ahead() {
@@ -172,7 +178,8 @@ impl fmt::Display for Found {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let (time, share) = (self.milliseconds, 100.0 * self.deviation);
         match self.doubt() {
-            Some(Doubt::Stabilised) => return write!(f, "{STABILISED}"),
+            Some(Doubt::Stabilised) if self.shows_leans => return write!(f, "{STABILISED}"),
+            Some(Doubt::Stabilised) => return write!(f, "{NOT_LEANED}"),
             Some(Doubt::Blended) => return write!(f, "{BLENDED}"),
             _ => {}
         }
@@ -210,6 +217,8 @@ struct Collector {
     followed: u32,
     /// Frames that were found to be stabilised, and not to be.
     stabilised: [u32; 2],
+    /// Whether any of the former was rectified, which is done by its lean.
+    shows_leans: bool,
     /// The last timeline other than the stated one.
     timeline: Timeline,
     cuts: Vec<usize>,
@@ -225,6 +234,7 @@ impl Collector {
         self.followed += u32::from(frame.solution.confidence >= 0.5);
         if let Some(is_stabilised) = frame.solution.timing.stabilised {
             self.stabilised[usize::from(!is_stabilised)] += 1;
+            self.shows_leans |= is_stabilised && frame.solution.confidence > 0.0;
         }
         let timeline = frame.solution.timing.timeline;
         if timeline != Timeline::Stated {
@@ -259,6 +269,7 @@ impl Collector {
             expected: None,
             posterior: analysis.posterior(),
             timing: self.timing(),
+            shows_leans: self.shows_leans,
             cuts: self.cuts.clone(),
         })
     }
@@ -409,6 +420,7 @@ impl Found {
             expected: None,
             posterior: None,
             timing: FrameTiming::default(),
+            shows_leans: false,
             cuts: Vec::new(),
         }
     }

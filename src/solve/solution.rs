@@ -146,6 +146,8 @@ impl FrameSolution {
             (Timeline::Blended { period }, ..) => AsRecorded::Blended { period },
             _ if self.origin == Origin::Untouched => AsRecorded::NoMotion,
             _ if self.timing.is_stabilised() => AsRecorded::Stabilised,
+            // The estimator has said so: its path was not used.
+            _ if self.as_recorded == Some(AsRecorded::UnknownReadout) => AsRecorded::UnknownReadout,
             // With a readout of 0 the path has no displacement during the readout, whatever moves.
             (_, false, true) => AsRecorded::UnknownReadout,
             (_, _, false) if speed * period < STILL => AsRecorded::NothingMoved,

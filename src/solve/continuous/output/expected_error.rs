@@ -7,14 +7,14 @@
 //! probability pₕ. If the share w of the correction d₁ of the likeliest is applied, whose γ is believed to be
 //! γ̄ ± σ, the mean squared error is
 //!
-//! > Σ pₕ·|dₕ − w·d₁|² + tr(φ·C·φᵀ) + (σ² + (γ − γ̄)²)·|∂d₁/∂γ|² + v,
+//! > p₀·|w·d₁|² + (1 − p₀)·Σ pₕ·|dₕ − w·d₁|² + tr(φ·C·φᵀ) + (σ² + (γ − γ̄)²)·|∂d₁/∂γ|² + v,
 //!
-//! φ the fields of the generators, C the covariance of the motion of their paths until the middle of the
+//! p₀ the probability that all rows are exposed at once and nothing is to be corrected, φ the fields of the generators, C the covariance of the motion of their paths until the middle of the
 //! readout, from that of the path's coefficients, and v the variance of the flow about path and residual
 //! velocities.
 
 use crate::motion::generators::{GENERATORS, fields};
-use crate::solve::continuous::camera::{CameraPosterior, Hypothesis};
+use crate::solve::continuous::camera::{CameraPosterior, Hypothesis, READOUT_BELIEF};
 use crate::solve::continuous::fit::Covariance;
 use crate::solve::continuous::timing::Lean;
 use crate::solve::continuous::trajectory::{BLOCK, Trajectory, ratio, spline};
@@ -24,6 +24,9 @@ use nalgebra::{SMatrix, SVector, Vector2};
 /// Share of the correction's mean square that may be error if all of it is applied; the applied share falls
 /// to 0 where all of the mean square is error.
 const TOLERATED_ERROR: f64 = 0.5;
+/// Odds before anything is seen that all rows are exposed at once, as of an animation, a screen or a picture that was corrected already,
+/// times how much worse it is to bend such a picture than to leave another one as it is.
+const GLOBAL_ODDS: f64 = 9.0;
 /// Hypotheses of less probability are ignored.
 const MIN_PROBABILITY: f64 = 1e-3;
 
@@ -87,21 +90,33 @@ impl CameraPosterior {
         let errors = frame.errors(leading, gamma_error);
         let product = |other: &[Vector2<f64>]| own.iter().zip(other).map(|(a, b)| a.dot(b)).sum::<f64>();
         let square = product(&own);
+        let is_global =
+            if self.camera.is_known() { 0.0 } else { global_probability(leading.gamma(), gamma_error) };
         // The share of d₁ with the least squared distance from all corrections.
-        let agreement =
-            all.iter().map(|(probability, other)| probability * product(other)).sum::<f64>() / square;
+        let agreement = (1.0 - is_global)
+            * all.iter().map(|(probability, other)| probability * product(other)).sum::<f64>()
+            / square;
         let share = applied_share(agreement, errors.iter().sum::<f64>() / square);
         let disagreement = |index: usize| {
             let squares = all.iter().filter_map(|(probability, other)| {
                 Some(probability * (other.get(index)? - own.get(index)? * share).norm_squared())
             });
-            squares.sum::<f64>()
+            let none = own.get(index).map_or(0.0, |own| (own * share).norm_squared());
+            is_global * none + (1.0 - is_global) * squares.sum::<f64>()
         };
         let squares: Vec<f64> =
             errors.into_iter().enumerate().map(|(index, error)| error + disagreement(index)).collect();
         let is_finite = squares.iter().all(|square| square.is_finite());
         if is_finite { Expected { share, squares } } else { Expected::default() }
     }
+}
+
+/// The probability that γ is 0, not `gamma` with this deviation: by the density of γ at 0, then and before anything was seen (the
+/// Savage–Dickey ratio: J. M. Dickey, *The weighted likelihood ratio*, 1971).
+fn global_probability(gamma: f64, deviation: f64) -> f64 {
+    let density = |mean: f64, deviation: f64| (-0.5 * (mean / deviation).powi(2)).exp() / deviation;
+    let odds = GLOBAL_ODDS * density(gamma, deviation) / density(READOUT_BELIEF.0, READOUT_BELIEF.1);
+    if odds.is_finite() { odds / (1.0 + odds) } else { 1.0 }
 }
 
 /// The middles of the regions of a frame of this size, row by row, in radii.

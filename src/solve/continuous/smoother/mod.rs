@@ -7,6 +7,7 @@
 
 use crate::correspond::Correspondence;
 use crate::motion::{FrameMotion, MotionPath, SampledPath, image_centre, rounded_homography};
+use crate::solve::as_recorded::AsRecorded;
 use crate::solve::continuous::camera::{Break, Camera, CameraPosterior, Hypothesis};
 use crate::solve::continuous::data::{FramePair, PairWindow, StaticOverlay};
 use crate::solve::continuous::output::{Expected, FittedPair};
@@ -341,6 +342,7 @@ impl Continuous {
             let homographies: Vec<_> = (0..=SAMPLES).map(|index| rounded(homography(place(index)))).collect();
             SampledPath::new(&homographies, readout.time).ok().map(MotionPath::from)
         };
+        let is_in_doubt = lean.is_some() && !timing.is_stabilised();
         let (path, expected) = if let Some(lean) = lean {
             let path = sampled(&|place| lean.homography(place, self.radius))?;
             (path, Expected::of_lean(&lean, self.size, self.radius / scale))
@@ -363,6 +365,7 @@ impl Continuous {
             inliers,
             residual: sigma,
             readout_deviation: self.readout_deviation(index),
+            as_recorded: is_in_doubt.then_some(AsRecorded::UnknownReadout),
             timing,
             focal_length: focal_length.map(|(widths, deviation)| FocalLength { widths, deviation }),
             fitted: self.fitted(window, own),

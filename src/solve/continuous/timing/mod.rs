@@ -84,7 +84,7 @@ pub struct Timing {
     before: FrameTiming,
     /// Whether it is given that frames are stabilised, or are not.
     is_given: bool,
-    /// Whether the first pairs contradict the path, while they are too few for a verdict.
+    /// Whether the pairs contradict the path.
     is_doubtful: bool,
 }
 
@@ -252,7 +252,8 @@ impl Timing {
     }
 
     /// Determines whether a path is in doubt that was fitted to some successive pairs, the latest first, along this axis with this readout
-    /// ratio, `None` if it is given. There is doubt only while the pairs are too few for a verdict, or for that of the shot before to lapse.
+    /// ratio, `None` if it is given. While the pairs are too few for a verdict, or for that of the shot before to lapse, it is in doubt where
+    /// they look moved or retimed; then, where frames do not lean as this ratio tells.
     pub fn update_doubt<'a>(
         &mut self,
         latest: impl Iterator<Item = StatedPair<'a>>,
@@ -261,9 +262,19 @@ impl Timing {
         if self.axis != Some(axis) {
             self.change_axis(axis, latest);
         }
-        let is_open = !self.is_given && (self.carried.is_some() || self.found.stabilised.is_none());
-        let are_few = (MIN_DOUBT..MIN_PAIRS).contains(&self.pairs.len());
-        self.is_doubtful = is_open && are_few && self.looks_moved_or_retimed(gamma);
+        let is_open = self.carried.is_some() || self.found.stabilised.is_none();
+        self.is_doubtful = !self.is_given
+            && match self.pairs.len() {
+                MIN_PAIRS.. => gamma.is_some_and(|gamma| self.do_not_lean(gamma)),
+                MIN_DOUBT.. => is_open && self.looks_moved_or_retimed(gamma),
+                _ => false,
+            };
+    }
+
+    /// Whether the frames do not lean, as with this readout ratio they would.
+    fn do_not_lean(&self, gamma: f64) -> bool {
+        let now = self.agreement(Pairs::Many, &self.leans(), self.found.timeline);
+        now.is_some_and(|now| now.unexplained_with(gamma) > STABILISED && now.excludes(gamma))
     }
 
     /// Whether the few pairs so far look as if frames had been moved after their readout, or another timeline or readout ratio is likelier.
