@@ -26,9 +26,9 @@ const MAX_BEND: f64 = PI;
 /// Least share of the changes that parallax could not explain as well: of shake 0.15 and more.
 const MIN_UNSHARED: f64 = 0.1;
 /// Standard deviations of the γ of the changes by which another one must differ to be excluded. Of rendered clips with a rolling
-/// shutter up to 4, with much parallax; where depth that varies along the scan axis, or a swaying or turning object, looks like a
-/// readout, 5 to 1000.
-const EXCLUDED: f64 = 5.0;
+/// shutter up to 7, where the camera follows a person among much parallax; where depth that varies along the scan axis, or an object
+/// that sways or turns, looks like a readout, 27 to 1000.
+const EXCLUDED: f64 = 10.0;
 /// Parallax terms of a coordinate.
 const TERMS: usize = 3;
 
