@@ -13,7 +13,7 @@
 use super::lean_change::LeanChange;
 use super::velocity::velocities;
 use crate::robust::median::median;
-use nalgebra::{Matrix4, Vector2, Vector4};
+use nalgebra::{SMatrix, SVector, Vector2, Vector3, Vector4};
 use std::f64::consts::PI;
 
 /// Mean square of the changes over their variance, from which on they are no parallax and no noise: of rendered scenes
@@ -30,8 +30,8 @@ const MIN_UNSHARED: f64 = 0.1;
 /// shutter up to 7, where the camera follows a person among much parallax; where depth that varies along the scan axis, or an object
 /// that sways or turns, looks like a readout, 27 to 1000.
 const EXCLUDED: f64 = 10.0;
-/// Parallax terms of a coordinate.
-const TERMS: usize = 4;
+/// Terms that are eliminated of a coordinate for that.
+const OWN_TERMS: usize = 3;
 
 /// How the changes of the lean agree with the shifts.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -47,6 +47,8 @@ pub struct Explained {
     /// Number of changes.
     pub count: usize,
     sums: Sums,
+    /// With the shift of the same coordinate as parallax only: of a shift that turns in a circle both leave nothing.
+    own: Sums,
 }
 
 impl Explained {
@@ -58,8 +60,9 @@ impl Explained {
     /// Whether the changes are no more than parallax and noise, and a γ is far from theirs: with such a readout frames would lean by what
     /// the velocities tell.
     pub fn excludes(&self, gamma: f64) -> bool {
-        let (own, deviation) = self.sums.gamma((2 * self.count).saturating_sub(2 * TERMS));
-        self.signal < MIN_SIGNAL && (gamma - own).abs() > EXCLUDED * deviation
+        let numbers = 2 * self.count;
+        let (own, deviation) = self.own.gamma(numbers.saturating_sub(2 * OWN_TERMS));
+        self.own.change < MIN_SIGNAL * numbers as f64 && (gamma - own).abs() > EXCLUDED * deviation
     }
 
     /// Whether the changes are certain enough, and slow enough, to be compared with the shifts, and no parallax.
@@ -100,9 +103,17 @@ pub fn explained(pairs: &[LeanChange], stamps: &[f64], noise: f64, number: Pairs
     let mut variances: Vec<f64> =
         pairs.iter().flat_map(|pair| [pair.variance.x, pair.variance.y]).filter(|v| v.is_finite()).collect();
     let usual = median(&mut variances).max(noise);
-    let mut all = Sums::default();
+    let [mut all, mut own] = [Sums::default(); 2];
     for coordinate in 0..2 {
-        all += coordinate_sums(pairs, velocities, coordinate, usual, number)?;
+        let of = (pairs, velocities, coordinate, usual);
+        if number == Pairs::Few {
+            all += coordinate_sums(of, |_| SVector::<f64, 0>::zeros())?;
+            continue;
+        }
+        let terms = |pair: &LeanChange| Vector4::new(1.0, pair.shift.x, pair.shift.y, pair.stretch);
+        all += coordinate_sums(of, terms)?;
+        let terms = |pair: &LeanChange| Vector3::new(1.0, pair.shift[coordinate], pair.stretch);
+        own += coordinate_sums::<OWN_TERMS>(of, terms)?;
     }
     let gamma = (all.cross / all.velocity).clamp(-1.0, 1.0);
     let squares = |of: fn(&LeanChange) -> f64| pairs.iter().map(|pair| of(pair).powi(2)).sum::<f64>();
@@ -113,6 +124,7 @@ pub fn explained(pairs: &[LeanChange], stamps: &[f64], noise: f64, number: Pairs
         bend: (squares(|pair| pair.bend) / squares(|pair| pair.change.x)).sqrt(),
         count: pairs.len(),
         sums: all,
+        own,
     };
     (found.unexplained.is_finite() && found.bend.is_finite()).then_some(found)
 }
@@ -149,20 +161,18 @@ impl std::ops::AddAssign for Sums {
     }
 }
 
-fn coordinate_sums(
-    pairs: &[LeanChange],
-    velocities: &[Vector2<f64>],
-    coordinate: usize,
-    usual: f64,
-    number: Pairs,
+/// Sums over a coordinate of pairs between frames with these velocities, with some terms of each eliminated; `usual` is added to variances.
+fn coordinate_sums<const TERMS: usize>(
+    (pairs, velocities, coordinate, usual): (&[LeanChange], &[Vector2<f64>], usize, f64),
+    terms: impl Fn(&LeanChange) -> SVector<f64, TERMS>,
 ) -> Option<Sums> {
-    let mut normal = Matrix4::zeros();
-    let [mut by_change, mut by_velocity] = [Vector4::zeros(); 2];
+    let mut normal = SMatrix::<f64, TERMS, TERMS>::zeros();
+    let [mut by_change, mut by_velocity] = [SVector::<f64, TERMS>::zeros(); 2];
     let mut sums = Sums::default();
     for (pair, frames) in pairs.iter().zip(velocities.windows(2)) {
         let weight = 1.0 / (pair.variance[coordinate] + usual);
         let [change, velocity] = [pair.change[coordinate], frames[1][coordinate] - frames[0][coordinate]];
-        let terms = Vector4::new(1.0, pair.shift.x, pair.shift.y, pair.stretch);
+        let terms = terms(pair);
         normal += terms * terms.transpose() * weight;
         by_change += terms * (change * weight);
         by_velocity += terms * (velocity * weight);
@@ -174,12 +184,9 @@ fn coordinate_sums(
             velocity: velocity * velocity * weight,
         };
     }
-    if number == Pairs::Few {
-        return Some(sums);
-    }
     // A ridge, as of a still picture all terms but the first are 0.
     let ridge = f64::EPSILON * normal.trace();
-    let solved = (normal + Matrix4::identity() * ridge).cholesky()?;
+    let solved = (normal + SMatrix::identity() * ridge).cholesky()?;
     let [of_change, of_velocity] = [solved.solve(&by_change), solved.solve(&by_velocity)];
     Some(Sums {
         whole: sums.whole,
