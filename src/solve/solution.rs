@@ -136,6 +136,10 @@ impl FrameSolution {
         if !self.motion.corrects_nothing(REFERENCE) {
             return None;
         }
+        // What the estimator has found out cannot be inferred from the motion.
+        if self.as_recorded.is_some() {
+            return self.as_recorded;
+        }
         let readout = self.motion.readout();
         let twist = self.motion.path().mean_twist();
         let reach = 0.5 * (readout.width() as f64).hypot(readout.height() as f64);
@@ -146,8 +150,6 @@ impl FrameSolution {
             (Timeline::Blended { period }, ..) => AsRecorded::Blended { period },
             _ if self.origin == Origin::Untouched => AsRecorded::NoMotion,
             _ if self.timing.is_stabilised() => AsRecorded::Stabilised,
-            // The estimator has said so: its path was not used.
-            _ if self.as_recorded == Some(AsRecorded::UnknownReadout) => AsRecorded::UnknownReadout,
             // With a readout of 0 the path has no displacement during the readout, whatever moves.
             (_, false, true) => AsRecorded::UnknownReadout,
             (_, _, false) if speed * period < STILL => AsRecorded::NothingMoved,

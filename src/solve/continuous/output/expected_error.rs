@@ -7,11 +7,11 @@
 //! probability pₕ. If the share w of the correction d₁ of the likeliest is applied, whose γ is believed to be
 //! γ̄ ± σ, the mean squared error is
 //!
-//! > p₀·|w·d₁|² + (1 − p₀)·Σ pₕ·|dₕ − w·d₁|² + tr(φ·C·φᵀ) + (σ² + (γ − γ̄)²)·|∂d₁/∂γ|² + v,
+//! > Σ pₕ·|dₕ − w·d₁|² + tr(φ·C·φᵀ) + (σ² + (γ − γ̄)²)·|∂d₁/∂γ|² + v,
 //!
-//! p₀ the probability that all rows are exposed at once and nothing is to be corrected, φ the fields of the generators, C the covariance of the motion of their paths until the middle of the
+//! φ the fields of the generators, C the covariance of the motion of their paths until the middle of the
 //! readout, from that of the path's coefficients, and v the variance of the flow about path and residual
-//! velocities.
+//! velocities. If the readout is unknown, one of the hypotheses is that all rows are exposed at once: d = 0.
 
 use crate::motion::generators::{GENERATORS, fields};
 use crate::solve::continuous::camera::{CameraPosterior, Hypothesis, READOUT_BELIEF};
@@ -83,26 +83,29 @@ impl CameraPosterior {
         let leading = self.leading();
         let frame = Frame::new(stamp, middles(self.size), regions, sigma, leading.gamma().abs());
         let own = frame.corrections(leading);
+        let (gamma_error, is_global) = if self.camera.is_known() {
+            (0.0, 0.0)
+        } else {
+            let gamma_error = leading.gamma_error();
+            (gamma_error, global_probability(leading.gamma(), gamma_error))
+        };
         let likely = self.hypotheses().filter(|(probability, _)| *probability > MIN_PROBABILITY);
-        let all: Vec<(f64, Vec<Vector2<f64>>)> =
-            likely.map(|(probability, one)| (probability, frame.corrections(one))).collect();
-        let gamma_error = if self.camera.is_known() { 0.0 } else { leading.gamma_error() };
+        let mut all: Vec<(f64, Vec<Vector2<f64>>)> = likely
+            .map(|(probability, one)| ((1.0 - is_global) * probability, frame.corrections(one)))
+            .collect();
+        all.push((is_global, vec![Vector2::zeros(); own.len()]));
         let errors = frame.errors(leading, gamma_error);
         let product = |other: &[Vector2<f64>]| own.iter().zip(other).map(|(a, b)| a.dot(b)).sum::<f64>();
         let square = product(&own);
-        let is_global =
-            if self.camera.is_known() { 0.0 } else { global_probability(leading.gamma(), gamma_error) };
         // The share of d₁ with the least squared distance from all corrections.
-        let agreement = (1.0 - is_global)
-            * all.iter().map(|(probability, other)| probability * product(other)).sum::<f64>()
-            / square;
+        let agreement =
+            all.iter().map(|(probability, other)| probability * product(other)).sum::<f64>() / square;
         let share = applied_share(agreement, errors.iter().sum::<f64>() / square);
         let disagreement = |index: usize| {
             let squares = all.iter().filter_map(|(probability, other)| {
                 Some(probability * (other.get(index)? - own.get(index)? * share).norm_squared())
             });
-            let none = own.get(index).map_or(0.0, |own| (own * share).norm_squared());
-            is_global * none + (1.0 - is_global) * squares.sum::<f64>()
+            squares.sum::<f64>()
         };
         let squares: Vec<f64> =
             errors.into_iter().enumerate().map(|(index, error)| error + disagreement(index)).collect();

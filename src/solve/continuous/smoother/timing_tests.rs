@@ -158,6 +158,7 @@ fn stabilised_frames_before_the_verdict_are_in_doubt() {
         assert!(solution.readout_deviation >= READOUT_BELIEF.1, "{}", solution.readout_deviation);
         let [left, whole] = [solution.motion.path(), &MotionPath::STILL].map(|path| film.error(path, *stamp));
         assert!(left < 1.1 * whole, "at {stamp} s: {left} of {whole} px");
+        assert_eq!(solution.as_recorded, Some(AsRecorded::UnknownReadout), "not that nothing moved");
     }
 }
 

@@ -30,7 +30,7 @@ const MIN_UNSHARED: f64 = 0.1;
 /// shutter up to 7, where the camera follows a person among much parallax; where depth that varies along the scan axis, or an object
 /// that sways or turns, looks like a readout, 27 to 1000.
 const EXCLUDED: f64 = 10.0;
-/// Terms that are eliminated of a coordinate for that.
+/// Terms that are eliminated of each coordinate for that.
 const OWN_TERMS: usize = 3;
 
 /// How the changes of the lean agree with the shifts.
@@ -47,22 +47,12 @@ pub struct Explained {
     /// Number of changes.
     pub count: usize,
     sums: Sums,
-    /// With the shift of the same coordinate as parallax only: of a shift that turns in a circle both leave nothing.
-    own: Sums,
 }
 
 impl Explained {
     /// Share of the mean square of the changes that is not explained with this γ; above 1 if it has the wrong sign.
     pub fn unexplained_with(&self, gamma: f64) -> f64 {
         self.sums.unexplained_with(gamma)
-    }
-
-    /// Whether the changes are no more than parallax and noise, and a γ is far from theirs: with such a readout frames would lean by what
-    /// the velocities tell.
-    pub fn excludes(&self, gamma: f64) -> bool {
-        let numbers = 2 * self.count;
-        let (own, deviation) = self.own.gamma(numbers.saturating_sub(2 * OWN_TERMS));
-        self.own.change < MIN_SIGNAL * numbers as f64 && (gamma - own).abs() > EXCLUDED * deviation
     }
 
     /// Whether the changes are certain enough, and slow enough, to be compared with the shifts, and no parallax.
@@ -88,45 +78,111 @@ pub enum Pairs {
     Few,
 }
 
+/// Changes that are compared with the velocities at their frames, of which there is one more.
+struct Changes<'a> {
+    pairs: &'a [LeanChange],
+    velocities: Vec<Vector2<f64>>,
+    /// Variance that is added to each, and number of those whose own is finite.
+    usual: f64,
+    known: usize,
+}
+
+impl<'a> Changes<'a> {
+    /// `None` if there are too few pairs, or stamps.
+    fn of(pairs: &'a [LeanChange], stamps: &[f64], noise: f64, number: Pairs) -> Option<Self> {
+        let shifts: Vec<Vector2<f64>> = pairs.iter().map(|pair| pair.shift).collect();
+        let velocities = velocities(&shifts, stamps);
+        let counted = match number {
+            Pairs::Many => 0..pairs.len(),
+            Pairs::Few => 1..pairs.len().checked_sub(1)?,
+        };
+        let velocities = velocities.get(counted.start..=counted.end)?.to_vec();
+        let pairs = pairs.get(counted)?;
+        let variances = pairs.iter().flat_map(|pair| [pair.variance.x, pair.variance.y]);
+        let mut variances: Vec<f64> = variances.filter(|v| v.is_finite()).collect();
+        let usual = median(&mut variances).max(noise);
+        Some(Self { pairs, velocities, usual, known: variances.len() })
+    }
+
+    /// Sums over both coordinates, with some terms of each eliminated; `None` if these are not finite.
+    fn sums<const TERMS: usize>(
+        &self,
+        terms: impl Fn(&LeanChange, usize) -> SVector<f64, TERMS>,
+    ) -> Option<Sums> {
+        let [across, along] = [0, 1].map(|coordinate| self.coordinate_sums(coordinate, &terms));
+        Some(across? + along?)
+    }
+
+    fn coordinate_sums<const TERMS: usize>(
+        &self,
+        coordinate: usize,
+        terms: &impl Fn(&LeanChange, usize) -> SVector<f64, TERMS>,
+    ) -> Option<Sums> {
+        let mut normal = SMatrix::<f64, TERMS, TERMS>::zeros();
+        let [mut by_change, mut by_velocity] = [SVector::<f64, TERMS>::zeros(); 2];
+        let mut sums = Sums::default();
+        for (pair, frames) in self.pairs.iter().zip(self.velocities.windows(2)) {
+            let weight = 1.0 / (pair.variance[coordinate] + self.usual);
+            let [change, velocity] = [pair.change[coordinate], frames[1][coordinate] - frames[0][coordinate]];
+            let terms = terms(pair, coordinate);
+            normal += terms * terms.transpose() * weight;
+            by_change += terms * (change * weight);
+            by_velocity += terms * (velocity * weight);
+            let square = change * change * weight;
+            sums = sums
+                + Sums {
+                    whole: square,
+                    change: square,
+                    cross: change * velocity * weight,
+                    velocity: velocity * velocity * weight,
+                };
+        }
+        // A ridge, as of a still picture all terms but the first are 0.
+        let ridge = f64::EPSILON * normal.trace();
+        let solved = (normal + SMatrix::identity() * ridge).cholesky()?;
+        let [of_change, of_velocity] = [solved.solve(&by_change), solved.solve(&by_velocity)];
+        Some(Sums {
+            whole: sums.whole,
+            change: sums.change - by_change.dot(&of_change),
+            cross: sums.cross - by_change.dot(&of_velocity),
+            velocity: sums.velocity - by_velocity.dot(&of_velocity),
+        })
+    }
+}
+
 /// The agreement of successive pairs whose frames have these stamps, one more than pairs; `noise` is the least variance
 /// of a change in squared radii. `None` if nothing is known.
 pub fn explained(pairs: &[LeanChange], stamps: &[f64], noise: f64, number: Pairs) -> Option<Explained> {
-    let shifts: Vec<Vector2<f64>> = pairs.iter().map(|pair| pair.shift).collect();
-    let velocities = velocities(&shifts, stamps);
-    let counted = match number {
-        Pairs::Many => 0..pairs.len(),
-        Pairs::Few => 1..pairs.len().checked_sub(1)?,
+    let changes = Changes::of(pairs, stamps, noise, number)?;
+    let sums = match number {
+        Pairs::Many => changes.sums(|pair, _| Vector4::new(1.0, pair.shift.x, pair.shift.y, pair.stretch))?,
+        Pairs::Few => changes.sums(|_, _| SVector::<f64, 0>::zeros())?,
     };
-    // One more frame than pairs.
-    let velocities = velocities.get(counted.start..=counted.end)?;
-    let pairs = pairs.get(counted)?;
-    let mut variances: Vec<f64> =
-        pairs.iter().flat_map(|pair| [pair.variance.x, pair.variance.y]).filter(|v| v.is_finite()).collect();
-    let usual = median(&mut variances).max(noise);
-    let [mut all, mut own] = [Sums::default(); 2];
-    for coordinate in 0..2 {
-        let of = (pairs, velocities, coordinate, usual);
-        if number == Pairs::Few {
-            all += coordinate_sums(of, |_| SVector::<f64, 0>::zeros())?;
-            continue;
-        }
-        let terms = |pair: &LeanChange| Vector4::new(1.0, pair.shift.x, pair.shift.y, pair.stretch);
-        all += coordinate_sums(of, terms)?;
-        let terms = |pair: &LeanChange| Vector3::new(1.0, pair.shift[coordinate], pair.stretch);
-        own += coordinate_sums::<OWN_TERMS>(of, terms)?;
-    }
-    let gamma = (all.cross / all.velocity).clamp(-1.0, 1.0);
+    let Changes { pairs, known, .. } = changes;
     let squares = |of: fn(&LeanChange) -> f64| pairs.iter().map(|pair| of(pair).powi(2)).sum::<f64>();
     let found = Explained {
-        unexplained: all.unexplained_with(gamma),
-        signal: all.change / variances.len() as f64,
-        unshared: all.change / all.whole,
+        unexplained: sums.unexplained_with(sums.gamma().clamp(-1.0, 1.0)),
+        signal: sums.change / known as f64,
+        unshared: sums.change / sums.whole,
         bend: (squares(|pair| pair.bend) / squares(|pair| pair.change.x)).sqrt(),
         count: pairs.len(),
-        sums: all,
-        own,
+        sums,
     };
     (found.unexplained.is_finite() && found.bend.is_finite()).then_some(found)
+}
+
+/// Whether the changes of many pairs are no more than parallax and noise, and a γ is far from theirs: with such a readout frames would
+/// lean by what the velocities tell. Parallax is that of the shift of the same coordinate, as of a shift that turns in a circle both
+/// coordinates leave nothing.
+pub fn excludes(pairs: &[LeanChange], stamps: &[f64], noise: f64, gamma: f64) -> bool {
+    let terms =
+        |pair: &LeanChange, coordinate: usize| Vector3::new(1.0, pair.shift[coordinate], pair.stretch);
+    let changes = Changes::of(pairs, stamps, noise, Pairs::Many);
+    changes.and_then(|changes| changes.sums(terms)).is_some_and(|sums| {
+        let numbers = 2 * pairs.len();
+        let deviation = sums.gamma_deviation(numbers.saturating_sub(2 * OWN_TERMS));
+        sums.change < MIN_SIGNAL * numbers as f64 && (gamma - sums.gamma()).abs() > EXCLUDED * deviation
+    })
 }
 
 /// Sums of squares and products of changes of lean and velocity without what parallax explains, weighted.
@@ -140,11 +196,15 @@ struct Sums {
 }
 
 impl Sums {
-    /// γ by least squares, and its standard deviation: by the scatter about it where that is more than the changes' own variance.
-    fn gamma(&self, freedom: usize) -> (f64, f64) {
-        let gamma = self.cross / self.velocity;
-        let scatter = self.unexplained_with(gamma) * self.change / freedom.max(1) as f64;
-        (gamma, (scatter.max(1.0) / self.velocity).sqrt())
+    /// γ by least squares.
+    fn gamma(&self) -> f64 {
+        self.cross / self.velocity
+    }
+
+    /// Standard deviation of γ, by the scatter about it where that is more than the changes' own variance.
+    fn gamma_deviation(&self, freedom: usize) -> f64 {
+        let scatter = self.unexplained_with(self.gamma()) * self.change / freedom.max(1) as f64;
+        (scatter.max(1.0) / self.velocity).sqrt()
     }
 
     fn unexplained_with(&self, gamma: f64) -> f64 {
@@ -152,48 +212,17 @@ impl Sums {
     }
 }
 
-impl std::ops::AddAssign for Sums {
-    fn add_assign(&mut self, other: Self) {
-        self.whole += other.whole;
-        self.change += other.change;
-        self.cross += other.cross;
-        self.velocity += other.velocity;
-    }
-}
+impl std::ops::Add for Sums {
+    type Output = Self;
 
-/// Sums over a coordinate of pairs between frames with these velocities, with some terms of each eliminated; `usual` is added to variances.
-fn coordinate_sums<const TERMS: usize>(
-    (pairs, velocities, coordinate, usual): (&[LeanChange], &[Vector2<f64>], usize, f64),
-    terms: impl Fn(&LeanChange) -> SVector<f64, TERMS>,
-) -> Option<Sums> {
-    let mut normal = SMatrix::<f64, TERMS, TERMS>::zeros();
-    let [mut by_change, mut by_velocity] = [SVector::<f64, TERMS>::zeros(); 2];
-    let mut sums = Sums::default();
-    for (pair, frames) in pairs.iter().zip(velocities.windows(2)) {
-        let weight = 1.0 / (pair.variance[coordinate] + usual);
-        let [change, velocity] = [pair.change[coordinate], frames[1][coordinate] - frames[0][coordinate]];
-        let terms = terms(pair);
-        normal += terms * terms.transpose() * weight;
-        by_change += terms * (change * weight);
-        by_velocity += terms * (velocity * weight);
-        let square = change * change * weight;
-        sums += Sums {
-            whole: square,
-            change: square,
-            cross: change * velocity * weight,
-            velocity: velocity * velocity * weight,
-        };
+    fn add(self, other: Self) -> Self {
+        Self {
+            whole: self.whole + other.whole,
+            change: self.change + other.change,
+            cross: self.cross + other.cross,
+            velocity: self.velocity + other.velocity,
+        }
     }
-    // A ridge, as of a still picture all terms but the first are 0.
-    let ridge = f64::EPSILON * normal.trace();
-    let solved = (normal + SMatrix::identity() * ridge).cholesky()?;
-    let [of_change, of_velocity] = [solved.solve(&by_change), solved.solve(&by_velocity)];
-    Some(Sums {
-        whole: sums.whole,
-        change: sums.change - by_change.dot(&of_change),
-        cross: sums.cross - by_change.dot(&of_velocity),
-        velocity: sums.velocity - by_velocity.dot(&of_velocity),
-    })
 }
 
 #[cfg(test)]
@@ -247,13 +276,14 @@ mod tests {
 
     #[test]
     fn the_lean_of_frames_as_recorded_follows_from_their_shifts() {
-        let found = explained(&pairs(swing, |t| swing(t) * -0.7), &stamps(), NOISE, Pairs::Many).unwrap();
+        let recorded = pairs(swing, |t| swing(t) * -0.7);
+        let found = explained(&recorded, &stamps(), NOISE, Pairs::Many).unwrap();
         assert!(found.is_telling() && found.unexplained < 0.05, "{found:?}");
         let with = [-0.7, 0.0, 0.7].map(|gamma| found.unexplained_with(gamma));
         for (found, expected) in with.into_iter().zip([0.0, 1.0, 4.0]) {
             assert!((found - expected).abs() < 0.2, "{with:?}");
         }
-        assert!(!found.excludes(-0.7));
+        assert!(!excludes(&recorded, &stamps(), NOISE, -0.7));
     }
 
     #[test]
@@ -302,20 +332,21 @@ mod tests {
     fn parallax_noise_and_fast_motions_say_nothing() {
         // The change of a shift that turns in a circle is proportional to its other coordinate.
         let circle = |t: f64| Vector2::new((TAU * t / 12.0).cos(), (TAU * t / 12.0).sin()) * 0.02;
-        let circular = explained(&pairs(circle, |t| circle(t) * 0.7), &stamps(), NOISE, Pairs::Many).unwrap();
-        assert!(!circular.is_telling() && circular.unshared < 0.1 && !circular.excludes(0.7), "{circular:?}");
+        let pairs_in_circle = pairs(circle, |t| circle(t) * 0.7);
+        let circular = explained(&pairs_in_circle, &stamps(), NOISE, Pairs::Many).unwrap();
+        assert!(!circular.is_telling() && circular.unshared < 0.1, "{circular:?}");
+        assert!(!excludes(&pairs_in_circle, &stamps(), NOISE, 0.7));
         // Where depth varies along the scan axis, the lean changes in proportion to the shift, of which it is the integral.
         let depth = |t: f64| {
             let place = |t: f64| Vector2::new(-(TAU * 0.11 * t).cos() / 0.11, -(TAU * 0.13 * t).cos() / 0.13);
             place(t) * (0.01 / TAU)
         };
         let velocity = |t: f64| Vector2::new((TAU * 0.11 * t).sin(), (TAU * 0.13 * t).sin()) * 0.02;
-        let parallax = explained(&pairs(velocity, depth), &stamps(), NOISE, Pairs::Many).unwrap();
+        let pairs_with_depth = pairs(velocity, depth);
+        let parallax = explained(&pairs_with_depth, &stamps(), NOISE, Pairs::Many).unwrap();
         assert!(!parallax.is_telling() && parallax.unshared < 0.1, "{parallax:?}");
-        assert!(
-            parallax.excludes(0.5) && !parallax.excludes(0.0),
-            "frames with a readout would lean: {parallax:?}"
-        );
+        let excluded = [0.0, 0.5].map(|gamma| excludes(&pairs_with_depth, &stamps(), NOISE, gamma));
+        assert_eq!(excluded, [false, true], "frames with a readout would lean");
         let slight = explained(&pairs(swing, |t| swing(t) * 0.02), &stamps(), NOISE, Pairs::Many).unwrap();
         assert!(!slight.is_telling() && slight.signal < 30.0, "{slight:?}");
         let mut fast = pairs(swing, |t| swing(t) * 0.7);

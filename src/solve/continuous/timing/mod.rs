@@ -36,7 +36,7 @@ use crate::solve::continuous::data::{FramePair, INDEPENDENT_MATCHES, ScanAxis};
 use crate::solve::frame_timing::{FrameTiming, Timeline};
 use blends::Blends;
 use curvature::Curvature;
-use explained::{Explained, Pairs, explained};
+use explained::{Explained, Pairs, excludes, explained};
 pub use lean::Lean;
 use lean_change::LeanChange;
 use nalgebra::Vector2;
@@ -273,8 +273,11 @@ impl Timing {
 
     /// Whether the frames do not lean, as with this readout ratio they would.
     fn do_not_lean(&self, gamma: f64) -> bool {
-        let now = self.agreement(Pairs::Many, &self.leans(), self.found.timeline);
-        now.is_some_and(|now| now.unexplained_with(gamma) > STABILISED && now.excludes(gamma))
+        let (leans, timeline) = (self.leans(), self.found.timeline);
+        excludes(&leans, &self.stamps(timeline), self.lean_noise(), gamma)
+            && self
+                .agreement(Pairs::Many, &leans, timeline)
+                .is_some_and(|now| now.unexplained_with(gamma) > STABILISED)
     }
 
     /// Whether the few pairs so far look as if frames had been moved after their readout, or another timeline or readout ratio is likelier.
@@ -357,7 +360,12 @@ impl Timing {
     }
 
     fn agreement(&self, number: Pairs, leans: &[LeanChange], timeline: Timeline) -> Option<Explained> {
-        explained(leans, &self.stamps(timeline), SLOPE_NOISE * self.noise, number)
+        explained(leans, &self.stamps(timeline), self.lean_noise(), number)
+    }
+
+    /// Least variance of a change of the lean.
+    fn lean_noise(&self) -> f64 {
+        SLOPE_NOISE * self.noise
     }
 
     /// The stamps of the frames of all pairs.
