@@ -63,7 +63,8 @@ class Readout:
     doubt: str | None
     # What was known of the camera before, as `rsrectify measure --json` prints it.
     expected: dict[str, Any] | None = None
-    # Whether all parts that tell it were moved after their readout, and whether any was, or was exposed at other times than stated.
+    # Whether all parts that tell it were moved after their readout and leans are seen, by which they can be rectified; whether any part was
+    # moved, or was exposed at other times than stated.
     is_stabilised: bool = False
     is_retimed: bool = False
 
@@ -127,7 +128,8 @@ def combine(measurements: list[dict[str, Any]]) -> Readout | None:
     said = {one["stabilised"] for one in measurements} - {"undecided"}
     is_retimed = "yes" in said or any(one["timeline"] != "as stated" for one in measurements)
     direction = DIRECTIONS[axis][int(mean < 0)]
-    return Readout(abs(mean), direction, deviation, doubt, expected, said == {"yes"}, is_retimed)
+    is_stabilised = said == {"yes"} and any(one.get("shows_leans") for one in measurements)
+    return Readout(abs(mean), direction, deviation, doubt, expected, is_stabilised, is_retimed)
 
 
 def _likelihood(measurement: dict[str, Any], times: Array, blur: float) -> Array:

@@ -23,7 +23,7 @@ def measured(*hypotheses: tuple[str, float, float, float], frames: int = 100) ->
     """A measurement whose posterior is this mixture of direction, milliseconds, deviation, weight."""
     names = ("direction", "signed_readout_ms", "deviation_ms", "weight")
     listed = [dict(zip(names, one)) for one in hypotheses]
-    timing = {"stabilised": "undecided", "timeline": "as stated"}
+    timing = {"stabilised": "undecided", "shows_leans": False, "timeline": "as stated"}
     return {"hypotheses": listed, "prior": PRIOR, "frames_with_motion": frames, **timing}
 
 
@@ -140,6 +140,8 @@ def test_where_time_or_place_of_frames_is_not_what_the_file_says_more_frames_are
     dropped = {**usual, "timeline": "one frame of 5 is missing"}
     assert combine([usual, dropped]).options()[-2:] == ["--lookahead", "18"]
     assert "18" not in combine([usual, dropped]).options(["--lookahead=8"])
-    stabilised = {**usual, "stabilised": "yes"}
+    stabilised = {**usual, "stabilised": "yes", "shows_leans": True}
     assert combine([stabilised, NOTHING]).options()[-4:] == ["--lookahead", "18", "--stabilised", "yes"]
     assert "yes" not in combine([stabilised, usual]).options(), "shots of several cameras"
+    deformed = {**stabilised, "shows_leans": False}
+    assert combine([deformed, NOTHING]).options()[-2:] == ["--lookahead", "18"], "nothing to rectify it by"

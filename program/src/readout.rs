@@ -441,4 +441,16 @@ mod tests {
         assert_eq!(ahead(None, Timeline::Missing { kept: 4, longer: 0 }), Some(18));
         assert_eq!(ahead(None, Timeline::Even { interval: 1.25 }), Some(23));
     }
+    #[test]
+    fn stabilised_frames_are_given_to_be_so_where_leans_are_seen() {
+        let applied = |shows_leans| {
+            let found = Found::example(ReadoutDirection::TopToBottom, 20.0, 0.5);
+            let timing = FrameTiming::new(Some(true), Timeline::Stated);
+            let mut analysis = AnalysisOptions::default();
+            Found { timing, shows_leans, ..found }.apply(&mut analysis);
+            (analysis.stabilised, analysis.lookahead, analysis.readout_time)
+        };
+        assert_eq!(applied(true), (Some(Stabilised::Yes), Some(18), None));
+        assert_eq!(applied(false), (None, Some(18), None));
+    }
 }

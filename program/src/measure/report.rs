@@ -29,6 +29,8 @@ pub struct Measurement {
     pub doubts: Vec<String>,
     /// Whether the frames were moved after their readout, as by stabilisation in the camera: `yes`, `no` or `undecided`.
     pub stabilised: String,
+    /// Whether leans of such frames are seen, by which they can be rectified.
+    pub shows_leans: bool,
     /// When the frames were exposed: `as stated`, or how a conversion of the frame rate has changed it.
     pub timeline: String,
     /// Frames of the clip at which another shot begins; absent where only stretches of it were analysed.
@@ -200,6 +202,7 @@ impl Measurement {
             certain: found.doubt().is_none(),
             doubts: doubts(found, &readout),
             stabilised: found.timing.stabilised_name().to_owned(),
+            shows_leans: found.shows_leans,
             timeline: found.timing.timeline.to_string(),
             cuts: None,
             stated: None,
