@@ -2,6 +2,7 @@
 
 //! The scenes that sequences are filmed in.
 
+use super::deep;
 use super::geometry::Scene;
 use super::photographs;
 use super::procedural::bake_all;
@@ -45,6 +46,15 @@ pub enum SceneKind {
     /// The room and a caption that is fixed to the frame of a camera on
     /// [`Motion::Pan`](super::path::Motion::Pan).
     Caption,
+    /// Walls one before the other, the nearer ones lower, as the layers of a game.
+    Layers,
+    /// The same behind the frame of a window that is at rest in the picture of a camera on
+    /// [`Motion::Scroll`](super::path::Motion::Scroll) between 0.02 and 0.3 cycles a frame.
+    Window,
+    /// A plain from below the camera to the horizon, and a sky.
+    Ground,
+    /// A wall behind a cylinder across the picture that rolls to and fro.
+    Roller,
 }
 
 impl SceneKind {
@@ -88,6 +98,10 @@ impl SceneKind {
             Self::Water => movers = special::water(&mut builder),
             Self::Blinds => textures.push(special::blinds(&mut builder)),
             Self::Caption => movers.push(special::caption(&mut builder, seed)),
+            Self::Layers => deep::layers(&mut builder),
+            Self::Window => movers.push(deep::window(&mut builder, seed)),
+            Self::Ground => deep::ground(&mut builder),
+            Self::Roller => movers.push(deep::roller(&mut builder)),
         }
         Scene { surfaces: builder.surfaces, textures, movers }
     }

@@ -5,6 +5,7 @@
 //! This part knows nothing of the library under test, so that its truth is independent.
 
 pub mod camera;
+mod deep;
 pub mod geometry;
 pub mod kind;
 mod line;

@@ -59,6 +59,15 @@ pub enum Motion {
     Drive,
     /// To and fro sideways by up to 0.15 metres a frame, with a little shake.
     Follow,
+    /// Sideways, and a little up and down, in a band of frequencies, without a turn: as a game scrolls.
+    Scroll {
+        /// The lowest frequency in cycles a frame.
+        lowest: f64,
+        /// The highest frequency in cycles a frame.
+        highest: f64,
+    },
+    /// Forward at 0.2 metres a frame and steered to and fro, otherwise level: as a vehicle in a game.
+    Steer,
     /// A hand's shake while the focal length grows from 1/√`factor` to √`factor` of the lens's over 24 frames, and
     /// goes back over the next 24. A sequence's strength does not change the zoom.
     Zoom {
@@ -116,6 +125,8 @@ impl Oscillations {
             Motion::Pan => path.pan(&mut random),
             Motion::Drive => path.drive(&mut random),
             Motion::Follow => path.follow(&mut random),
+            Motion::Scroll { lowest, highest } => path.scroll(&mut random, [lowest, highest]),
+            Motion::Steer => path.steer(&mut random),
             Motion::Zoom { factor } => {
                 path.shake(&mut random, [0.015, 0.15], 0.01);
                 // From the trough at frame 0 to the crest at frame 24.
@@ -179,6 +190,19 @@ impl Oscillations {
         self.shake(random, [0.02, 0.15], 0.01);
         self.rotation.iter_mut().flatten().for_each(|oscillation| oscillation.amplitude *= 0.5);
         self.position[0].push(Oscillation { amplitude: 1.2, frequency: 0.02, phase: random.random() });
+    }
+
+    fn scroll(&mut self, random: &mut ChaCha8Rng, limits: [f64; 2]) {
+        for (axis, amplitude) in [(0, 0.5), (1, 0.05)] {
+            self.position[axis] = band(random, amplitude, limits, 6);
+        }
+    }
+
+    fn steer(&mut self, random: &mut ChaCha8Rng) {
+        self.rotation[1] = band(random, 0.3, [0.02, 0.12], 4);
+        self.position[0] = band(random, 0.3, [0.02, 0.12], 4);
+        // The steep part of a wave of a thousand frames: 2π · 0.001 · 32 = 0.2 m a frame.
+        self.position[2].push(Oscillation { amplitude: 32.0, frequency: 0.001, phase: 0.0 });
     }
 
     fn vibrate(&mut self, random: &mut ChaCha8Rng) {

@@ -15,14 +15,14 @@ use rand::RngExt;
 const PLAIN: f32 = 0.03;
 
 /// Carries the surfaces added since there were `first` of them.
-fn carry(builder: &mut Builder, first: usize, mover: usize) {
+pub(super) fn carry(builder: &mut Builder, first: usize, mover: usize) {
     for surface in &mut builder.surfaces[first..] {
         *surface = surface.clone().carried(mover);
     }
 }
 
 /// Goes with a camera of the same motion and seed at amplitude 1, save for small motions of its own.
-fn with_camera(motion: Motion, seed: u64, builder: &mut Builder, turn: f64, shift: f64) -> Mover {
+pub(super) fn with_camera(motion: Motion, seed: u64, builder: &mut Builder, turn: f64, shift: f64) -> Mover {
     let mut path = Oscillations::new(motion, 1.0, 30.0, seed);
     let mut own = |amplitude: f64| Oscillation {
         amplitude,

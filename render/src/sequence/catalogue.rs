@@ -2,6 +2,7 @@
 
 //! The named sequences.
 
+use super::at_once::at_once;
 use super::processed::processed;
 use super::settings::{Settings, Strength};
 use super::{Gain, Move, Stabilisation, Timeline};
@@ -171,7 +172,7 @@ fn none_named(name: &str) -> String {
 
 /// The settings of all sequences, with or without a place in the report.
 pub fn all() -> impl Iterator<Item = Settings> {
-    catalogue().into_iter().chain(hard()).chain(processed())
+    catalogue().into_iter().chain(hard()).chain(processed()).chain(at_once())
 }
 
 /// The clip that shows what a rolling shutter does: 4.5 s at 1280×720, strongly shaken.

@@ -3,6 +3,7 @@
 //! Named sequences and their settings.
 
 mod amplitude;
+mod at_once;
 mod catalogue;
 mod gain;
 mod processed;
