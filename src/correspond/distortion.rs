@@ -7,7 +7,7 @@
 //! each of four medians of 20 some 1800 instructions, 900 a cell.
 
 use crate::cpu::CpuLevel;
-use crate::lanes::dispatch::with_word_cpu;
+use crate::lanes::dispatch::with_cpu;
 use crate::lanes::rows::SampleRows;
 use crate::lanes::{Cpu, FLOATS, WordCpu};
 use nalgebra::{Matrix2, Vector2};
@@ -68,7 +68,7 @@ impl Distortions {
         for (row, out) in self.matrices.chunks_mut(columns).enumerate() {
             for (group, out) in out.chunks_mut(FLOATS).enumerate() {
                 let at = [FLOATS * group, row];
-                let medians = with_word_cpu!(cpu, cpu => cpu.vectorize(
+                let medians = with_cpu!(cpu, cpu => cpu.vectorize(
                     #[inline(always)]
                     || Some([right.medians(cpu, at, [SIDE - 1, SIDE])?, down.medians(cpu, at, [SIDE, SIDE - 1])?])
                 ));

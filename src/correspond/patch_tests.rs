@@ -3,7 +3,7 @@
 use super::*;
 use crate::cpu::CpuLevel;
 use crate::lanes::Cpu;
-use crate::lanes::dispatch::with_word_cpu;
+use crate::lanes::dispatch::with_cpu;
 
 /// Repeatable pseudo-random grey levels.
 fn level(seed: u64) -> Level {
@@ -67,7 +67,7 @@ fn sums_are_those_of_their_definition_on_all_levels() {
         let levels = levels.each_ref();
         let corner = Vector2::new(2.0 + (seed % 11) as f32 / 11.0, 4.0 + (seed % 13) as f32 / 13.0);
         for cpu in CpuLevel::supported() {
-            let (pivot, found) = with_word_cpu!(
+            let (pivot, found) = with_cpu!(
                 cpu,
                 cpu => cpu.vectorize(#[inline(always)] || found(cpu, levels, corner))
             )
@@ -96,7 +96,7 @@ fn distorted_patches_are_sampled_where_they_lie_on_all_levels() {
         let (first, distortion) = (Vector2::new(20.3, 17.8), Matrix2::new(m11, m12, m21, m22));
         for cpu in CpuLevel::supported() {
             let mut distorted = DistortedPatch::new();
-            let samples = with_word_cpu!(
+            let samples = with_cpu!(
                 cpu,
                 cpu => cpu.vectorize(#[inline(always)] || distorted.sample(cpu, &level, first, &distortion))
             )

@@ -10,7 +10,7 @@ use super::template::Template;
 use crate::cpu::CpuLevel;
 use crate::flow::{DenseFlow, FlowField};
 use crate::lanes::Cpu;
-use crate::lanes::dispatch::with_word_cpu;
+use crate::lanes::dispatch::with_cpu;
 use crate::parallel::*;
 use crate::plane::Luma;
 use crate::pyramid::{Effort, Pyramid, Reducer, block_difference};
@@ -141,7 +141,7 @@ impl Sampler {
             })
         };
         let found = self.found.par_iter_mut().enumerate().with_min_len(16);
-        with_word_cpu!(cpu, cpu => found.for_each_init(
+        with_cpu!(cpu, cpu => found.for_each_init(
             || Template::new(cpu),
             |template, (index, found)| {
                 *found = initial(index).and_then(|start| {

@@ -3,7 +3,7 @@
 use super::*;
 use crate::cpu::CpuLevel;
 use crate::lanes::Cpu;
-use crate::lanes::dispatch::with_word_cpu;
+use crate::lanes::dispatch::with_cpu;
 use crate::lanes::scalar::Scalar;
 
 /// Repeatable pseudo-random grey levels (xorshift).
@@ -112,7 +112,7 @@ fn sums_are_those_of_their_definition_on_all_levels() {
             near(found.5, expected.5, expected.5);
         };
         for cpu in CpuLevel::supported() {
-            check(with_word_cpu!(
+            check(with_cpu!(
                 cpu,
                 cpu => cpu.vectorize(#[inline(always)] || compared(cpu, levels, 0.5, corner))
             ));

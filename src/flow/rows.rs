@@ -3,7 +3,7 @@
 //! Runs row kernels on all cores, with the instructions that the machine has.
 
 use crate::cpu::CpuLevel;
-use crate::lanes::dispatch::with_word_cpu;
+use crate::lanes::dispatch::with_cpu;
 use crate::lanes::{Cpu, WordCpu};
 use crate::parallel::*;
 
@@ -29,7 +29,7 @@ pub(super) trait RowKernel<T>: Sync {
 /// Fills all rows of `across` results each.
 pub(super) fn fill<T: Send, K: RowKernel<T>>(cpu: CpuLevel, kernel: &K, across: usize, out: &mut [T]) {
     let rows = out.par_chunks_mut(across.max(1)).enumerate();
-    with_word_cpu!(cpu, cpu => rows.for_each_init(
+    with_cpu!(cpu, cpu => rows.for_each_init(
         || Scratch::new(cpu),
         |scratch, (row, out)| cpu.vectorize(#[inline(always)] || kernel.fill(cpu, scratch, row, out)),
     ));

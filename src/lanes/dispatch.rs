@@ -2,9 +2,10 @@
 
 //! From the level of a CPU to the vectors that it has.
 
-/// `$vectors` with `$cpu` bound to the [`WordCpu`](crate::lanes::WordCpu) of a [`CpuLevel`](crate::cpu::CpuLevel). At the level `Scalar` that is
-/// the one of `Portable`, or `$scalar` is the result.
-macro_rules! with_word_cpu {
+/// `$vectors` with `$cpu` bound to the vectors of a [`CpuLevel`](crate::cpu::CpuLevel), which are [`Cpu`](crate::lanes::Cpu),
+/// [`WordCpu`](crate::lanes::WordCpu) and [`DoubleCpu`](crate::lanes::DoubleCpu). At the level `Scalar` they are those of `Portable`, or
+/// `$scalar` is the result.
+macro_rules! with_cpu {
     ($level:expr, $cpu:ident => $vectors:expr) => {
         match $level {
             #[cfg(target_arch = "x86_64")]
@@ -20,11 +21,11 @@ macro_rules! with_word_cpu {
     ($level:expr, $cpu:ident => $vectors:expr, _ => $scalar:expr) => {
         match $level {
             $crate::cpu::CpuLevel::Scalar => $scalar,
-            level => $crate::lanes::dispatch::with_word_cpu!(level, $cpu => $vectors),
+            level => $crate::lanes::dispatch::with_cpu!(level, $cpu => $vectors),
         }
     };
 }
-pub(crate) use with_word_cpu;
+pub(crate) use with_cpu;
 
 #[cfg(test)]
 mod tests {
@@ -77,9 +78,8 @@ mod tests {
     fn of_two_numbers_that_do_not_differ_all_levels_take_the_second() {
         for level in CpuLevel::supported() {
             for other in NUMBERS {
-                let found =
-                    with_word_cpu!(level, cpu => cpu.vectorize(#[inline(always)] || bounded(cpu, other)));
-                let bits = with_word_cpu!(level, cpu => cpu.vectorize(
+                let found = with_cpu!(level, cpu => cpu.vectorize(#[inline(always)] || bounded(cpu, other)));
+                let bits = with_cpu!(level, cpu => cpu.vectorize(
                     #[inline(always)]
                     || cpu.bits_above(cpu.load(&NUMBERS), cpu.splat(other))
                 ));
@@ -104,7 +104,7 @@ mod tests {
     #[test]
     fn lanes_are_those_of_their_definition_on_all_levels() {
         for level in CpuLevel::supported() {
-            let (columns, [low, high], [quotient, root, magnitude]) = with_word_cpu!(
+            let (columns, [low, high], [quotient, root, magnitude]) = with_cpu!(
                 level,
                 cpu => cpu.vectorize(#[inline(always)] || found(cpu))
             );
@@ -143,8 +143,7 @@ mod tests {
         // The products are exact.
         let (a, b, c) = ([1.5, -2.25, 0.0, 1e10], 0.75, [0.5, 8.0, -3.0, 0.25]);
         for level in CpuLevel::supported() {
-            let found =
-                with_word_cpu!(level, cpu => cpu.vectorize(#[inline(always)] || of_doubles(cpu, a, b, c)));
+            let found = with_cpu!(level, cpu => cpu.vectorize(#[inline(always)] || of_doubles(cpu, a, b, c)));
             for lane in 0..DOUBLES {
                 let (product, last) = (a[lane] * b, c[lane]);
                 let (both, beside) = (a[lane] + last, a[lane] - last);

@@ -15,7 +15,7 @@ use super::chains::{CHAINS, pass_along};
 use super::estimate::VelocityEstimate;
 use crate::cpu::CpuLevel;
 use crate::lanes::Cpu;
-use crate::lanes::dispatch::with_word_cpu;
+use crate::lanes::dispatch::with_cpu;
 use crate::parallel::*;
 
 /// Smoothness and prior of the field.
@@ -60,7 +60,7 @@ impl FieldPrior {
         out: &mut [VelocityEstimate],
     ) {
         let field = [self.step, self.prior];
-        with_word_cpu!(self.cpu, cpu => cpu.vectorize(
+        with_cpu!(self.cpu, cpu => cpu.vectorize(
             #[inline(always)]
             || pass_along(cpu, field, cells, chains, own, out)
         ));

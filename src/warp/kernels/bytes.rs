@@ -420,7 +420,7 @@ mod tests {
     use super::*;
     use crate::cpu::CpuLevel;
     use crate::lanes::Cpu;
-    use crate::lanes::dispatch::with_word_cpu;
+    use crate::lanes::dispatch::with_cpu;
 
     #[inline(always)]
     fn check<C: WordCpu, K: VectorKernel>(cpu: C) {
@@ -438,7 +438,7 @@ mod tests {
     #[test]
     fn weights_are_those_of_plain_rust() {
         for level in CpuLevel::supported() {
-            with_word_cpu!(
+            with_cpu!(
                 level,
                 cpu => cpu.vectorize(#[inline(always)] || {
                     check::<_, Nearest>(cpu);

@@ -78,7 +78,7 @@ mod tests {
     use super::*;
     use crate::cpu::CpuLevel;
     use crate::lanes::Cpu;
-    use crate::lanes::dispatch::with_word_cpu;
+    use crate::lanes::dispatch::with_cpu;
 
     /// Numbers of all sizes, a few of them infinite or none.
     fn number(index: usize) -> f32 {
@@ -103,7 +103,7 @@ mod tests {
             scalar::along_x(&nodes, &columns, &mut truth);
             for level in CpuLevel::supported() {
                 let (mut strip, mut found) = (Vec::new(), vec![7.0; rows * count]);
-                with_word_cpu!(level, cpu => cpu.vectorize(
+                with_cpu!(level, cpu => cpu.vectorize(
                     #[inline(always)]
                     || along_x(cpu, &nodes, &columns, &mut strip, &mut found)
                 ));
@@ -121,7 +121,7 @@ mod tests {
                 scalar::along_y(&nodes, weights, round, &mut truth);
                 for level in CpuLevel::supported() {
                     let mut found = vec![7; columns];
-                    with_word_cpu!(level, cpu => cpu.vectorize(
+                    with_cpu!(level, cpu => cpu.vectorize(
                         #[inline(always)]
                         || along_y(cpu, &nodes, weights, round, &mut found)
                     ));

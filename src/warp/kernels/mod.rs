@@ -33,7 +33,7 @@ mod words;
 use super::settings::Interpolation;
 use super::weights::{Cubic, Kernel, Lanczos, Linear, Nearest};
 use crate::cpu::CpuLevel;
-use crate::lanes::dispatch::with_word_cpu;
+use crate::lanes::dispatch::with_cpu;
 use crate::lanes::{Cpu, FLOATS};
 pub(super) use passes::Passes;
 use passes::with_kernel;
@@ -54,7 +54,7 @@ pub(super) fn knots_along_x(
     strip: &mut Vec<[f32; FLOATS]>,
     knots: &mut [f32],
 ) {
-    with_word_cpu!(
+    with_cpu!(
         level,
         cpu => cpu.vectorize(#[inline(always)] || knots::along_x(cpu, nodes, columns, strip, knots)),
         _ => scalar::along_x(nodes, columns, knots)
@@ -69,7 +69,7 @@ pub(super) fn knots_along_y(
     round: f32,
     knots: &mut [i32],
 ) {
-    with_word_cpu!(
+    with_cpu!(
         level,
         cpu => cpu.vectorize(#[inline(always)] || knots::along_y(cpu, nodes, weights, round, knots)),
         _ => scalar::along_y(nodes, weights, round, knots)
@@ -84,7 +84,7 @@ pub(super) fn vertical<A: Passes>(
     patch: &mut Vec<u8>,
     middle: &mut Vec<A::Number>,
 ) {
-    if with_word_cpu!(level, cpu => A::vertical(cpu, interpolation, task, patch, middle), _ => false) {
+    if with_cpu!(level, cpu => A::vertical(cpu, interpolation, task, patch, middle), _ => false) {
         return;
     }
     with_kernel!(interpolation, K => scalar::vertical::<A, K>(task, patch, middle));
@@ -97,7 +97,7 @@ pub(super) fn horizontal<A: Passes>(
     task: &Horizontal<'_, A::Number>,
     row: &mut [u8],
 ) {
-    if with_word_cpu!(level, cpu => A::horizontal(cpu, interpolation, task, row), _ => false) {
+    if with_cpu!(level, cpu => A::horizontal(cpu, interpolation, task, row), _ => false) {
         return;
     }
     with_kernel!(interpolation, K => scalar::horizontal::<A, K>(task, row));

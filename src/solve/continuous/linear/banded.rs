@@ -10,7 +10,7 @@
 //! multiply-adds, the inverse inside the band at most Σ b².
 
 use crate::cpu::CpuLevel;
-use crate::lanes::dispatch::with_word_cpu;
+use crate::lanes::dispatch::with_cpu;
 use crate::lanes::{Cpu, DoubleCpu};
 
 /// Rows and columns of a tile.
@@ -98,7 +98,7 @@ impl Banded {
 
     /// Replaces the matrix by its Cholesky factor L; false if it is not positive definite.
     pub fn factorise(&mut self, cpu: CpuLevel) -> bool {
-        with_word_cpu!(cpu, cpu => cpu.vectorize(#[inline(always)] || self.replace_by_factor(cpu)))
+        with_cpu!(cpu, cpu => cpu.vectorize(#[inline(always)] || self.replace_by_factor(cpu)))
     }
 
     #[inline(always)]
@@ -137,7 +137,7 @@ impl Banded {
 
     /// Solves L·Lᵀ·x = b in place, this being L.
     pub fn solve(&self, cpu: CpuLevel, b: &mut [f64]) {
-        with_word_cpu!(cpu, cpu => cpu.vectorize(#[inline(always)] || self.substitute(cpu, b)));
+        with_cpu!(cpu, cpu => cpu.vectorize(#[inline(always)] || self.substitute(cpu, b)));
     }
 
     #[inline(always)]
@@ -188,7 +188,7 @@ impl Banded {
     /// S_jj)·L_jj⁻¹. Rows i with L_ij outside the band are skipped. Only the lower half of the symmetric known
     /// part is stored, and each tile is used both as row and as column, so that it is read in order.
     pub fn inverse_band(&self, cpu: CpuLevel, out: &mut Banded) {
-        with_word_cpu!(cpu, cpu => cpu.vectorize(#[inline(always)] || self.fill_inverse_band(cpu, out)));
+        with_cpu!(cpu, cpu => cpu.vectorize(#[inline(always)] || self.fill_inverse_band(cpu, out)));
     }
 
     #[inline(always)]

@@ -12,7 +12,7 @@ use super::banded::Banded;
 use super::bands::{Band, Row, SIDES, Square};
 use super::shared::Shared;
 use crate::cpu::CpuLevel;
-use crate::lanes::dispatch::with_word_cpu;
+use crate::lanes::dispatch::with_cpu;
 use crate::lanes::{Cpu, DOUBLES, DoubleCpu};
 use crate::motion::generators::{GENERATORS, TURNS};
 use crate::solve::continuous::trajectory::{BLOCK, Splines, ratio, spline};
@@ -338,7 +338,7 @@ impl Equations {
     pub fn product(&self, cpu: CpuLevel, change: &[f64], out: &mut Vec<f64>) {
         out.clear();
         out.resize(change.len(), 0.0);
-        with_word_cpu!(cpu, cpu => cpu.vectorize(#[inline(always)] || product(cpu, &self.matrix, change, out)));
+        with_cpu!(cpu, cpu => cpu.vectorize(#[inline(always)] || product(cpu, &self.matrix, change, out)));
     }
 }
 

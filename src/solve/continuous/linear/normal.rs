@@ -22,7 +22,7 @@ use super::parallax::{Innovation, ResidualVariances, VarianceBuffers};
 use super::residual::{Evaluator, MatchResidual};
 use super::shared::SHARED;
 use crate::cpu::CpuLevel;
-use crate::lanes::dispatch::with_word_cpu;
+use crate::lanes::dispatch::with_cpu;
 use crate::lanes::{Cpu, DoubleCpu};
 use crate::motion::generators::{TURNS, field_rows};
 use crate::robust::loss::{Density, EffectiveNumber, Loss, Mixture};
@@ -135,7 +135,7 @@ impl Evaluator<'_> {
     /// Computes the normal equations of a pair, given its variances.
     pub fn normal(&self, residuals: &PairResiduals, out: &mut Normal) {
         BUFFERS.with_borrow_mut(|buffers| {
-            with_word_cpu!(
+            with_cpu!(
                 self.cpu,
                 cpu => cpu.vectorize(#[inline(always)] || self.add_up(cpu, residuals, buffers, out))
             );

@@ -4,7 +4,7 @@
 
 use super::residual::{Evaluator, MatchResidual};
 use crate::cpu::for_each_cpu;
-use crate::lanes::dispatch::with_word_cpu;
+use crate::lanes::dispatch::with_cpu;
 use crate::lanes::{Cpu, DoubleCpu};
 use crate::robust::median::{MEDIAN_TO_VARIANCE, weighted_median};
 use crate::solve::continuous::data::{FramePair, ScanAxis};
@@ -140,7 +140,7 @@ for_each_cpu! {
 impl Evaluator<'_> {
     /// Computes the residuals of a pair, and those of the pair before if `tracks` and there may be parallax.
     pub fn residuals(&self, pair: &FramePair, tracks: bool, out: &mut PairResiduals) {
-        with_word_cpu!(self.cpu, cpu => cpu.vectorize(#[inline(always)] || self.find(cpu, pair, out)));
+        with_cpu!(self.cpu, cpu => cpu.vectorize(#[inline(always)] || self.find(cpu, pair, out)));
         let least = self.noise * self.noise;
         let variance = out.variance(least);
         out.sigma = variance.sqrt();
@@ -161,7 +161,7 @@ impl Evaluator<'_> {
 
     /// Computes the residuals of the tracks that a pair continues.
     pub fn residuals_before(&self, pair: &FramePair, out: &mut PairResiduals) {
-        with_word_cpu!(self.cpu, cpu => cpu.vectorize(#[inline(always)] || self.find_before(cpu, pair, out)));
+        with_cpu!(self.cpu, cpu => cpu.vectorize(#[inline(always)] || self.find_before(cpu, pair, out)));
     }
 
     #[inline(always)]
