@@ -3,6 +3,7 @@
 //! Selects correspondences of small variance, for solvers that assume the same noise for all.
 
 use super::correspondence::Correspondence;
+use crate::robust::median::median;
 
 /// Correspondences are dropped if their standard deviation is more than this many times the median of the
 /// pair …
@@ -16,13 +17,8 @@ const MIN_DEVIATION_LIMIT: f64 = 0.3;
 /// pixels.
 pub fn certain(found: &[Correspondence], scale: f64, out: &mut Vec<Correspondence>) {
     let mut variances: Vec<f64> = found.iter().map(Correspondence::variance).collect();
-    let middle = variances.len() / 2;
-    let median = match variances.get(middle) {
-        Some(_) => *variances.select_nth_unstable_by(middle, f64::total_cmp).1,
-        None => 0.0,
-    };
     let least = MIN_DEVIATION_LIMIT * scale;
-    let limit = (least * least).max(MAX_DEVIATION_RATIO * MAX_DEVIATION_RATIO * median);
+    let limit = (least * least).max(MAX_DEVIATION_RATIO * MAX_DEVIATION_RATIO * median(&mut variances));
     out.clear();
     out.extend(found.iter().filter(|found| found.variance() <= limit));
 }

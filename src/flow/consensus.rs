@@ -6,6 +6,7 @@ use super::estimate::PatchFlow;
 use super::level::CELL;
 use super::patch::SIDE;
 use crate::robust::loss::GemanMcClure;
+use crate::robust::median::median;
 use crate::robust::motion::{Motion, Round, Sample, Scale, affine, fit};
 use nalgebra::{Matrix2x3, Vector2};
 
@@ -47,14 +48,9 @@ impl Consensus {
             Vector2::new(at(index % columns.max(1)), at(index / columns.max(1)))
         };
         let middle = |axis: usize| {
-            let mut all: Vec<f32> = patches
-                .iter()
-                .step_by(EVERY)
-                .filter(|patch| weight(patch) > 0.0)
-                .map(|patch| patch.mean.shift()[axis])
-                .collect();
-            let half = all.len() / 2;
-            (!all.is_empty()).then(|| *all.select_nth_unstable_by(half, f32::total_cmp).1)
+            let seen = patches.iter().step_by(EVERY).filter(|patch| weight(patch) > 0.0);
+            let mut shifts: Vec<f64> = seen.map(|patch| f64::from(patch.mean.shift()[axis])).collect();
+            (!shifts.is_empty()).then(|| median(&mut shifts) as f32)
         };
         let start = Motion(Matrix2x3::new(middle(0)?, 0.0, 0.0, middle(1)?, 0.0, 0.0));
         let samples = patches.iter().enumerate().step_by(EVERY).map(|(index, patch)| Sample {

@@ -4,7 +4,7 @@
 
 /// Variance σ² of a coordinate over the median of |r|² of two normal coordinates: |r|²/σ² is χ² distributed
 /// with 2 degrees of freedom, with the median 2·ln 2.
-pub const MEDIAN_TO_VARIANCE: f64 = 0.5 / std::f64::consts::LN_2;
+const MEDIAN_TO_VARIANCE: f64 = 0.5 / std::f64::consts::LN_2;
 
 /// The median, of an even number the upper one of the middle two; 0 if empty. Reorders the values.
 pub fn median(values: &mut [f64]) -> f64 {
@@ -16,6 +16,11 @@ pub fn median(values: &mut [f64]) -> f64 {
 /// Reorders the values.
 pub fn variance_of(squares: &mut [f64], least: f64) -> f64 {
     (median(squares) * MEDIAN_TO_VARIANCE).max(least)
+}
+
+/// Variance of a coordinate by the weighted median of |r|²: pairs (|r|², weight), which it reorders.
+pub fn weighted_variance_of(squares: &mut [(f64, f64)]) -> f64 {
+    weighted_median(squares) * MEDIAN_TO_VARIANCE
 }
 
 /// Buckets by which [`weighted_median`] narrows its values down.

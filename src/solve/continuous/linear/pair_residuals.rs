@@ -6,7 +6,7 @@ use super::residual::{Evaluator, MatchResidual};
 use crate::cpu::for_each_cpu;
 use crate::lanes::dispatch::with_cpu;
 use crate::lanes::{Cpu, DoubleCpu};
-use crate::robust::median::{MEDIAN_TO_VARIANCE, weighted_median};
+use crate::robust::median::{weighted_median, weighted_variance_of};
 use crate::solve::continuous::data::{FramePair, ScanAxis};
 use nalgebra::Vector2;
 
@@ -46,7 +46,7 @@ impl PairResiduals {
             let share = |m: &MatchResidual| (1.0 + 0.5 * m.measured.covariance.trace() / variance).recip();
             self.squares.clear();
             self.squares.extend(self.matches.iter().map(|m| (m.residual.norm_squared() * share(m), m.prior)));
-            variance = (weighted_median(&mut self.squares) * MEDIAN_TO_VARIANCE).max(least);
+            variance = weighted_variance_of(&mut self.squares).max(least);
         }
         variance
     }

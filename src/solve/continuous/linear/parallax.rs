@@ -14,7 +14,7 @@
 
 use super::pair_residuals::PairResiduals;
 use super::residual::MatchResidual;
-use crate::robust::median::{MEDIAN_TO_VARIANCE, weighted_median};
+use crate::robust::median::weighted_variance_of;
 use nalgebra::{Matrix2, Vector2};
 
 /// Greatest standard deviation τ of λ: half the usual inverse depth of the scene.
@@ -116,7 +116,7 @@ impl ResidualVariances {
         let mut noise = |square: &dyn Fn(&Linked) -> f64, factor: f64| {
             squares.clear();
             squares.extend(linked.iter().map(|one| (square(one), one.prior)));
-            (weighted_median(squares) * MEDIAN_TO_VARIANCE / factor).min(all).max(least)
+            (weighted_variance_of(squares) / factor).min(all).max(least)
         };
         // If the residuals are the same in both pairs, their difference is twice the noise.
         found.noise = noise(&|one| one.difference, 2.0);
@@ -227,7 +227,7 @@ mod tests {
             residuals.matches.push(now);
             residuals.before.push(Some(before));
         }
-        residuals.sigma = (weighted_median(&mut squares) * MEDIAN_TO_VARIANCE).sqrt();
+        residuals.sigma = weighted_variance_of(&mut squares).sqrt();
         residuals
     }
 
