@@ -54,7 +54,7 @@ pub struct DominantMotion {
 }
 
 fn sample(m: &Match) -> Draw {
-    Sample { terms: quadratic(m.from), displacement: m.to - m.from, weight: 1.0 }
+    Sample { terms: quadratic(m.from), displacement: m.displacement(), weight: 1.0 }
 }
 
 impl DominantMotion {

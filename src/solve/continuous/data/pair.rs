@@ -142,7 +142,7 @@ impl FramePair {
 
     /// Mean squared displacement of the matches, in squared radii.
     pub fn moved(&self) -> f64 {
-        let squares: f64 = self.matches.iter().map(|m| (m.to - m.from).norm_squared()).sum();
+        let squares: f64 = self.matches.iter().map(|m| m.displacement().norm_squared()).sum();
         squares / self.matches.len().max(1) as f64
     }
 }

@@ -8,8 +8,6 @@ use crate::robust::median::median;
 
 /// Pairs needed to constrain a readout: a path fits fewer with any shutter.
 const MIN_PAIRS: usize = 4;
-/// Bands of lines by which the coverage of the frame is measured.
-const LINES: usize = 16;
 
 /// Successive pairs around a frame.
 #[derive(Clone, Copy)]
@@ -65,11 +63,8 @@ impl<'a> PairWindow<'a> {
 /// Coverage of the scan axis by the matches of a pair: 0 up to a quarter of the lines, 1 from a half on. With
 /// less, a shutter is not distinguished from a moving object.
 pub fn breadth(pair: &FramePair, scan_axis: ScanAxis) -> f64 {
-    let mut shown = [false; LINES];
-    for m in &pair.matches {
-        let line = scan_axis.place(m.from) * LINES as f64;
-        shown[line.clamp(0.0, LINES as f64 - 1.0) as usize] = true;
-    }
-    let share = shown.iter().filter(|shown| **shown).count() as f64 / LINES as f64;
+    let mut shown = [false; ScanAxis::LINE_BANDS];
+    pair.matches.iter().for_each(|m| shown[scan_axis.line_band(m.from)] = true);
+    let share = shown.iter().filter(|shown| **shown).count() as f64 / ScanAxis::LINE_BANDS as f64;
     (4.0 * share - 1.0).clamp(0.0, 1.0)
 }

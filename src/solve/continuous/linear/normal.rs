@@ -248,7 +248,7 @@ impl Evaluator<'_> {
         depth: f64,
         times: &Matrix2<f64>,
     ) -> (Jacobian, SMatrix<f64, 2, SHARED>) {
-        let middle = (one.measured.from + one.measured.to) / 2.0;
+        let middle = one.measured.middle();
         let by_gamma = one.by_gamma[0] + one.by_gamma[1] * depth;
         let by_path = field_rows(middle, self.trajectory.splines.kappa)
             .map(|row| std::array::from_fn(|j| row[j] * if j < TURNS { 1.0 } else { depth }));

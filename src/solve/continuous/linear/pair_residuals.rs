@@ -10,8 +10,6 @@ use crate::robust::median::{weighted_median, weighted_variance_of};
 use crate::solve::continuous::data::{FramePair, ScanAxis};
 use nalgebra::Vector2;
 
-/// Bands of lines whose residuals have a shift and a slope in common if a motion is faster than the path.
-const LINES: usize = 16;
 /// Rounds of the fixed-point iteration for the variance.
 const ROUNDS: usize = 4;
 /// Fewest matches of a band that count.
@@ -56,16 +54,15 @@ impl PairResiduals {
     /// objects are not. Measured: 0.8 to 0.98 in vibrations, 0 to 0.2 along the wrong axis; mostly below 0.7 under parallax, but up to
     /// 0.9 in single pairs where depth varies along the scan axis.
     pub fn share_by_line(&self, scan_axis: ScanAxis) -> f64 {
-        let mut lines = vec![Line::default(); LINES];
+        let mut bands = vec![LineBand::default(); ScanAxis::LINE_BANDS];
         let most = INLIER_SQUARE * self.sigma * self.sigma;
         for m in self.matches.iter().filter(|m| m.residual.norm_squared() < most) {
             let from = m.measured.from;
-            let place = (scan_axis.place(from) * LINES as f64).clamp(0.0, (LINES - 1) as f64);
-            if let Some(line) = lines.get_mut(place as usize) {
-                line.add(scan_axis.across(from), m.residual);
+            if let Some(band) = bands.get_mut(scan_axis.line_band(from)) {
+                band.add(scan_axis.across(from), m.residual);
             }
         }
-        let sums = lines.iter().map(|line| [line.shared(), line.square]);
+        let sums = bands.iter().map(|band| [band.shared(), band.square]);
         let [shared, all] = sums.fold([0.0; 2], |sums, of| [sums[0] + of[0], sums[1] + of[1]]);
         if all > 0.0 { (shared / all).clamp(0.0, 1.0) } else { 0.0 }
     }
@@ -73,7 +70,7 @@ impl PairResiduals {
 
 /// Sums over the residuals r of a band of lines, at positions a along them.
 #[derive(Clone, Default)]
-struct Line {
+struct LineBand {
     count: f64,
     /// Σa and Σa².
     along: [f64; 2],
@@ -83,7 +80,7 @@ struct Line {
     square: f64,
 }
 
-impl Line {
+impl LineBand {
     fn add(&mut self, along: f64, residual: Vector2<f64>) {
         self.count += 1.0;
         self.along[0] += along;

@@ -92,7 +92,7 @@ impl Evaluator<'_> {
         let places = [m.from, m.to].map(|point| self.trajectory.block(self.shutter.scan_axis.place(point)));
         let moved = to.values_less(cpu, from);
         let rates = to.rates_less(cpu, places[1], from, places[0]);
-        let middle = (m.from + m.to) / 2.0;
+        let middle = m.middle();
         let kappa = self.trajectory.splines.kappa;
         let [_, parallax] = velocities(middle, kappa, &moved);
         Some(MatchResidual {

@@ -80,13 +80,10 @@ impl LeanChange {
     }
 }
 
-fn middle(m: &Match) -> Vector2<f64> {
-    (m.from + m.to) / 2.0
-}
-
 /// The motion that most displacements share, about the middles between their ends.
 fn shared_motion(pair: &FramePair, noise: f64) -> Motion<f64, TERMS> {
-    let sample = |m: &Match| Sample { terms: quadratic(middle(m)), displacement: m.to - m.from, weight: 1.0 };
+    let sample =
+        |m: &Match| Sample { terms: quadratic(m.middle()), displacement: m.displacement(), weight: 1.0 };
     let round = Round { scale: Scale::Median { least: noise }, ridge: [0.0; TERMS] };
     let start = pair.dominant_motion();
     fit(pair.matches.iter().map(sample), start, LOSS, [round; ROUNDS]).unwrap_or(start)
@@ -99,7 +96,7 @@ fn strip_leans(
     axis: ScanAxis,
     noise: f64,
 ) -> Vec<Vector2<f64>> {
-    let place = |m: &Match| axis.across(middle(m));
+    let place = |m: &Match| axis.across(m.middle());
     let [low, high] = pair
         .matches
         .iter()
@@ -107,8 +104,8 @@ fn strip_leans(
         .fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], place| [low.min(place), high.max(place)]);
     let strip_of = |m: &Match| ((place(m) - low) / (high - low) * STRIPS as f64) as usize;
     let rest = |m: &Match| Sample {
-        terms: [1.0, axis.place(middle(m)) - 0.5].into(),
-        displacement: m.to - m.from - shared.at(&quadratic(middle(m))),
+        terms: [1.0, axis.place(m.middle()) - 0.5].into(),
+        displacement: m.displacement() - shared.at(&quadratic(m.middle())),
         weight: 1.0,
     };
     let of_strip = |strip: usize| pair.matches.iter().filter(move |m| strip_of(m).min(STRIPS - 1) == strip);
