@@ -17,9 +17,15 @@ pub fn affine<T: RealField + Copy>(point: Vector2<T>) -> SVector<T, 3> {
     SVector::from([T::one(), point.x, point.y])
 }
 
+/// Terms of a quadratic: 1, x, y, x², xy, y².
+pub const QUADRATIC_TERMS: usize = 6;
+
+/// A motion quadratic in the point.
+pub type Quadratic = Motion<f64, QUADRATIC_TERMS>;
+
 /// The basis of motions quadratic in the point; the first three terms are the affine ones.
 #[inline(always)]
-pub fn quadratic<T: RealField + Copy>(point: Vector2<T>) -> SVector<T, 6> {
+pub fn quadratic<T: RealField + Copy>(point: Vector2<T>) -> SVector<T, QUADRATIC_TERMS> {
     let [x, y] = [point.x, point.y];
     SVector::from([T::one(), x, y, x * x, x * y, y * y])
 }
@@ -59,6 +65,16 @@ pub struct Round<T, const N: usize> {
     /// Added to the diagonal of the normal equations: pulls the coefficients of a term towards zero.
     pub ridge: [f64; N],
 }
+
+impl<T, const N: usize> Round<T, N> {
+    /// Without a ridge.
+    pub fn new(scale: Scale<T>) -> Self {
+        Self { scale, ridge: [0.0; N] }
+    }
+}
+
+/// Rounds after which a motion hardly changes, if most samples share it and the scale follows from them.
+pub const ROUNDS: usize = 4;
 
 /// The motion after these rounds of re-weighting, the first by the residuals of `start`; `None` if the normal
 /// equations of a round are singular or not finite.
@@ -124,8 +140,6 @@ mod tests {
     use super::super::loss::{GemanMcClure, Squares};
     use super::*;
 
-    const ROUNDS: usize = 8;
-
     /// Points of a 20 × 15 grid, displaced by `of`.
     fn samples<const N: usize>(
         basis: fn(Vector2<f64>) -> SVector<f64, N>,
@@ -136,12 +150,12 @@ mod tests {
     }
 
     fn unweighted<const N: usize>() -> Round<f64, N> {
-        Round { scale: Scale::Variance(f64::INFINITY), ridge: [0.0; N] }
+        Round::new(Scale::Variance(f64::INFINITY))
     }
 
     fn by_median<const N: usize>() -> impl Iterator<Item = Round<f64, N>> {
-        let round = Round { scale: Scale::Median { least: 1e-4 }, ridge: [0.0; N] };
-        std::iter::once(unweighted()).chain(std::iter::repeat_n(round, ROUNDS))
+        let round = Round::new(Scale::Median { least: 1e-4 });
+        std::iter::once(unweighted()).chain(std::iter::repeat_n(round, 8))
     }
 
     fn still<const N: usize>() -> Motion<f64, N> {

@@ -14,7 +14,9 @@
 use super::matches::Match;
 use crate::robust::loss::GemanMcClure;
 use crate::robust::median::median;
-use crate::robust::motion::{Motion, Round, Sample, Scale, fit, quadratic};
+use crate::robust::motion::{
+    Motion, QUADRATIC_TERMS, Quadratic, ROUNDS, Round, Sample, Scale, fit, quadratic,
+};
 use nalgebra::{Matrix2x3, Matrix3, SMatrix};
 
 /// Size of the sample that is drawn, with replacement, by weight.
@@ -23,10 +25,9 @@ const DRAWS: f64 = 128.0;
 const CENTRE_WEIGHT: f64 = 0.2;
 /// Affine motions that are tried. With half of the matches inliers, 1 of 8 is through inliers only.
 const TRIALS: usize = 64;
-/// How many of them, the best, are refined to quadratic motions, and in how many rounds.
+/// How many of them, the best, are refined to quadratic motions.
 const FINALISTS: usize = 6;
-const ROUNDS: usize = 4;
-/// The loss of these rounds: weight ¼ at two standard deviations.
+/// The loss by which they are refined: weight ¼ at two standard deviations.
 const LOSS: GemanMcClure = GemanMcClure(4.0);
 /// Least standard deviation of inliers, as a share of the median displacement: error of the quadratic model.
 const MODEL_ERROR: f64 = 0.02;
@@ -34,15 +35,12 @@ const MODEL_ERROR: f64 = 0.02;
 const OUTLIER_DEVIATIONS: f64 = 5.0;
 /// If fewer than this share of the matches are eligible, all are.
 const MIN_ELIGIBLE: f64 = 0.25;
-/// Terms of a quadratic.
-const TERMS: usize = 6;
 /// Keeps the quadratic through collinear points finite.
 const RIDGE: f64 = 1e-3;
 /// Steps of a low-discrepancy sequence in the unit cube: powers of the root of x⁴ = x + 1 (M. Roberts, 2018).
 const R3_STEPS: [f64; 3] = [0.819_172_513_396_164_4, 0.671_043_606_703_789_2, 0.549_700_477_901_970_2];
 
-pub type Quadratic = Motion<f64, TERMS>;
-type Draw = Sample<f64, TERMS>;
+type Draw = Sample<f64, QUADRATIC_TERMS>;
 
 /// The displacement of the scene as a function of the point, in radii.
 #[derive(Clone, Debug)]
@@ -73,7 +71,7 @@ impl DominantMotion {
         let mut best = (f64::INFINITY, Motion(SMatrix::zeros()));
         for (mut least, mut motion) in tried.into_iter().take(FINALISTS) {
             for _ in 0..ROUNDS {
-                let round = Round { scale: Scale::Variance(least), ridge: [RIDGE; TERMS] };
+                let round = Round { scale: Scale::Variance(least), ridge: [RIDGE; QUADRATIC_TERMS] };
                 let Some(refined) = fit(draws.iter().copied(), motion, LOSS, [round]) else { break };
                 let variance = variance(&refined);
                 if variance >= least {

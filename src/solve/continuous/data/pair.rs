@@ -2,9 +2,10 @@
 
 //! One pair of frames: its matches, and the tracks that they continue.
 
-use super::dominant::{DominantMotion, Quadratic};
+use super::dominant::DominantMotion;
 use super::matches::Match;
 use crate::correspond::Correspondence;
+use crate::robust::motion::Quadratic;
 use nalgebra::Vector2;
 
 /// Prior probability of the scene for an inlier of the dominant motion, and of an object for an outlier.

@@ -18,17 +18,14 @@
 //! correlated between neighbours, which the residuals do not show.
 
 use crate::robust::loss::GemanMcClure;
-use crate::robust::motion::{Motion, Round, Sample, Scale, fit, quadratic};
+use crate::robust::motion::{Motion, Quadratic, ROUNDS, Round, Sample, Scale, fit, quadratic};
 use crate::solve::continuous::data::{FramePair, Match, ScanAxis};
 use nalgebra::{SMatrix, Vector2};
 
-/// Terms of a quadratic: 1, x, y, x², xy, y².
-const TERMS: usize = 6;
 /// Strips, and fewest matches in one.
 const STRIPS: usize = 4;
 const MIN_STRIP: usize = 12;
-/// Rounds of re-weighting, and their loss: weight ¼ at three standard deviations.
-const ROUNDS: usize = 4;
+/// The loss of the fits: weight ¼ at three standard deviations.
 const LOSS: GemanMcClure = GemanMcClure(9.0);
 
 /// The change of the lean in a pair. Vectors have the coordinate across the scan axis first, in radii.
@@ -81,21 +78,24 @@ impl LeanChange {
 }
 
 /// The motion that most displacements share, about the middles between their ends.
-fn shared_motion(pair: &FramePair, noise: f64) -> Motion<f64, TERMS> {
+fn shared_motion(pair: &FramePair, noise: f64) -> Quadratic {
     let sample =
         |m: &Match| Sample { terms: quadratic(m.middle()), displacement: m.displacement(), weight: 1.0 };
-    let round = Round { scale: Scale::Median { least: noise }, ridge: [0.0; TERMS] };
     let start = pair.dominant_motion();
-    fit(pair.matches.iter().map(sample), start, LOSS, [round; ROUNDS]).unwrap_or(start)
+    refined(pair.matches.iter().map(sample), start, noise).unwrap_or(start)
+}
+
+/// The motion that most samples share.
+fn refined<const N: usize>(
+    samples: impl Iterator<Item = Sample<f64, N>> + Clone,
+    start: Motion<f64, N>,
+    noise: f64,
+) -> Option<Motion<f64, N>> {
+    fit(samples, start, LOSS, [Round::new(Scale::Median { least: noise }); ROUNDS])
 }
 
 /// The lean that the displacements of each strip have beside the shared motion.
-fn strip_leans(
-    pair: &FramePair,
-    shared: &Motion<f64, TERMS>,
-    axis: ScanAxis,
-    noise: f64,
-) -> Vec<Vector2<f64>> {
+fn strip_leans(pair: &FramePair, shared: &Quadratic, axis: ScanAxis, noise: f64) -> Vec<Vector2<f64>> {
     let place = |m: &Match| axis.across(m.middle());
     let [low, high] = pair
         .matches
@@ -114,9 +114,8 @@ fn strip_leans(
 
 /// The lean that the displacements of a strip share; `None` if they are too few.
 fn slope(strip: impl Iterator<Item = Sample<f64, 2>> + Clone, noise: f64) -> Option<Vector2<f64>> {
-    let round = Round { scale: Scale::Median { least: noise }, ridge: [0.0; 2] };
     let still = Motion(SMatrix::zeros());
-    let shared = (strip.clone().count() >= MIN_STRIP).then(|| fit(strip, still, LOSS, [round; ROUNDS]))??;
+    let shared = (strip.clone().count() >= MIN_STRIP).then(|| refined(strip, still, noise))??;
     Some(shared.0.column(1).into_owned())
 }
 
