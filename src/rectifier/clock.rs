@@ -6,12 +6,12 @@
 //! which the estimator places its knots: a stream whose frames are ten periods apart has a tenth of the
 //! frames, and with knots by the period it would have ten times the unknowns per frame.
 
-/// Frames further apart than this many spacings and this many seconds are not compared.
+use crate::solve::pairs::MAX_INTERVAL;
+
+/// Frames further apart than this many spacings and this many seconds are not compared, nor are those further apart than
+/// [`MAX_INTERVAL`] spacings.
 const GAP_SPACINGS: f64 = 4.0;
 const GAP_SECONDS: f64 = 0.5;
-/// Frames further apart than this many spacings are never compared: a path across the gap would cost as much
-/// as the missing frames.
-const MAX_GAP_SPACINGS: f64 = 16.0;
 /// Least number of frames between two intervals of more than `GAP_SPACINGS` that a path bridges: a single one
 /// among evenly spaced frames costs little, frequent ones as much as the missing frames.
 const FRAMES_BETWEEN_HOLES: usize = 18;
@@ -125,7 +125,7 @@ impl Clock {
             self.count += 1;
             self.update_spacing();
         }
-        let [few, most] = [GAP_SPACINGS, MAX_GAP_SPACINGS].map(|spacings| spacings * self.spacing);
+        let [few, most] = [GAP_SPACINGS, MAX_INTERVAL].map(|spacings| spacings * self.spacing);
         let is_hole = interval > few;
         let continues =
             interval <= GAP_SECONDS.clamp(few, most) && !(is_hole && self.since_hole < FRAMES_BETWEEN_HOLES);

@@ -9,6 +9,7 @@
 //! | [`residual`] | residual velocities of parallax and moving objects beside the path |
 //! | `frame_timing` | whether frames were exposed when their timestamps say so |
 //! | `as_recorded` | why a frame keeps its picture |
+//! | `pairs` | which pairs of frames are fitted, and when a fit explains their motion |
 //! | `solution` | what either estimator returns for a frame |
 //!
 //! All times are exposure times t = t_k + T·s, so that any frame rate, dropped frames and reverse
@@ -17,6 +18,7 @@
 mod as_recorded;
 pub mod continuous;
 mod frame_timing;
+pub(crate) mod pairs;
 #[cfg(test)]
 mod random;
 pub mod residual;

@@ -8,17 +8,12 @@ use crate::correspond::Correspondence;
 use crate::motion::{Twist, image_centre};
 use crate::readout::Readout;
 use crate::robust::loss::GemanMcClure;
+use crate::solve::pairs::{MIN_MATCHES, explained_share, noise_limit};
 use nalgebra::Vector2;
 
-/// Least number of correspondences for a fit.
-const MIN_MATCHES: usize = 16;
 /// E is the mean over this share of the correspondences, those of least residual: a third of the points
 /// may lie on independently moving objects.
 const INLIER_SHARE: f64 = 2.0 / 3.0;
-/// Residuals below this many times the noise floor count as noise.
-const NOISE_FACTOR: f64 = 3.0;
-/// A motion must explain at least this share of the mean squared displacement.
-const MIN_EXPLAINED: f64 = 0.75;
 
 /// A correspondence with the exposure times of its points.
 #[derive(Clone, Copy, Debug)]
@@ -107,7 +102,7 @@ impl Link {
     /// Whether nothing moved between the two frames: any model fits such a pair, so it cannot be the
     /// initial pair.
     pub fn is_still(&self) -> bool {
-        self.still_energy < (NOISE_FACTOR * self.noise).powi(2)
+        self.still_energy < noise_limit(self.noise)
     }
 
     /// Initialisation: one uniform rotation for both frames (25.6). τ is the time between the two
@@ -176,8 +171,7 @@ impl Link {
         let swept =
             self.pairs.iter().map(|p| (motion.apply(p.from) - p.from).norm_squared() / 2.0).sum::<f64>();
         let displaced = self.still_energy.max(swept / self.pairs.len().max(1) as f64);
-        let allowed = (NOISE_FACTOR * self.noise).powi(2) + (1.0 - MIN_EXPLAINED) * displaced;
-        (1.0 - energy / allowed).clamp(0.0, 1.0)
+        explained_share(energy, displaced, self.noise)
     }
 }
 

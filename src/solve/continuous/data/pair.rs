@@ -6,6 +6,7 @@ use super::dominant::DominantMotion;
 use super::matches::Match;
 use crate::correspond::Correspondence;
 use crate::robust::motion::Quadratic;
+use crate::solve::pairs::{MAX_INTERVAL, MIN_MATCHES};
 use nalgebra::Vector2;
 
 /// Prior probability of the scene for an inlier of the dominant motion, and of an object for an outlier.
@@ -14,14 +15,10 @@ const SCENE_PRIOR: f64 = 0.9;
 const MAX_MATCHES: usize = 400;
 /// A pair counts as at most this many independent matches, as residuals of neighbours are correlated.
 pub const INDEPENDENT_MATCHES: f64 = 25.0;
-/// A pair with fewer is not used.
-const MIN_MATCHES: usize = 16;
 /// Points further from the centre, in radii, are invalid.
 const MAX_COORDINATE: f64 = 1e3;
 /// Greatest distance between the ends of matches that a track joins, in mean spacings of points.
 const TRACK_DISTANCE: f64 = 0.8;
-/// Longest interval of a pair in frame periods: across longer gaps a path is undetermined.
-const MAX_INTERVAL: f64 = 16.0;
 /// Timestamps beyond this many frame periods do not resolve lines.
 const MAX_STAMP: f64 = 1e12;
 

@@ -9,6 +9,7 @@ use crate::solve::continuous::linear::{
 };
 use crate::solve::continuous::prior::{Observation, Smoothness};
 use crate::solve::continuous::trajectory::{KnotDensity, Trajectory};
+use crate::solve::pairs::explained_share;
 
 /// Correlation of residuals beyond the noise with the derivatives by γ and κ, at most.
 const ERROR_CORRELATION: f64 = 0.12;
@@ -173,8 +174,7 @@ impl Posterior {
     /// residual has the standard deviation `sigma` in pixels.
     pub fn explained(&self, sigma: f64, moved: f64, setup: &Setup) -> f64 {
         let radius = self.trajectory.radius;
-        let allowed = (3.0 * setup.noise).powi(2) + 0.25 * moved * radius * radius;
-        (1.0 - 2.0 * sigma * sigma / allowed).clamp(0.0, 1.0)
+        explained_share(2.0 * sigma * sigma, moved * radius * radius, setup.noise)
     }
 
     /// Factor on the covariance where errors of measurement are independent. The fit counts all errors as
