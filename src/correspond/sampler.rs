@@ -8,16 +8,13 @@ use super::grid::{Grid, centre};
 use super::polish::{InitialEstimate, polish};
 use super::template::Template;
 use crate::cpu::CpuLevel;
-use crate::flow::{DenseFlow, FlowField};
+use crate::flow::{DenseFlow, FlowField, MIN_CONFIDENCE};
 use crate::lanes::Cpu;
 use crate::lanes::dispatch::with_cpu;
 use crate::parallel::*;
 use crate::plane::Luma;
 use crate::pyramid::{Effort, Pyramid, Reducer, block_difference};
 use nalgebra::Vector2;
-
-/// Least confidence at which a displacement of the flow is used.
-const MIN_CONFIDENCE: f64 = 0.5;
 
 /// First decile of the smallest of the four squared deviations of [`covariance_factor`] if the covariances
 /// are correct: by simulation of 60,000 points with normal errors.
@@ -221,5 +218,5 @@ fn sample_flow(field: &FlowField, corner: (usize, usize), scale: f64) -> Option<
     let full = to_full(at, scale);
     let (flow, confidence) = field.sample(full.x, full.y)?;
     let shift = Vector2::from(flow).map(|value| (value / scale) as f32);
-    (confidence >= MIN_CONFIDENCE).then_some(GridDisplacement { at, shift })
+    (confidence >= f64::from(MIN_CONFIDENCE)).then_some(GridDisplacement { at, shift })
 }

@@ -16,12 +16,15 @@ use super::rows::{RowKernel, fill};
 use crate::cpu::CpuLevel;
 use crate::lanes::WordCpu;
 
+/// Least confidence at which a displacement is used.
+pub(crate) const MIN_CONFIDENCE: f32 = 0.5;
+
 /// Forward–backward error, in pixels of the level, at which the confidence is halved: consistent
 /// displacements agree to some tenths, wrong ones differ by pixels.
-const RETURN_ERROR: f32 = 0.5;
+pub(super) const RETURN_ERROR: f32 = 0.5;
 
 /// … plus this share of the displacement, as a motion may vary within a cell.
-const RETURN_SHARE: f32 = 0.02;
+pub(super) const RETURN_SHARE: f32 = 0.02;
 
 /// Least standard deviation of a displacement, in pixels of the level, at any texture: the error of linear
 /// interpolation.

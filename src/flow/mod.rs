@@ -49,6 +49,7 @@ mod search;
 #[cfg(test)]
 mod tests;
 
+pub(crate) use confidence::MIN_CONFIDENCE;
 #[cfg(feature = "unstable")]
 pub use field::Cell;
 pub use field::FlowField;

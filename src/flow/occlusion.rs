@@ -15,6 +15,7 @@
 //! half a point. Taking the motion that fits the cell's pixels best instead costs five points of `blinds` and
 //! `whip_pan`: along stripes and on a blurred pan it often fits by chance.
 
+use super::confidence::{MIN_CONFIDENCE, RETURN_ERROR, RETURN_SHARE};
 use super::direction::FlowDirection;
 use super::field::{Cell, FlowField};
 use super::level::{CELL, LevelPair};
@@ -23,18 +24,12 @@ use super::rows::{RowKernel, fill};
 use crate::cpu::CpuLevel;
 use crate::lanes::WordCpu;
 
-/// Least confidence at which a displacement is used, as for correspondences.
-const MIN_CONFIDENCE: f32 = 0.5;
-
 /// A displacement does not explain the pixels of a cell if its residual exceeds this share of their contrast.
 const UNEXPLAINED_CONTRAST: f32 = 0.5;
 
-/// The other frame shows something else at a cell's destination if the forward–backward error exceeds this
-/// many pixels of the level …
-const MIN_RETURN_ERROR: f32 = 2.0;
-
-/// … plus this share of the displacement: both are four times the error at which the confidence is halved.
-const MIN_RETURN_SHARE: f32 = 0.08;
+/// The other frame shows something else at a cell's destination if the forward–backward error exceeds this many times
+/// that at which the confidence is halved.
+const OTHER_MOTION_FACTOR: f32 = 4.0;
 
 /// Background motions count as one if they differ by less than this share of their distance to the nearest
 /// foreground motion.
@@ -227,6 +222,7 @@ impl OcclusionKernel<'_> {
         let back = reverse.means().get(there)?.shift();
         let return_error = (back[0] + x).hypot(back[1] + y);
         let is_trusted = field.cells.get(there)?.confidence >= MIN_CONFIDENCE;
-        Some(is_trusted && return_error > MIN_RETURN_ERROR + MIN_RETURN_SHARE * x.hypot(y))
+        let most = OTHER_MOTION_FACTOR * (RETURN_ERROR + RETURN_SHARE * x.hypot(y));
+        Some(is_trusted && return_error > most)
     }
 }
