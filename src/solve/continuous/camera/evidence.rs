@@ -10,11 +10,8 @@
 //! the model are expected to cause, by their share in the variance of γ.
 
 use crate::solve::continuous::data::INDEPENDENT_MATCHES;
-use crate::solve::continuous::prior::MEMORY;
+use crate::solve::continuous::prior::{MAX_DEVIATIONS, MEMORY};
 use std::collections::VecDeque;
-
-/// The difference of a window is clamped to this many standard deviations.
-const MAX_DEVIATIONS: f64 = 10.0;
 
 /// The evidence of a window for one hypothesis.
 #[derive(Clone, Copy, Debug)]

@@ -15,7 +15,7 @@ use crate::cpu::CpuLevel;
 use crate::parallel::*;
 use crate::readout::{Readout, ReadoutDirection};
 use crate::solve::continuous::data::{PairWindow, ScanAxis};
-use crate::solve::continuous::fit::{DECISIVE_LOG_ODDS, Posterior, Setup};
+use crate::solve::continuous::fit::{COMPARED_PAIRS, DECISIVE_LOG_ODDS, Posterior, Setup};
 use crate::solve::continuous::linear::Shared;
 use crate::solve::continuous::prior::{Belief, CameraBelief, Smoothness};
 use crate::solve::continuous::trajectory::{KnotDensity, Trajectory};
@@ -28,9 +28,8 @@ const DROP_LOG_ODDS: f64 = 12.0;
 const OTHER_CAMERA_LOG_ODDS: [f64; 2] = [-7.0, -3.0];
 /// Most hypotheses beside which another one is tried: a rival along the other axis may stay for minutes.
 const MAX_BESIDE: usize = 2;
-/// Fewest pairs of a window with a vibration, and of one by which hypotheses are compared.
+/// Fewest pairs of a window with a vibration.
 const VIBRATING_PAIRS: usize = 10;
-const COMPARED_PAIRS: usize = 8;
 /// Longest readout in frame periods. It may exceed one if a converter inserted frames, at a cost.
 const MAX_READOUT: f64 = 8.0;
 

@@ -12,6 +12,6 @@ mod posterior;
 mod setup;
 
 pub use gauss_newton::{Summary, fit};
-pub use multistart::{DECISIVE_LOG_ODDS, MAX_READOUT_DEVIATION, Multistart, STEPS};
+pub use multistart::{COMPARED_PAIRS, DECISIVE_LOG_ODDS, MAX_READOUT_DEVIATION, Multistart, STEPS};
 pub use posterior::{Covariance, Posterior};
 pub use setup::Setup;

@@ -18,8 +18,8 @@ pub const STEPS: [usize; 2] = [12, 4];
 /// due. Later, when the current path takes none of the first steps, half as many more. With half of either, the
 /// variances of the smoothness are not learnt before the starts are compared.
 const PAIR_STEPS: [usize; 2] = [64, 96];
-/// Pairs after which starts of less evidence are dropped.
-const NARROWING_PAIRS: usize = 8;
+/// Fewest pairs of a window by whose evidence fits are compared.
+pub const COMPARED_PAIRS: usize = 8;
 /// Log odds above which a readout ratio or smoothness is preferred to another.
 pub const DECISIVE_LOG_ODDS: f64 = 5.0;
 /// Standard deviation of γ above which it counts as unknown. Two values nearer than this count as the same.
@@ -106,7 +106,7 @@ impl Multistart {
             // So few pairs do not show which generators are needed.
             self.candidates.iter_mut().for_each(|one| one.posterior.smoothness.restart());
         }
-        if window.pairs.len() >= NARROWING_PAIRS && !self.is_narrowed {
+        if window.pairs.len() >= COMPARED_PAIRS && !self.is_narrowed {
             self.is_narrowed = true;
             self.narrow(window, setup);
         }

@@ -11,10 +11,10 @@
 
 use crate::cpu::CpuLevel;
 use crate::lanes::dispatch::with_cpu;
-use crate::lanes::{Cpu, DoubleCpu};
+use crate::lanes::{Cpu, DOUBLES, DoubleCpu};
 
-/// Rows and columns of a tile.
-const SIDE: usize = 4;
+/// Rows and columns of a tile: a column is a vector.
+const SIDE: usize = DOUBLES;
 
 /// Entries of a tile, column by column.
 type Tile = [[f64; SIDE]; SIDE];

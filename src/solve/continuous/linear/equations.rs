@@ -15,10 +15,9 @@ use crate::cpu::CpuLevel;
 use crate::lanes::dispatch::with_cpu;
 use crate::lanes::{Cpu, DOUBLES, DoubleCpu};
 use crate::motion::generators::{GENERATORS, TURNS};
-use crate::solve::continuous::trajectory::{BLOCK, Splines, ratio, spline};
+use crate::solve::continuous::trajectory::spline::{self, KNOTS};
+use crate::solve::continuous::trajectory::{BLOCK, Splines, ratio};
 
-/// Knots with an instant in their support: a vector.
-const KNOTS: usize = DOUBLES;
 /// Kinds of generators by their knots: the turns, and the others.
 const KINDS: usize = 2;
 /// Two ends of a band, 0 being the start of the pair before, and the factors of the sums `own`, `across` and
@@ -34,7 +33,7 @@ const END_PAIRS: [([usize; 2], [f64; 3]); 6] = [
 /// Factors of the sums of the own pair and of the pair before in the right side of each end.
 const SIDE_FACTORS: [[f64; 2]; 3] = [[0.0, -1.0], [-1.0, 1.0], [1.0, 0.0]];
 
-/// A number for each knot of a generator in the support of an end.
+/// A number for each knot of a generator in the support of an end: a vector.
 type Knots = [f64; KNOTS];
 
 const fn kind(generator: usize) -> usize {
@@ -129,10 +128,11 @@ pub struct Spreading {
 
 /// Blocks of the path at which a band's ends are exposed, clamped to those that it covers.
 fn end_blocks<'a>(band: &'a Band, path: &Splines) -> impl Iterator<Item = (usize, f64)> + 'a {
-    let count = (path.coefficients.len() / BLOCK) as i64;
-    let (low, high) = (path.base as f64, (path.base + count - 3) as f64);
+    let count = path.coefficients.len() / BLOCK;
+    let low = path.base as f64;
+    let high = low + count as f64 - (KNOTS - 1) as f64;
     let weights = [band.linked, band.weight, band.weight];
-    let weights = weights.map(|weight| if count < 4 { 0.0 } else { weight });
+    let weights = weights.map(|weight| if count < KNOTS { 0.0 } else { weight });
     let ends = weights.into_iter().zip(band.blocks).enumerate().filter(|(_, (weight, _))| *weight > 0.0);
     ends.map(move |(end, (weight, sum))| (end, (sum / weight).min(high.next_down()).max(low)))
 }
@@ -287,7 +287,9 @@ impl Equations {
                 let start = first + start;
                 let entries = entries(cpu, terms, row, column);
                 // All rows at once, so that one check of the bounds is enough.
-                let Some(cells) = self.matrix.get_mut(start..start + 3 * size + KNOTS) else { continue };
+                let Some(cells) = self.matrix.get_mut(start..start + (KNOTS - 1) * size + KNOTS) else {
+                    continue;
+                };
                 for (knot, entries) in entries.into_iter().enumerate() {
                     if let Some(cells) = cells[knot * size..].first_chunk_mut() {
                         cpu.add_product(factor, entries, cells);

@@ -9,6 +9,8 @@
 
 /// Windows of memory: the time constant of forgetting.
 pub const MEMORY: usize = 60;
+/// What a window says counts as at most this many standard deviations from what was expected.
+pub const MAX_DEVIATIONS: f64 = 10.0;
 /// Weight of a new estimate in the running mean of the scatter.
 const SCATTER_RATE: f64 = 0.05;
 
@@ -38,7 +40,8 @@ impl Belief {
         }
         let normalised_square = (value - self.mean).powi(2) / (1.0 / information + 1.0 / self.information);
         let corrected = information / self.scatter;
-        self.scatter += SCATTER_RATE * (normalised_square.min(100.0) - self.scatter);
+        self.scatter +=
+            SCATTER_RATE * (normalised_square.min(MAX_DEVIATIONS * MAX_DEVIATIONS) - self.scatter);
         self.scatter = self.scatter.max(1.0);
         let kept = self.prior + (self.information - self.prior) * (1.0 - 1.0 / MEMORY as f64);
         let sum = kept + share * corrected;

@@ -7,6 +7,6 @@ mod camera_belief;
 mod prediction;
 mod smoothness;
 
-pub use belief::{Belief, MEMORY};
+pub use belief::{Belief, MAX_DEVIATIONS, MEMORY};
 pub use camera_belief::{CameraBelief, Observation, READOUT_DEVIATION};
 pub use smoothness::Smoothness;

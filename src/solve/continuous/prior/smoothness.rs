@@ -15,7 +15,7 @@ use crate::solve::continuous::trajectory::Splines;
 
 /// Initial variance in px² of the generators other than the turns.
 const OTHERS_START: f64 = 0.01;
-/// Limits of a variance in px².
+/// Limits of a variance in px². A generator that the model lacks has the least one.
 const LIMITS: [f64; 2] = [1e-7, 1e4];
 /// Greatest factor by which a variance changes at once.
 const MAX_CHANGE: f64 = 10.0;
@@ -28,8 +28,6 @@ const RATE_VARIANCES: [f64; 2] = [100.0, 400.0];
 /// Inverse variance in px⁻² of the coefficients. Only differences are observed and used, so a path's level is a
 /// gauge, which this fixes.
 const LEVEL_INFORMATION: f64 = 1e-6;
-/// Variance in px² of the differences of a generator that the model lacks.
-const INACTIVE_VARIANCE: f64 = 1e-7;
 /// Knots to a weight of a prediction, at least.
 const KNOTS_PER_WEIGHT: usize = 3;
 /// The ridge on the weights, over the variance of the prediction error.
@@ -93,7 +91,7 @@ impl Smoothness {
             let [error, rate] = if self.active[j] {
                 [share * self.variance[j], RATE_VARIANCES[usize::from(j >= TURNS)]]
             } else {
-                [INACTIVE_VARIANCE; 2]
+                [LIMITS[0]; 2]
             };
             let places = path.places(j);
             for (difference, variance) in [(&self.predictions[j].error[..], error), (&FIRST_DIFFERENCE, rate)]

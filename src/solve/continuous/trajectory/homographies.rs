@@ -9,14 +9,14 @@
 //! the slopes A·H. Against Runge–Kutta with 400 steps, shake of 180 px a block on a frame of 640 px is
 //! followed to 0.03 px; a turn about one axis, in closed form, to 0.001 px.
 
-use super::splines::Splines;
+use super::splines::{Splines, ratio};
 use crate::lanes::scalar::Scalar;
 use crate::lanes::{DOUBLES, DoubleCpu};
 use crate::motion::generators::{GENERATORS, flow_matrix};
 use nalgebra::{Matrix3, Vector2};
 
 /// Blocks between nodes: half a knot spacing of the turns.
-const STEP: f64 = 0.125;
+const STEP: f64 = 0.5 / ratio(0) as f64;
 /// Half the distance between the nodes of Gauss's quadrature on an interval of length 1: √3/6.
 const GAUSS: f64 = 0.288_675_134_594_812_9;
 const _: () =

@@ -4,6 +4,7 @@
 
 use super::homographies::Homographies;
 use super::knots::KnotDensity;
+use super::spline::KNOTS;
 use super::splines::Splines;
 
 /// Blocks covered beyond the exposures: points may leave the frame, and the readout may get longer.
@@ -39,7 +40,7 @@ impl Trajectory {
         let [from, to] = [self.block(from) - MARGIN, self.block(to) + MARGIN];
         let base = from.floor() as i64;
         self.splines.kappa = kappa;
-        self.splines.shift(base, (to.floor() as i64 - base + 4) as usize);
+        self.splines.shift(base, (to.floor() as i64 - base) as usize + KNOTS);
         self.homographies.integrate(&self.splines, [from, to], self.radius);
     }
 

@@ -2,12 +2,15 @@
 
 //! Uniform cubic B-splines. Time t is in knot spacings; coefficient i has the support [i − 3, i + 1).
 
-/// The four coefficients whose support contains t, and their weights.
+/// Coefficients whose support contains an instant.
+pub const KNOTS: usize = 4;
+
+/// The coefficients whose support contains t, and their weights.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Support {
     /// Index of the first coefficient, ⌊t⌋.
     pub first: i64,
-    pub weights: [f64; 4],
+    pub weights: [f64; KNOTS],
 }
 
 /// Weights of the spline's value.

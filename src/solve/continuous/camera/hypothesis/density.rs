@@ -2,7 +2,7 @@
 
 //! Trials of the other knot density: of a vibration, or of what a vibration was taken for.
 
-use super::{EM_STEPS, Hypothesis, NOISE_LIMIT, Phase};
+use super::{EM_STEPS, Hypothesis, NOISE_LIMIT, Phase, STARTS};
 use crate::robust::median::median;
 use crate::solve::continuous::data::PairWindow;
 use crate::solve::continuous::fit::{Multistart, STEPS};
@@ -14,8 +14,6 @@ const VIBRATION_LOG_ODDS: f64 = -5.0;
 /// Least share of the squared residuals common to the matches of a line, as the median of a window's pairs, for a trial of the
 /// vibrating density. In vibrations it is 0.90 to 0.97, where depth varies along the scan axis up to 0.82.
 const MIN_LINE_SHARE: f64 = 0.85;
-/// Shares of the greatest and of the least γ from which a vibration is fitted if γ is unknown.
-const VIBRATION_STARTS: [f64; 2] = [0.9, 0.5];
 
 impl Hypothesis {
     /// Ends a trial after as many windows as share no pair with its first; whether it did.
@@ -54,7 +52,7 @@ impl Hypothesis {
             self.schedule.density.restart();
             let density = self.density().other();
             let is_unknown = density == KnotDensity::Vibrating && self.is_vague();
-            let starts = if is_unknown { self.near_limits(&VIBRATION_STARTS) } else { Vec::new() };
+            let starts = if is_unknown { self.near_limits(&STARTS) } else { Vec::new() };
             let trial = Multistart::with_density(&self.posterior, &self.setup, density, &starts);
             self.searches.density = Some(trial);
         }

@@ -21,8 +21,9 @@ const NOISE_LIMIT: f64 = 4.0;
 /// so none is skipped. Only the first frame of all takes them at once. Twelve per frame instead of six would
 /// leave up to a twelfth less over 60 frames, and take twice as long for three of them.
 const EM_STEPS: [usize; 3] = [36, 6, 3];
-/// Share of the greatest and of the least γ from which an unknown γ is searched, beside its present value.
-const SEARCH_START: f64 = 0.9;
+/// Shares of the greatest and of the least γ from which an unknown γ is searched, beside its present value: the first one, and both
+/// for a vibration.
+const STARTS: [f64; 2] = [0.9, 0.5];
 /// γ is significant with a standard deviation below this, or at this many standard deviations from zero.
 const SIGNIFICANT_DEVIATION: f64 = 0.02;
 const SIGNIFICANCE: f64 = 4.0;
@@ -207,7 +208,7 @@ impl Hypothesis {
     /// γ from which a fit is begun: the present one and, if it is unknown, from near its limits. Values between
     /// are reached from these.
     fn starts(&self, is_vague: bool) -> Vec<f64> {
-        let far = if is_vague { self.near_limits(&[SEARCH_START]) } else { Vec::new() };
+        let far = if is_vague { self.near_limits(&STARTS[..1]) } else { Vec::new() };
         std::iter::once(self.gamma()).chain(far).collect()
     }
 
