@@ -27,9 +27,14 @@ pub struct Timer {
 }
 
 impl Timer {
-    /// One that is due at once.
-    const fn due(interval: usize, longest: usize) -> Self {
-        Self { waited: interval, interval, longest }
+    /// One that waits for an interval, which [backs off](Self::back_off) up to the longest.
+    const fn new(interval: usize, longest: usize) -> Self {
+        Self { waited: 0, interval, longest }
+    }
+
+    /// The same, due at once.
+    const fn due(self) -> Self {
+        Self { waited: self.interval, ..self }
     }
 
     /// Counts a frame.
@@ -47,7 +52,7 @@ impl Timer {
 
     /// Restarts with twice the interval.
     pub fn back_off(&mut self) {
-        self.waited = 0;
+        self.restart();
         self.interval = (2 * self.interval).min(self.longest);
     }
 }
@@ -65,25 +70,25 @@ pub struct Schedule {
 
 impl Schedule {
     pub const fn new() -> Self {
-        let due = Timer::due(TRIAL, MAX_TRIAL);
+        let due = Timer::new(TRIAL, MAX_TRIAL).due();
         Self { search: None, density: due, smoothness: due }
     }
 
     /// Makes the search for γ due.
     pub fn expect_search(&mut self) {
-        self.search = Some(Timer::due(TRIAL, TRIAL));
+        self.search = Some(Timer::new(TRIAL, TRIAL).due());
     }
 
     /// Restarts the interval after a search for γ.
     pub fn restart_search(&mut self) {
-        self.search = Some(Timer { waited: 0, interval: TRIAL, longest: TRIAL });
+        self.search = Some(Timer::new(TRIAL, TRIAL));
     }
 }
 
 /// The trial of other cameras.
 pub const fn other_camera() -> Timer {
     let [interval, longest] = OTHER_CAMERA;
-    Timer { waited: 0, interval, longest }
+    Timer::new(interval, longest)
 }
 
 #[cfg(test)]

@@ -3,7 +3,7 @@
 //! The lean and bend of a frame that was moved after its readout.
 
 use super::lean_change::LeanChange;
-use super::smoothed::{Change, Component, Series, smoothed};
+use super::smoothed::{Component, Series, smoothed};
 use crate::solve::continuous::data::ScanAxis;
 use nalgebra::{Matrix3, Vector2};
 
@@ -28,7 +28,7 @@ impl Lean {
         velocities: &[Vector2<f64>],
     ) -> Self {
         let series = |coordinate: usize| {
-            let change = |pair: &LeanChange| Change {
+            let change = |pair: &LeanChange| Component {
                 value: pair.change[coordinate],
                 variance: pair.variance[coordinate],
             };
@@ -38,7 +38,7 @@ impl Lean {
             )
         };
         let lean = [series(0), series(1)];
-        let roll = |pair: &LeanChange| Change { value: pair.roll, variance: 0.5 * pair.variance.sum() };
+        let roll = |pair: &LeanChange| Component { value: pair.roll, variance: 0.5 * pair.variance.sum() };
         // A stabiliser leaves no roll.
         let roll = [Series::of_lean(changes.iter().map(roll).collect(), vec![0.0; velocities.len()])];
         let bends = |coordinate: usize| changes.iter().map(|pair| pair.curvature[coordinate]).collect();

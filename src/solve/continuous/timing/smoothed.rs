@@ -35,22 +35,15 @@ const BEND_ERROR: f64 = 3.0;
 /// A component of the leans or bends of successive frames, as it is seen.
 #[derive(Clone, Debug)]
 pub struct Series {
-    /// From one frame to the next.
-    changes: Vec<Change>,
+    /// From one frame to the next; the variance of one that is unknown is infinite.
+    changes: Vec<Component>,
     /// Velocity of the picture at each frame, one more than changes.
     velocities: Vec<f64>,
     /// Variance of the slow strain.
     strain: f64,
 }
 
-/// A change from one frame to the next, and its variance; infinite if it is unknown.
-#[derive(Clone, Copy, Debug)]
-pub struct Change {
-    pub value: f64,
-    pub variance: f64,
-}
-
-/// A component of the lean or bend of a frame, and its variance.
+/// A component of a lean, of a bend or of the change of one, and its variance.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Component {
     pub value: f64,
@@ -59,7 +52,7 @@ pub struct Component {
 
 impl Series {
     /// A component of the lean.
-    pub fn of_lean(changes: Vec<Change>, velocities: Vec<f64>) -> Self {
+    pub fn of_lean(changes: Vec<Component>, velocities: Vec<f64>) -> Self {
         let series = Self { changes, velocities, strain: 0.0 };
         let [square, noise] = mean_squares(&series.known());
         let strain = (STRAIN * STRAIN * square).max(STRAIN_OF_NOISE * STRAIN_OF_NOISE * noise);
@@ -69,7 +62,8 @@ impl Series {
     /// A component of the bend, from its changes and that component of the lean.
     pub fn of_bend(changes: Vec<f64>, lean: &Self) -> Self {
         let variance = BEND_ERROR * BEND_ERROR * lean.strain;
-        let change = |(value, lean): (f64, &Change)| Change { value, variance: variance.max(lean.variance) };
+        let change =
+            |(value, lean): (f64, &Component)| Component { value, variance: variance.max(lean.variance) };
         Self {
             changes: changes.into_iter().zip(&lean.changes).map(change).collect(),
             velocities: vec![0.0; lean.velocities.len()],
@@ -78,7 +72,7 @@ impl Series {
     }
 
     /// The changes that are known, by the frame before them.
-    fn known(&self) -> Vec<(usize, Change)> {
+    fn known(&self) -> Vec<(usize, Component)> {
         self.changes.iter().copied().enumerate().filter(|(_, change)| change.variance.is_finite()).collect()
     }
 
@@ -135,8 +129,8 @@ impl Series {
 }
 
 /// Mean square of known changes, and of their noise.
-fn mean_squares(known: &[(usize, Change)]) -> [f64; 2] {
-    let mean = |of: fn(&Change) -> f64| {
+fn mean_squares(known: &[(usize, Component)]) -> [f64; 2] {
+    let mean = |of: fn(&Component) -> f64| {
         known.iter().map(|(_, change)| of(change)).sum::<f64>() / known.len().max(1) as f64
     };
     [mean(|change| change.value * change.value), mean(|change| change.variance)]
@@ -195,7 +189,8 @@ mod tests {
 
     /// Of this lean, 30 changes of a picture with this velocity.
     fn series(lean: impl Fn(f64) -> f64, velocity: impl Fn(f64) -> f64) -> Series {
-        let change = |k: usize| Change { value: lean((k + 1) as f64) - lean(k as f64), variance: VARIANCE };
+        let change =
+            |k: usize| Component { value: lean((k + 1) as f64) - lean(k as f64), variance: VARIANCE };
         Series::of_lean((0..30).map(change).collect(), (0..=30).map(|k| velocity(k as f64)).collect())
     }
 
@@ -245,7 +240,7 @@ mod tests {
     fn without_changes_nothing_is_known() {
         let none = Series::of_lean(Vec::new(), vec![0.0]);
         assert_eq!(found(none, 0), Component::default());
-        let unknown = Change { value: 3.0, variance: f64::INFINITY };
+        let unknown = Component { value: 3.0, variance: f64::INFINITY };
         let unknown = Series::of_lean(vec![unknown; 8], vec![1.0; 9]);
         assert_eq!(found(unknown, 4).value, 0.0);
     }
