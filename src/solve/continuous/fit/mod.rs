@@ -12,6 +12,6 @@ mod posterior;
 mod setup;
 
 pub use gauss_newton::{Summary, fit};
-pub use multistart::{COMPARED_PAIRS, DECISIVE_LOG_ODDS, MAX_READOUT_DEVIATION, Multistart, STEPS};
-pub use posterior::{Covariance, Posterior};
+pub use multistart::{COMPARED_PAIRS, DECISIVE_LOG_ODDS, Multistart, STEPS};
+pub use posterior::{Covariance, MAX_READOUT_DEVIATION, Posterior};
 pub use setup::Setup;

@@ -22,8 +22,6 @@ const PAIR_STEPS: [usize; 2] = [64, 96];
 pub const COMPARED_PAIRS: usize = 8;
 /// Log odds above which a readout ratio or smoothness is preferred to another.
 pub const DECISIVE_LOG_ODDS: f64 = 5.0;
-/// Standard deviation of γ above which it counts as unknown. Two values nearer than this count as the same.
-pub const MAX_READOUT_DEVIATION: f64 = 0.2;
 
 /// A fit from one start.
 #[derive(Clone, Debug)]
@@ -126,16 +124,11 @@ impl Multistart {
 
     /// Drops candidates that come to a γ of greater evidence, or are ruled out.
     fn narrow(&mut self, window: PairWindow<'_>, setup: &Setup) {
-        let evidence = |candidate: &mut Candidate| candidate.posterior.log_evidence(window.pairs, setup);
-        let found: Vec<Option<f64>> = self.candidates.par_iter_mut().map(evidence).collect();
-        let found = found.into_iter().map(|one| one.unwrap_or(f64::NEG_INFINITY));
-        let mut ranked: Vec<(f64, Candidate)> = found.zip(self.candidates.drain(..)).collect();
-        ranked.sort_by(|a, b| b.0.total_cmp(&a.0));
+        let ranked = self.by_evidence(window, setup);
         let Some(most) = ranked.first().map(|(evidence, _)| *evidence) else { return };
         for (evidence, one) in ranked {
-            let gamma = one.posterior.shared.gamma;
             let is_new = |other: &Candidate| {
-                (other.posterior.shared.gamma - gamma).abs() > MAX_READOUT_DEVIATION
+                other.posterior.has_other_readout(&one.posterior)
                     && one.posterior.log_odds(most - evidence, setup) <= DECISIVE_LOG_ODDS
             };
             if self.candidates.iter().all(is_new) {
@@ -145,12 +138,18 @@ impl Multistart {
     }
 
     /// The posteriors with their log evidence, the greatest first.
-    pub fn ranked(self, window: PairWindow<'_>, setup: &Setup) -> Vec<(f64, Posterior)> {
-        let ranked = self.candidates.into_par_iter().filter_map(|Candidate { mut posterior, .. }| {
-            let evidence = posterior.log_evidence(window.pairs, setup)?;
-            Some((evidence, posterior))
+    pub fn ranked(mut self, window: PairWindow<'_>, setup: &Setup) -> impl Iterator<Item = (f64, Posterior)> + use<> {
+        let ranked = self.by_evidence(window, setup).into_iter();
+        ranked.filter(|(evidence, _)| evidence.is_finite()).map(|(evidence, one)| (evidence, one.posterior))
+    }
+
+    /// Takes the candidates with their log evidence, the greatest first; −∞ where there is none.
+    fn by_evidence(&mut self, window: PairWindow<'_>, setup: &Setup) -> Vec<(f64, Candidate)> {
+        let all = std::mem::take(&mut self.candidates).into_par_iter().map(|mut one| {
+            let evidence = one.posterior.log_evidence(window.pairs, setup);
+            (evidence.unwrap_or(f64::NEG_INFINITY), one)
         });
-        let mut ranked: Vec<(f64, Posterior)> = ranked.collect();
+        let mut ranked: Vec<(f64, Candidate)> = all.collect();
         ranked.sort_by(|a, b| b.0.total_cmp(&a.0));
         ranked
     }

@@ -21,6 +21,9 @@ const MAX_PREDICTION_DEVIATION: f64 = 0.03;
 /// the rows is fitted as acceleration. Between a third and a tenth, strong shakes keep more.
 const SINGLE_PAIR_SHARE: f64 = 0.3;
 
+/// Standard deviation of γ above which it counts as unknown. Two values nearer than this count as the same.
+pub const MAX_READOUT_DEVIATION: f64 = 0.2;
+
 /// The result of a fit, and the start of the next one.
 #[derive(Clone, Debug, Default)]
 pub struct Posterior {
@@ -69,11 +72,9 @@ impl Posterior {
         self.evidence = None;
     }
 
-    /// Resets the path and converts to frame periods shorter by `factor`.
-    pub fn scale_time(&mut self, factor: f64) {
-        self.shared.gamma *= factor;
-        self.restart();
-        self.trajectory.homographies = Default::default();
+    /// Whether its γ is not the same.
+    pub fn has_other_readout(&self, other: &Self) -> bool {
+        (self.shared.gamma - other.shared.gamma).abs() > MAX_READOUT_DEVIATION
     }
 
     /// Block at which a place along the scan axis is exposed in the frame with this timestamp.

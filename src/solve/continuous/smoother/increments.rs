@@ -16,7 +16,7 @@ impl Continuous {
         let own = self.settled.checked_sub(1).filter(|_| leading.has_path() && self.continues);
         let frames = self.frames.iter().skip(own.unwrap_or(self.frames.len()));
         let pairs = frames.map_while(|entry| entry.to_next.as_ref()).take(AHEAD);
-        let [width, height] = self.size;
+        let [width, height] = self.posterior.size;
         pairs.map(move |pair| {
             let [from, to] = pair.stamps.map(|stamp| posterior.block(stamp, 0.5));
             let moved = homographies.until(to) * homographies.back(from);

@@ -66,8 +66,6 @@ struct Clock {
 /// The continuous estimator of one stream.
 #[derive(Debug)]
 pub struct Continuous {
-    camera: Camera,
-    size: [usize; 2],
     centre: Vector2<f64>,
     /// Half the width in pixels.
     radius: f64,
@@ -95,8 +93,6 @@ impl Continuous {
     pub fn new(camera: Camera, width: usize, height: usize, pixel_scale: f64) -> Self {
         let radius = width.max(1) as f64 / 2.0;
         Self {
-            camera,
-            size: [width, height],
             centre: image_centre(width, height),
             radius,
             pixel_scale,
@@ -273,7 +269,7 @@ impl Continuous {
         let window = self.posterior.window(PairWindow { pairs: &pairs, past });
         self.posterior.settle(window, before);
         let leading = self.posterior.leading();
-        let gamma = (!self.camera.is_known()).then(|| leading.gamma());
+        let gamma = (!self.posterior.camera.is_known()).then(|| leading.gamma());
         self.timing.update_doubt(latest_pairs(&self.frames), (leading.setup.scan_axis, gamma));
         self.continues = !pairs.is_empty();
         let solution = if pairs.is_empty() { None } else { self.solution(window, own, stamp, local) };
@@ -345,7 +341,7 @@ impl Continuous {
         let is_in_doubt = lean.is_some() && !timing.is_stabilised();
         let (path, expected) = if let Some(lean) = lean {
             let path = sampled(&|place| lean.homography(place, self.radius))?;
-            (path, Expected::of_lean(&lean, self.size, self.radius / scale))
+            (path, Expected::of_lean(&lean, self.posterior.size, self.radius / scale))
         } else {
             let path = sampled(&self.to_middle(leading, stamp))?;
             let (frame_path, intervals) = self.frame_path(leading, window, own)?;

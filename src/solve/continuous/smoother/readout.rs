@@ -9,8 +9,8 @@ use crate::solve::continuous::camera::{Camera, Hypothesis, READOUT_BELIEF};
 impl Continuous {
     /// The posterior of the readout; `None` if it is given, or before the first frame.
     pub fn posterior(&self) -> Option<ReadoutPosterior> {
-        let period = self.period().filter(|_| !self.camera.is_known())?;
-        let [width, height] = self.size;
+        let period = self.period().filter(|_| !self.posterior.camera.is_known())?;
+        let [width, height] = self.posterior.size;
         let least = self.least_deviation(self.last_index());
         let hypotheses = self.posterior.hypotheses().map(|(probability, hypothesis)| ReadoutHypothesis {
             readout: self.readout(hypothesis),
@@ -45,7 +45,7 @@ impl Continuous {
     /// By how much a γ that is estimated from the shifts is too long, where the frames may have been moved.
     fn excess(&self, hypothesis: &Hypothesis) -> f64 {
         let (gamma, axis) = (hypothesis.gamma(), hypothesis.setup.scan_axis);
-        if self.camera.is_known() { 0.0 } else { self.timing.excess(gamma, axis) }
+        if self.posterior.camera.is_known() { 0.0 } else { self.timing.excess(gamma, axis) }
     }
 
     /// Least standard deviation of an estimated readout ratio: that of the prior where frames may be stabilised or blends, as
@@ -53,7 +53,7 @@ impl Continuous {
     fn least_deviation(&self, frame: usize) -> f64 {
         let axis = self.posterior.leading().setup.scan_axis;
         let is_unseen = self.timing.contradicts_path(frame, axis) || self.timing.found_of(frame).is_blended();
-        if is_unseen && !self.camera.is_known() { READOUT_BELIEF.1 } else { 0.0 }
+        if is_unseen && !self.posterior.camera.is_known() { READOUT_BELIEF.1 } else { 0.0 }
     }
 
     /// The shutter of a hypothesis.
@@ -65,7 +65,7 @@ impl Continuous {
             (false, false) => ReadoutDirection::LeftToRight,
             (false, true) => ReadoutDirection::RightToLeft,
         };
-        let [width, height] = self.size;
+        let [width, height] = self.posterior.size;
         Readout { width, height, direction, time: gamma.abs() * self.period().unwrap_or(0.0) }
     }
 }

@@ -194,8 +194,9 @@ impl Hypothesis {
 
     /// Converts to frame periods shorter by `factor`; the path is reset.
     pub fn scale_time(&mut self, factor: f64) {
-        self.setup.camera.scale_time(factor);
-        self.posterior.scale_time(factor);
+        self.scale_readout(factor);
+        self.posterior.restart();
+        self.posterior.trajectory.homographies = Default::default();
         self.drop_searches();
     }
 
@@ -412,7 +413,7 @@ impl Hypothesis {
         if self.moves(window) {
             self.schedule.restart_search();
         }
-        let mut ranked = search.ranked(window, &self.setup).into_iter();
+        let mut ranked = search.ranked(window, &self.setup);
         let Some((_, best)) = ranked.next() else { return false };
         self.posterior = best;
         self.is_at_rest = self.iterate(window, steps, false);
@@ -421,10 +422,7 @@ impl Hypothesis {
         let mut other_optima: Vec<Posterior> = Vec::new();
         for (log, start) in ranked {
             let is_new = |one: &Posterior| {
-                other_optima
-                    .iter()
-                    .chain([&self.posterior])
-                    .all(|found| (found.shared.gamma - one.shared.gamma).abs() > MAX_READOUT_DEVIATION)
+                other_optima.iter().chain([&self.posterior]).all(|found| found.has_other_readout(one))
             };
             if is_near(log) && is_new(&start) {
                 let (mut found, _) = fit(window, start, &self.setup, steps);
