@@ -3,7 +3,6 @@
 //! The measured points: a uniform grid over the whole frame.
 
 use super::patch::PATCH_SIDE;
-use nalgebra::Vector2;
 
 /// Pixels around a patch that are needed for its gradients.
 const MARGIN: usize = 1;
@@ -48,11 +47,6 @@ fn place(index: usize, cells: usize, length: usize) -> Option<usize> {
     let wanted = (index as f64 + 0.5) * cell - 0.5 * PATCH_SIDE as f64;
     let corner = wanted.round().clamp(MARGIN as f64, last as f64);
     ((corner - wanted).abs() <= (0.5 * cell).max(0.5)).then_some(corner as usize)
-}
-
-/// The centre of a patch, given its top left pixel.
-pub(super) fn centre(corner: Vector2<f32>) -> Vector2<f32> {
-    corner.add_scalar(0.5 * (PATCH_SIDE as f32 - 1.0))
 }
 
 #[cfg(test)]

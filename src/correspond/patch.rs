@@ -12,6 +12,15 @@ use nalgebra::{Matrix2, Vector2};
 /// Side of a patch in pixels.
 pub(super) const PATCH_SIDE: usize = 16;
 
+/// Pixels of a patch.
+pub(super) const AREA: f32 = (PATCH_SIDE * PATCH_SIDE) as f32;
+
+/// The centre of a patch, given its top left pixel.
+#[inline(always)]
+pub(super) fn centre(corner: Vector2<f32>) -> Vector2<f32> {
+    corner.add_scalar(0.5 * (PATCH_SIDE as f32 - 1.0))
+}
+
 /// Vectors in a row of a patch.
 const PARTS: usize = PATCH_SIDE / FLOATS;
 

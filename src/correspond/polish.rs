@@ -6,14 +6,14 @@
 //! inverse-compositional steps of `template`: with local distortion, cubic interpolation and free contrast.
 //!
 //! The covariance is that of least squares with a prior. With H = ∑ g·gᵀ over the patch, s² the residual's
-//! variance and σ_f the flow's standard deviation, it is C = κ·(H′/s² + I/σ_f²)⁻¹ + σ₀²·I, where H′ = H −
+//! variance and σ_f the flow's standard deviation, it is C = (H′/s² + I/σ_f²)⁻¹ + σ₀²·I, where H′ = H −
 //! n·s²/4·I removes the contribution of noise to H: a central difference of two pixels with variance s²/2
 //! each has s²/4, the difference of two frames s². Along an edge H′ vanishes and C tends to the flow's
-//! variance. κ and σ₀ model errors that are not white noise: the residual of interpolation, blur and
+//! variance. σ₀ models errors that are not white noise: the residual of interpolation, blur and
 //! compression is correlated from pixel to pixel.
 
 use super::correspondence::{Correspondence, to_full};
-use super::patch::PATCH_SIDE;
+use super::patch::{AREA, centre};
 use super::template::{StoppingCriterion, Template};
 use crate::lanes::WordCpu;
 use crate::pyramid::Level;
@@ -31,9 +31,6 @@ const FLOW_DEVIATION: f32 = 0.7;
 
 /// Least variance of the residual, in squared grey levels: 8-bit quantisation of both frames.
 const MIN_RESIDUAL_VARIANCE: f32 = 1.0 / 6.0;
-
-/// κ: ratio of the variance to that under white noise of the residual's variance.
-const VARIANCE_FACTOR: f32 = 1.0;
 
 /// σ₀ in analysed pixels: the standard deviation on footage without noise.
 const MIN_DEVIATION: f32 = 0.02;
@@ -76,11 +73,10 @@ pub(super) fn polish<C: WordCpu>(
     {
         return None;
     }
-    let middle = 0.5 * (PATCH_SIDE as f32 - 1.0);
     let covariance = covariance(template.matrix, found.residual)?;
     Some(Correspondence {
-        from: to_full(from.add_scalar(middle), scale),
-        to: to_full(found.corner.add_scalar(middle), scale),
+        from: to_full(centre(from), scale),
+        to: to_full(centre(found.corner), scale),
         texture: template.texture,
         residual: found.residual,
         covariance: covariance.map(f64::from) * (scale * scale),
@@ -91,11 +87,10 @@ pub(super) fn polish<C: WordCpu>(
 #[inline(always)]
 fn covariance(information: Matrix2<f32>, residual: f32) -> Option<Matrix2<f32>> {
     let variance = (residual * residual).max(MIN_RESIDUAL_VARIANCE);
-    let noise = (PATCH_SIDE * PATCH_SIDE) as f32 * 0.25 * variance;
+    let noise = AREA * 0.25 * variance;
     let along = |value: f32| {
         let own = (value - noise).max(0.1 * value).max(0.0);
-        VARIANCE_FACTOR / (own / variance + 1.0 / (FLOW_DEVIATION * FLOW_DEVIATION))
-            + MIN_DEVIATION * MIN_DEVIATION
+        1.0 / (own / variance + 1.0 / (FLOW_DEVIATION * FLOW_DEVIATION)) + MIN_DEVIATION * MIN_DEVIATION
     };
     // The eigenvectors are those of H: C is linear in H, with the eigenvalues in their places.
     let (xx, xy, yy) = (information.m11, information.m12, information.m22);
@@ -116,12 +111,9 @@ mod tests {
     fn along_an_edge_the_variance_is_that_of_the_flow() {
         // Gradients along x only.
         let found = covariance(Matrix2::new(256.0 * 400.0, 0.0, 0.0, 0.0), 2.0).unwrap();
-        let across = VARIANCE_FACTOR * 4.0 / (256.0 * 400.0 - 256.0) + MIN_DEVIATION * MIN_DEVIATION;
+        let across = 4.0 / (256.0 * 400.0 - 256.0) + MIN_DEVIATION * MIN_DEVIATION;
         assert!((found.m11 / across - 1.0).abs() < 0.01, "{found}");
-        assert!(
-            (found.m22 / (VARIANCE_FACTOR * FLOW_DEVIATION * FLOW_DEVIATION) - 1.0).abs() < 0.01,
-            "{found}"
-        );
+        assert!((found.m22 / (FLOW_DEVIATION * FLOW_DEVIATION) - 1.0).abs() < 0.01, "{found}");
         assert!(found.m12.abs() < 1e-6);
     }
 

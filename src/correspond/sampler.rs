@@ -4,7 +4,8 @@
 
 use super::correspondence::{Correspondence, to_full};
 use super::distortion::{Distortions, GridDisplacement};
-use super::grid::{Grid, centre};
+use super::grid::Grid;
+use super::patch::centre;
 use super::polish::{InitialEstimate, polish};
 use super::template::Template;
 use crate::cpu::CpuLevel;

@@ -11,16 +11,13 @@
 //! One sampling of N × N pixels takes 4·N·(2N + 3) multiply-adds, its sums 5·N²: 3.5 k for N = 16, in some 800
 //! instructions.
 
-use super::patch::{Block, DistortedPatch, PATCH_SIDE, Sums};
+use super::patch::{AREA, Block, DistortedPatch, PATCH_SIDE, Sums, centre};
 use crate::lanes::WordCpu;
 use crate::pyramid::Level;
 use nalgebra::{Matrix2, Vector2};
 
 /// Largest ratio of the contrasts of the two frames, either way.
 const MAX_GAIN: f32 = 3.0;
-
-/// Pixels of a patch.
-const AREA: f32 = (PATCH_SIDE * PATCH_SIDE) as f32;
 
 /// A patch of 16 × 16 pixels of the first frame, its gradients and their matrix.
 ///
@@ -102,9 +99,9 @@ impl<C: WordCpu> Template<C> {
         distortion: &Matrix2<f32>,
         damping: f32,
     ) -> Option<()> {
-        let half = 0.5 * (PATCH_SIDE as f32 - 1.0);
-        let centre = Vector2::new(corner.0 as f32 + half, corner.1 as f32 + half);
-        let first = centre - distortion * Vector2::new(half + 1.0, half + 1.0);
+        let centre = centre(Vector2::new(corner.0 as f32, corner.1 as f32));
+        // The patch has a margin of one pixel.
+        let first = centre - distortion * Vector2::repeat(0.5 * (PATCH_SIDE as f32 + 1.0));
         let samples = self.distorted.sample(self.cpu, level, first, distortion)?;
         let sums = self.block.take(self.cpu, samples)?;
         self.values_mean = sums.values / AREA;

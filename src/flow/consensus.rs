@@ -37,28 +37,26 @@ impl Consensus {
     ///
     /// They count by their texture, less where they fit badly.
     pub(super) fn of(patches: &[PatchFlow], columns: usize, noise: f32) -> Option<Self> {
-        let side = CELL as f32;
         let weight = |patch: &PatchFlow| {
             let [xx, _, yy] = patch.mean.tensor();
             let texture = xx + yy;
             texture / (texture + 4.0 * noise + patch.mean.residual())
         };
         let place = |index: usize| {
-            let at = |index: usize| index as f32 * side + 0.5 * (SIDE as f32 - 1.0);
-            Vector2::new(at(index % columns.max(1)), at(index / columns.max(1)))
+            Vector2::new(middle(index % columns.max(1) * CELL), middle(index / columns.max(1) * CELL))
         };
-        let middle = |axis: usize| {
+        let median_shift = |axis: usize| {
             let seen = patches.iter().step_by(EVERY).filter(|patch| weight(patch) > 0.0);
             let mut shifts: Vec<f64> = seen.map(|patch| f64::from(patch.mean.shift()[axis])).collect();
             (!shifts.is_empty()).then(|| median(&mut shifts) as f32)
         };
-        let start = Motion(Matrix2x3::new(middle(0)?, 0.0, 0.0, middle(1)?, 0.0, 0.0));
+        let start = Motion(Matrix2x3::new(median_shift(0)?, 0.0, 0.0, median_shift(1)?, 0.0, 0.0));
         let samples = patches.iter().enumerate().step_by(EVERY).map(|(index, patch)| Sample {
             terms: affine(place(index)),
             displacement: Vector2::from(patch.mean.shift()),
             weight: weight(patch),
         });
-        let width = columns as f32 * side;
+        let width = (columns * CELL) as f32;
         let rounds = (0..ROUNDS).map(|round| {
             let scale = LAST_SCALE.max(FIRST_SCALE * width * 0.5f32.powi(round as i32));
             // An affine map may fit two motions halfway: first of all, the one that is shared is to be chosen.
@@ -70,7 +68,6 @@ impl Consensus {
 
     /// For the patch whose top left pixel is (x, y).
     pub(super) fn of_patch(&self, x: usize, y: usize) -> [f32; 2] {
-        let middle = |at: usize| at as f32 + 0.5 * (SIDE as f32 - 1.0);
         self.at(middle(x), middle(y))
     }
 
@@ -80,6 +77,11 @@ impl Consensus {
     }
 }
 
+/// The middle of the patch that begins at a pixel, along an axis.
+fn middle(first: usize) -> f32 {
+    first as f32 + 0.5 * (SIDE as f32 - 1.0)
+}
+
 #[cfg(test)]
 mod tests {
     use super::super::estimate::Mean;
@@ -87,8 +89,7 @@ mod tests {
 
     fn patches(shift: impl Fn(f32, f32) -> [f32; 2]) -> Vec<PatchFlow> {
         let patch = |index: usize| {
-            let at = |index: usize| (index * CELL) as f32 + 0.5 * (SIDE as f32 - 1.0);
-            let [x, y] = shift(at(index % 60), at(index / 60));
+            let [x, y] = shift(middle(index % 60 * CELL), middle(index / 60 * CELL));
             PatchFlow { mean: Mean([x, y, 0.0, 100.0, 0.0, 100.0, 0.0, 1.0]), ..PatchFlow::default() }
         };
         (0..60 * 40).map(patch).collect()
