@@ -20,7 +20,7 @@ pub(crate) use path::project;
 pub use path::{IntervalMotion, MotionPath};
 pub(crate) use precision::{rounded_homography, rounded_velocity};
 pub use residual::{MeshError, ResidualField, ResidualMesh};
-pub(crate) use sampled::scaled;
+pub(crate) use sampled::{PATH_STEPS, scaled};
 pub use sampled::{PathError, SampledPath};
 pub use twist::{Rigid, Twist};
 

@@ -2,6 +2,7 @@
 
 //! The motion path of one frame through its readout.
 
+use super::sampled::PATH_STEPS;
 use super::{ResidualField, SampledPath, Twist};
 use nalgebra::{Matrix3, Vector2};
 use std::sync::Arc;
@@ -22,9 +23,6 @@ pub(super) enum Global {
     Uniform { twist: Twist, readout_time: f64 },
     Sampled(Arc<SampledPath>),
 }
-
-/// Samples of a path less one that stands for a uniform motion where the axes are scaled by different factors.
-const STEPS: u32 = 32;
 
 /// The motion of a path between two shares of the readout; common to all points exposed at the same
 /// share.
@@ -75,9 +73,9 @@ impl MotionPath {
                 Global::Uniform { twist, readout_time: *readout_time }
             }
             Global::Uniform { twist, readout_time } => {
-                let motions: Vec<_> = (0..=STEPS)
+                let motions: Vec<_> = (0..=PATH_STEPS)
                     .map(|index| {
-                        let share = f64::from(index) / f64::from(STEPS);
+                        let share = index as f64 / PATH_STEPS as f64;
                         twist.after(-share * readout_time).to_homogeneous()
                     })
                     .collect();

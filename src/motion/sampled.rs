@@ -6,6 +6,9 @@ use super::Twist;
 use nalgebra::{Matrix3, Vector2};
 use thiserror::Error;
 
+/// Steps by which a path of another form is sampled.
+pub(crate) const PATH_STEPS: usize = 32;
+
 /// The motion of the whole picture through one readout, by homographies at equal steps of the
 /// elapsed share.
 ///

@@ -6,7 +6,7 @@ use super::diffuse::FieldPrior;
 use super::estimate::VelocityEstimate;
 use super::frame_flow::FrameFlow;
 use super::path::Path;
-use super::velocity::{MAX_SPEED, NeighbourFlow, combine};
+use super::velocity::{NeighbourFlow, OUTLIER, combine};
 use crate::cpu::CpuLevel;
 use crate::flow::FlowField;
 use crate::readout::Readout;
@@ -117,7 +117,7 @@ impl ResidualSolver {
             // At most the prior variance: rounding loses the prior if the information along one axis is far
             // larger than along the other. NaN becomes the bound, too.
             let variance = posterior.variance().min(2.0 / prior);
-            let square = (variance + sum / f32::max(sources, 1.0)).min(MAX_SPEED * MAX_SPEED);
+            let square = (variance + sum / f32::max(sources, 1.0)).min(OUTLIER * OUTLIER);
             region.error += elapsed * elapsed * f64::from(square);
             *count += 1.0;
         }

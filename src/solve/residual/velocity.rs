@@ -10,13 +10,9 @@ use crate::parallel::*;
 use crate::readout::Readout;
 use nalgebra::{Matrix3, Vector2};
 
-/// Largest residual velocity in pixels per readout: larger values are outliers, and their weighted squares
-/// overflow `f32`.
-pub(super) const MAX_SPEED: f32 = 1e6;
-
-/// Largest interval from a frame to a neighbour in readouts, and inverse of the smallest, for the same
-/// reason.
-const MAX_INTERVAL: f32 = 1e6;
+/// Largest residual velocity in pixels per readout, largest interval from a frame to a neighbour in readouts, and inverse of
+/// the smallest: what is beyond is an outlier, and its weighted square overflows `f32`.
+pub(super) const OUTLIER: f32 = 1e6;
 
 /// Residual velocities from the flow to one neighbour.
 #[derive(Debug, Default)]
@@ -72,7 +68,7 @@ impl NeighbourFlow {
         self.ahead = (flow.interval / readout.time) as f32;
         self.cells.clear();
         self.cells.resize(columns * rows, Default::default());
-        if !(self.ahead.abs() < MAX_INTERVAL && self.ahead.abs() > MAX_INTERVAL.recip()) {
+        if !(self.ahead.abs() < OUTLIER && self.ahead.abs() > OUTLIER.recip()) {
             return;
         }
         let arrivals = ArrivalPath::new(flow.interval, readout.time, |time| path.until(time));
@@ -96,7 +92,7 @@ impl NeighbourFlow {
             let interval = ((to - from) / readout.time) as f32;
             let velocity = (there - carried.xy() / carried.z).cast::<f32>() / interval;
             let weight = cell.confidence * interval * interval;
-            let is_valid = velocity.x.abs() < MAX_SPEED && velocity.y.abs() < MAX_SPEED && weight.is_finite();
+            let is_valid = velocity.x.abs() < OUTLIER && velocity.y.abs() < OUTLIER && weight.is_finite();
             is_valid.then(|| (velocity.into(), cell.information.map(|value| value * weight)))
         };
         self.cells.par_chunks_mut(columns.max(1)).enumerate().for_each(|(row, cells)| {

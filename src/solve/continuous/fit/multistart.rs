@@ -138,7 +138,11 @@ impl Multistart {
     }
 
     /// The posteriors with their log evidence, the greatest first.
-    pub fn ranked(mut self, window: PairWindow<'_>, setup: &Setup) -> impl Iterator<Item = (f64, Posterior)> + use<> {
+    pub fn ranked(
+        mut self,
+        window: PairWindow<'_>,
+        setup: &Setup,
+    ) -> impl Iterator<Item = (f64, Posterior)> + use<> {
         let ranked = self.by_evidence(window, setup).into_iter();
         ranked.filter(|(evidence, _)| evidence.is_finite()).map(|(evidence, one)| (evidence, one.posterior))
     }

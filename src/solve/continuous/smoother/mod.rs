@@ -6,7 +6,7 @@
 //! a set of hypotheses, each with its own fit; the motion is that of the likeliest.
 
 use crate::correspond::Correspondence;
-use crate::motion::{FrameMotion, MotionPath, SampledPath, image_centre, rounded_homography};
+use crate::motion::{FrameMotion, MotionPath, PATH_STEPS, SampledPath, image_centre, rounded_homography};
 use crate::solve::as_recorded::AsRecorded;
 use crate::solve::continuous::camera::{Break, Camera, CameraPosterior, Hypothesis};
 use crate::solve::continuous::data::{FramePair, PairWindow, StaticOverlay};
@@ -28,8 +28,6 @@ const PAST: usize = 10;
 const AHEAD: usize = 12;
 /// Noise floor: standard deviation in analysed pixels of a coordinate on clean footage.
 const NOISE: f64 = 0.03;
-/// Intervals of the readout at which the homographies of a frame are sampled.
-const SAMPLES: usize = 32;
 
 #[derive(Clone, Debug)]
 struct Entry {
@@ -332,10 +330,11 @@ impl Continuous {
         let lean = self.timing.lean(index, leading.setup.scan_axis);
         let sampled = |homography: &dyn Fn(f64) -> Matrix3<f64>| {
             // The places that are exposed at even shares of the readout.
-            let share = |index: usize| index as f64 / SAMPLES as f64;
+            let share = |index: usize| index as f64 / PATH_STEPS as f64;
             let place = |index| if leading.gamma() < 0.0 { 1.0 - share(index) } else { share(index) };
             let rounded = |homography| rounded_homography(&homography, readout.width, readout.height);
-            let homographies: Vec<_> = (0..=SAMPLES).map(|index| rounded(homography(place(index)))).collect();
+            let homographies: Vec<_> =
+                (0..=PATH_STEPS).map(|index| rounded(homography(place(index)))).collect();
             SampledPath::new(&homographies, readout.time).ok().map(MotionPath::from)
         };
         let is_in_doubt = lean.is_some() && !timing.is_stabilised();

@@ -20,8 +20,6 @@ use std::collections::VecDeque;
 /// Frames that are judged together: three of the longest period.
 const FRAMES: usize = FrameTiming::FRAMES;
 const PERIODS: std::ops::RangeInclusive<usize> = 4..=6;
-/// Terms of a cubic.
-const TERMS: usize = 4;
 /// Least share of the variance about the cubic that blends explain, and least a. Of phone and street clips that ffmpeg's
 /// `framerate` converted it is 0.88 to 0.98 in the clearest 18 frames; of 45 real clips as recorded 0.42 at most, of a rendered
 /// one with blur by jerks 0.6. Where a is small, the blended exposures are hardly apart.
@@ -95,9 +93,9 @@ fn coded(frame: usize, _: usize) -> f64 {
 }
 
 /// Orthonormal cubics of the frame's number.
-fn cubic() -> SMatrix<f64, FRAMES, TERMS> {
+fn cubic() -> SMatrix<f64, FRAMES, 4> {
     let place = |frame: usize| 2.0 * frame as f64 / (FRAMES - 1) as f64 - 1.0;
-    SMatrix::<f64, FRAMES, TERMS>::from_fn(|frame, power| place(frame).powi(power as i32)).qr().q()
+    SMatrix::<f64, FRAMES, 4>::from_fn(|frame, power| place(frame).powi(power as i32)).qr().q()
 }
 
 #[cfg(test)]
