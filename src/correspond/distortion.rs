@@ -22,7 +22,7 @@ const SIDE: usize = 2 * REACH + 1;
 const PAIRS: usize = SIDE * (SIDE - 1);
 
 /// Fewer pairs of neighbours than this give no estimate.
-const MIN_PAIRS: f32 = 4.0;
+const MIN_NEIGHBOUR_PAIRS: f32 = 4.0;
 
 /// Distortions with a matrix entry larger than this are rejected as outliers.
 const MAX_DISTORTION: f32 = 0.5;
@@ -140,7 +140,7 @@ impl Gradients {
 }
 
 /// In each lane the median of those values that are numbers, of an even number the upper one of the middle two; 0 of fewer
-/// than [`MIN_PAIRS`].
+/// than [`MIN_NEIGHBOUR_PAIRS`].
 #[inline(always)]
 fn median_of<C: WordCpu>(cpu: C, mut values: [C::Lanes; PAIRS]) -> C::Lanes {
     let (zero, one, least) = (cpu.splat(0.0), cpu.splat(1.0), cpu.splat(f32::MIN));
@@ -167,7 +167,7 @@ fn median_of<C: WordCpu>(cpu: C, mut values: [C::Lanes; PAIRS]) -> C::Lanes {
             values[last] = *next;
         }
     }
-    cpu.above_floats(count, cpu.splat(MIN_PAIRS - 0.5), values[PAIRS / 2], zero)
+    cpu.above_floats(count, cpu.splat(MIN_NEIGHBOUR_PAIRS - 0.5), values[PAIRS / 2], zero)
 }
 
 /// Exchanges two values in the lanes where the first is greater.

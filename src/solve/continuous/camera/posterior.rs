@@ -129,7 +129,7 @@ impl CameraPosterior {
                 let readout = Readout::resolved(width, height, direction, camera.readout_time, period);
                 let gamma = gamma(readout.time);
                 hypothesis.expect_readout(Belief::new(gamma, GIVEN_DEVIATION));
-                hypothesis.setup.camera.limits.gamma = [gamma; 2];
+                hypothesis.setup.camera.hold_gamma(gamma);
             } else if let Some(before) = before {
                 hypothesis.scale_readout(before / period);
             } else if let Some(prior) = camera.expected() {

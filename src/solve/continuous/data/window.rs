@@ -7,7 +7,7 @@ use super::pair::FramePair;
 use crate::robust::median::median;
 
 /// Pairs needed to constrain a readout: a path fits fewer with any shutter.
-const MIN_PAIRS: usize = 4;
+const MIN_READOUT_PAIRS: usize = 4;
 
 /// Successive pairs around a frame.
 #[derive(Clone, Copy)]
@@ -39,7 +39,7 @@ impl<'a> PairWindow<'a> {
 
     /// Whether it is too short to constrain a readout.
     pub fn is_short(self) -> bool {
-        self.pairs.len() < MIN_PAIRS
+        self.pairs.len() < MIN_READOUT_PAIRS
     }
 
     /// Mean squared displacement, in squared radii, in the pair with the frame where it is greater.

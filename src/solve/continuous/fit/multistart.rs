@@ -38,7 +38,7 @@ impl Candidate {
     fn advance(&mut self, window: PairWindow<'_>, steps: usize, setup: &Setup) {
         let mut setup = *setup;
         if window.is_short() {
-            setup.camera.limits.gamma = [self.start; 2];
+            setup.camera.hold_gamma(self.start);
         }
         let start = std::mem::take(&mut self.posterior);
         (self.posterior, _) = fit(window, start, &setup, steps);

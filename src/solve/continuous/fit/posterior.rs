@@ -101,8 +101,7 @@ impl Posterior {
     /// Sums the normal equations of the pairs and of the prior; returns those of γ and κ.
     pub fn assemble(&mut self, setup: &Setup) -> SharedEquations {
         let splines = &self.trajectory.splines;
-        let mut first: Vec<usize> = (0..splines.coefficients.len()).collect();
-        self.smoothness.reach(splines, self.order(setup), &mut first);
+        let mut first = self.smoothness.first_columns(splines, self.order(setup));
         self.evaluated.iter().for_each(|pair| pair.normal.equations.reach(&mut first));
         let shared = self.system.assemble(first, self.evaluated.iter());
         let System { matrix, right, .. } = &mut self.system;
@@ -138,11 +137,8 @@ impl Posterior {
         self.assemble(setup);
         let splines = &self.trajectory.splines;
         let mut prior = Banded::default();
-        let size = splines.coefficients.len();
-        let mut first: Vec<usize> = (0..size).collect();
-        self.smoothness.reach(splines, 1, &mut first);
-        prior.reset(first);
-        let mut right = vec![0.0; size];
+        prior.reset(self.smoothness.first_columns(splines, 1));
+        let mut right = vec![0.0; prior.size()];
         self.smoothness.add(splines, variance_share(&self.evaluated), &mut prior, &mut right);
         let matrix = &mut self.system.matrix;
         if !(matrix.factorise(setup.cpu) && prior.factorise(setup.cpu)) {

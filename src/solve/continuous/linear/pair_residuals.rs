@@ -13,7 +13,7 @@ use nalgebra::Vector2;
 /// Rounds of the fixed-point iteration for the variance.
 const ROUNDS: usize = 4;
 /// Fewest matches of a band that count.
-const MIN_MATCHES: f64 = 4.0;
+const MIN_BAND_MATCHES: f64 = 4.0;
 /// |r|² of an inlier over the variance of a coordinate: three standard deviations in two coordinates.
 pub const INLIER_SQUARE: f64 = 2.0 * 9.0;
 
@@ -92,7 +92,7 @@ impl LineBand {
 
     /// The part of Σ|r|² that a linear regression on a explains, less that of chance: two residuals.
     fn shared(&self) -> f64 {
-        if self.count < MIN_MATCHES {
+        if self.count < MIN_BAND_MATCHES {
             return 0.0;
         }
         let mean = self.sums[0] / self.count;

@@ -41,16 +41,15 @@ pub struct CameraBelief {
 }
 
 impl CameraBelief {
-    /// Whether γ is not estimated.
+    /// Whether γ is not estimated, but [held](Self::hold_gamma).
     pub fn is_gamma_given(&self) -> bool {
         let [low, high] = self.limits.gamma;
         low == high
     }
 
-    /// With γ held at its mean.
-    pub fn at_rest(mut self) -> Self {
-        self.limits.gamma = [self.beliefs.gamma.mean; 2];
-        self
+    /// Holds γ at a value.
+    pub fn hold_gamma(&mut self, gamma: f64) {
+        self.limits.gamma = [gamma; 2];
     }
 
     /// Standard deviation of γ.

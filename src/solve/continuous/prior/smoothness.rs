@@ -71,8 +71,9 @@ impl Smoothness {
         if generator < TURNS { order.min(coefficients / KNOTS_PER_WEIGHT).max(1) } else { 1 }
     }
 
-    /// Extends the rows of a band, given by their first columns, for the prior and predictions up to `order`.
-    pub fn reach(&self, path: &Splines, order: usize, first: &mut [usize]) {
+    /// The first columns of the rows of a band that holds the prior, with predictions up to `order`.
+    pub fn first_columns(&self, path: &Splines, order: usize) -> Vec<usize> {
+        let mut first: Vec<usize> = (0..path.coefficients.len()).collect();
         for j in 0..GENERATORS {
             let places = path.places(j);
             let order = Self::order(j, order, places.count).max(self.predictions[j].order());
@@ -82,6 +83,7 @@ impl Smoothness {
                 }
             }
         }
+        first
     }
 
     /// Adds the prior to normal equations about the current path, with a `share` of the learnt variances.

@@ -37,12 +37,14 @@ impl Lean {
                 velocities.iter().map(|velocity| velocity[coordinate]).collect(),
             )
         };
-        let lean = [series(0), series(1)];
+        let lean = [0, 1].map(series);
         let roll = |pair: &LeanChange| Component { value: pair.roll, variance: 0.5 * pair.variance.sum() };
         // A stabiliser leaves no roll.
         let roll = [Series::of_lean(changes.iter().map(roll).collect(), vec![0.0; velocities.len()])];
-        let bends = |coordinate: usize| changes.iter().map(|pair| pair.curvature[coordinate]).collect();
-        let bend = [Series::of_bend(bends(0), &lean[0]), Series::of_bend(bends(1), &lean[1])];
+        let bend = [0, 1].map(|coordinate| {
+            let bends = changes.iter().map(|pair| pair.curvature[coordinate]);
+            Series::of_bend(bends.collect(), &lean[coordinate])
+        });
         let [roll] = of_frame(&roll, number);
         Self { axis, lean: of_frame(&lean, number), roll, bend: of_frame(&bend, number) }
     }

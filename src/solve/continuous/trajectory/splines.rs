@@ -30,6 +30,11 @@ pub const fn ratio(generator: usize) -> i64 {
     if generator < TURNS { RATIO } else { 1 }
 }
 
+/// Index within its block of a generator's coefficient, at this one of the block's knots.
+const fn place_in_block(generator: usize, knot: usize) -> usize {
+    generator + TURNS * if generator < TURNS { knot } else { RATIO as usize - 1 }
+}
+
 impl Splines {
     /// Paths that do not move, over the `blocks` blocks from `base` on.
     pub fn still(base: i64, blocks: usize, kappa: f64) -> Self {
@@ -38,13 +43,9 @@ impl Splines {
 
     /// Index of a coefficient, negative or past the end outside the path.
     pub fn place(&self, generator: usize, knot: i64) -> i64 {
-        let block = knot.div_euclid(ratio(generator)) - self.base;
-        let within = if generator < TURNS {
-            knot.rem_euclid(RATIO) * TURNS as i64 + generator as i64
-        } else {
-            RATIO * TURNS as i64 + (generator - TURNS) as i64
-        };
-        block * BLOCK as i64 + within
+        let ratio = ratio(generator);
+        let block = knot.div_euclid(ratio) - self.base;
+        block * BLOCK as i64 + place_in_block(generator, knot.rem_euclid(ratio) as usize) as i64
     }
 
     /// Indices of a generator's coefficients, in the order of their knots.
@@ -126,9 +127,7 @@ impl Places {
     /// Index of the coefficient at a knot, counted from the first.
     pub fn at(self, knot: usize) -> usize {
         let ratio = ratio(self.generator) as usize;
-        let (block, within) = (knot / ratio, knot % ratio);
-        let first = if self.generator < TURNS { within * TURNS } else { (RATIO as usize - 1) * TURNS };
-        block * BLOCK + first + self.generator
+        knot / ratio * BLOCK + place_in_block(self.generator, knot % ratio)
     }
 
     /// All runs of `length` successive coefficients.

@@ -28,7 +28,7 @@ const STARTS: [f64; 2] = [0.9, 0.5];
 const SIGNIFICANT_DEVIATION: f64 = 0.02;
 const SIGNIFICANCE: f64 = 4.0;
 /// Fewest pairs to which a fit is begun before the first frame is due.
-const MIN_PAIRS: usize = 2;
+const MIN_FITTED_PAIRS: usize = 2;
 /// Steps from several starts per pair before the first frame is due: in short windows, and in longer ones.
 const PREPARED_STEPS: [usize; 2] = [4, 1];
 
@@ -181,9 +181,8 @@ impl Hypothesis {
     /// Whether another hypothesis has the same axis, knot density and γ; never if γ is given.
     pub fn agrees_with(&self, other: &Self) -> bool {
         let is_same_axis = self.scan.by_rows == other.scan.by_rows;
-        let distance = (self.gamma() - other.gamma()).abs();
-        let is_same = is_same_axis && distance < MAX_READOUT_DEVIATION && self.density() == other.density();
-        is_same && !self.setup.camera.is_gamma_given()
+        let is_same = is_same_axis && self.density() == other.density();
+        is_same && !self.posterior.has_other_readout(&other.posterior) && !self.setup.camera.is_gamma_given()
     }
 
     /// Sets the belief about γ, and γ to its mean.
@@ -223,7 +222,7 @@ impl Hypothesis {
     fn iterate(&mut self, window: PairWindow<'_>, steps: usize, rests: bool) -> bool {
         let mut setup = self.setup;
         if rests {
-            setup.camera = setup.camera.at_rest();
+            setup.camera.hold_gamma(setup.camera.beliefs.gamma.mean);
         }
         let start = std::mem::take(&mut self.posterior);
         let (posterior, Summary { converged, .. }) = fit(window, start, &setup, steps);
@@ -233,7 +232,7 @@ impl Hypothesis {
 
     /// Advances a fit to the pairs so far, before the first of their frames is due.
     pub fn prepare(&mut self, window: PairWindow<'_>) {
-        if window.pairs.len() < MIN_PAIRS {
+        if window.pairs.len() < MIN_FITTED_PAIRS {
             self.searches.ahead = None;
             return;
         }
@@ -278,7 +277,7 @@ impl Hypothesis {
             self.posterior.restart();
         }
         if self.is_too_short(window) {
-            if window.pairs.len() >= MIN_PAIRS {
+            if window.pairs.len() >= MIN_FITTED_PAIRS {
                 self.prepare_search(|searches| &mut searches.readout, true, window);
             }
             self.iterate(window, STEPS[usize::from(!starts)], false);
