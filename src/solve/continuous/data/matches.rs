@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT OR Apache-2.0
 
-//! Matches, and when they are exposed.
+//! Matches, and where they lie in a frame.
 
 use nalgebra::{Matrix2, Vector2};
 
@@ -55,21 +55,5 @@ impl ScanAxis {
     #[inline(always)]
     pub fn across(&self, point: Vector2<f64>) -> f64 {
         if self.by_rows { point.x } else { point.y }
-    }
-}
-
-/// When the lines of a frame are exposed.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Shutter {
-    pub scan_axis: ScanAxis,
-    /// γ, the signed readout time in frame periods.
-    pub gamma: f64,
-}
-
-impl Shutter {
-    /// Exposure time t = t_k + γ·p in frame periods of the line at place p, `stamp` being t_k.
-    #[inline(always)]
-    pub fn exposure(&self, stamp: f64, place: f64) -> f64 {
-        stamp + self.gamma * place
     }
 }

@@ -8,7 +8,7 @@ mod overlay;
 mod pair;
 mod window;
 
-pub use matches::{Match, ScanAxis, Shutter};
+pub use matches::{Match, ScanAxis};
 pub use overlay::StaticOverlay;
 #[cfg(test)]
 pub use pair::Track;

@@ -3,7 +3,7 @@
 //! The posterior of a window: path, γ and κ, with their covariance and evidence.
 
 use super::setup::Setup;
-use crate::solve::continuous::data::{FramePair, INDEPENDENT_MATCHES, Shutter};
+use crate::solve::continuous::data::{FramePair, INDEPENDENT_MATCHES};
 use crate::solve::continuous::linear::{
     Banded, EvaluatedPair, Evaluator, Shared, SharedEquations, System, evaluated,
 };
@@ -79,7 +79,7 @@ impl Posterior {
 
     /// Block at which a place along the scan axis is exposed in the frame with this timestamp.
     pub fn block(&self, stamp: f64, place: f64) -> f64 {
-        self.trajectory.block(stamp + self.shared.gamma * place)
+        self.trajectory.exposure(stamp, self.shared.gamma, place)
     }
 
     /// Moves the path to the exposures of these pairs.
@@ -93,8 +93,8 @@ impl Posterior {
     pub fn evaluate(&mut self, pairs: &[&FramePair], setup: &Setup) {
         self.cover(pairs);
         let Setup { cpu, scan_axis, noise, .. } = *setup;
-        let shutter = Shutter { scan_axis, gamma: self.shared.gamma };
-        let evaluator = Evaluator { cpu, trajectory: &self.trajectory, shutter, noise };
+        let gamma = self.shared.gamma;
+        let evaluator = Evaluator { cpu, trajectory: &self.trajectory, scan_axis, gamma, noise };
         evaluated::evaluate(&mut self.evaluated, pairs, &evaluator);
     }
 

@@ -178,7 +178,7 @@ mod tests {
     use crate::correspond::Correspondence;
     use crate::cpu::CpuLevel;
     use crate::motion::generators::GENERATORS;
-    use crate::solve::continuous::data::{ScanAxis, Shutter};
+    use crate::solve::continuous::data::ScanAxis;
     use crate::solve::continuous::trajectory::{KnotDensity, Splines, Trajectory, ratio};
     use nalgebra::Matrix2;
 
@@ -216,8 +216,8 @@ mod tests {
     fn evaluate_with(noise: f64, evaluated: &mut Vec<EvaluatedPair>, pairs: &[&FramePair], path: &Splines) {
         let blocks = [path.base as f64, path.base as f64 + 6.0];
         let trajectory = &Trajectory::of(path.clone(), KnotDensity::Usual, RADIUS, blocks);
-        let shutter = Shutter { scan_axis: ScanAxis { by_rows: true, length: 1.5 }, gamma: 0.7 };
-        let evaluator = Evaluator { cpu: CpuLevel::detect(), trajectory, shutter, noise };
+        let scan_axis = ScanAxis { by_rows: true, length: 1.5 };
+        let evaluator = Evaluator { cpu: CpuLevel::detect(), trajectory, scan_axis, gamma: 0.7, noise };
         evaluate(evaluated, pairs, &evaluator);
     }
 

@@ -189,7 +189,7 @@ impl Evaluator<'_> {
     #[inline(always)]
     fn sort(&self, residuals: &PairResiduals, order: &mut Vec<(u8, usize)>) {
         let band = |own: &MatchResidual| {
-            let place = self.shutter.scan_axis.place(own.measured.from).clamp(0.0, 1.0);
+            let place = self.scan_axis.place(own.measured.from).clamp(0.0, 1.0);
             // The cast takes what is not a number to the first band.
             (place * (BANDS - 1) as f64 + 0.5) as u8
         };

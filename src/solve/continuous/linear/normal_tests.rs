@@ -6,7 +6,7 @@ use super::*;
 use crate::correspond::Correspondence;
 use crate::cpu::CpuLevel;
 use crate::motion::generators::GENERATORS;
-use crate::solve::continuous::data::{FramePair, Match, ScanAxis, Shutter, Track};
+use crate::solve::continuous::data::{FramePair, Match, ScanAxis, Track};
 use crate::solve::continuous::trajectory::{KnotDensity, Splines, Trajectory, ratio};
 use nalgebra::{Matrix2, Vector2};
 
@@ -43,8 +43,8 @@ impl Setting {
         let trajectory = &Trajectory::of(self.path.clone(), self.density, RADIUS, [-1.0, 5.0]);
         let length = if self.by_rows { 1.5 } else { 2.0 };
         let scan_axis = ScanAxis { by_rows: self.by_rows, length };
-        let shutter = Shutter { scan_axis, gamma: self.readout };
-        with(&Evaluator { cpu: CpuLevel::detect(), trajectory, shutter, noise: NOISE })
+        let (cpu, gamma) = (CpuLevel::detect(), self.readout);
+        with(&Evaluator { cpu, trajectory, scan_axis, gamma, noise: NOISE })
     }
 
     /// The residuals of a pair with its tracks, and its normal equations.

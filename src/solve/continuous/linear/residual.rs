@@ -6,7 +6,7 @@ use super::shared::Shared;
 use crate::cpu::CpuLevel;
 use crate::lanes::DoubleCpu;
 use crate::motion::generators::velocities;
-use crate::solve::continuous::data::{Match, Shutter};
+use crate::solve::continuous::data::{Match, ScanAxis};
 use crate::solve::continuous::trajectory::Trajectory;
 use nalgebra::{Matrix2, Vector2};
 
@@ -14,7 +14,9 @@ use nalgebra::{Matrix2, Vector2};
 pub struct Evaluator<'a> {
     pub cpu: CpuLevel,
     pub trajectory: &'a Trajectory,
-    pub shutter: Shutter,
+    pub scan_axis: ScanAxis,
+    /// γ.
+    pub gamma: f64,
     /// Least standard deviation of a coordinate in pixels.
     pub noise: f64,
 }
@@ -67,14 +69,14 @@ fn inverse_root(matrix: Matrix2<f64>) -> Matrix2<f64> {
 impl Evaluator<'_> {
     /// γ and κ.
     pub fn shared(&self) -> Shared<f64> {
-        Shared { gamma: self.shutter.gamma, kappa: self.trajectory.splines.kappa }
+        Shared { gamma: self.gamma, kappa: self.trajectory.splines.kappa }
     }
 
     /// Exposure times in blocks of both points of a match.
     #[inline(always)]
     pub fn blocks(&self, stamps: [f64; 2], m: &Match) -> [f64; 2] {
-        let places = [m.from, m.to].map(|point| self.shutter.scan_axis.place(point));
-        [0, 1].map(|end| self.trajectory.block(self.shutter.exposure(stamps[end], places[end])))
+        let places = [m.from, m.to].map(|point| self.scan_axis.place(point));
+        [0, 1].map(|end| self.trajectory.exposure(stamps[end], self.gamma, places[end]))
     }
 
     /// The residual of a match, not yet whitened; `None` without a path.
@@ -89,7 +91,7 @@ impl Evaluator<'_> {
         let blocks = self.blocks(stamps, m);
         let homographies = &self.trajectory.homographies;
         let (from, to) = (homographies.at(blocks[0])?, homographies.at(blocks[1])?);
-        let places = [m.from, m.to].map(|point| self.trajectory.block(self.shutter.scan_axis.place(point)));
+        let places = [m.from, m.to].map(|point| self.trajectory.block(self.scan_axis.place(point)));
         let moved = to.values_less(cpu, from);
         let rates = to.rates_less(cpu, places[1], from, places[0]);
         let middle = m.middle();

@@ -32,6 +32,12 @@ impl Trajectory {
         self.density.blocks() * instant
     }
 
+    /// Block at which the lines at a place along the scan axis are exposed: at t = t_k + γ·p, t_k being the timestamp.
+    #[inline(always)]
+    pub fn exposure(&self, stamp: f64, gamma: f64, place: f64) -> f64 {
+        self.block(stamp + gamma * place)
+    }
+
     /// Moves to these instants, in frame periods, and integrates there. New blocks continue at the last rate.
     pub fn cover(&mut self, [from, to]: [f64; 2], kappa: f64) {
         if from > to {
