@@ -20,18 +20,9 @@ use crate::solve::continuous::trajectory::{BLOCK, Splines, ratio};
 
 /// Kinds of generators by their knots: the turns, and the others.
 const KINDS: usize = 2;
-/// Two ends of a band, 0 being the start of the pair before, and the factors of the sums `own`, `across` and
-/// `before` in their part of the matrix. Diagonal parts are halved, as the transpose is added.
-const END_PAIRS: [([usize; 2], [f64; 3]); 6] = [
-    ([2, 2], [0.5, 0.0, 0.0]),
-    ([2, 1], [-1.0, 1.0, 0.0]),
-    ([2, 0], [0.0, -1.0, 0.0]),
-    ([1, 1], [0.5, -1.0, 0.5]),
-    ([1, 0], [0.0, 1.0, -1.0]),
-    ([0, 0], [0.0, 0.0, 0.5]),
-];
-/// Factors of the sums of the own pair and of the pair before in the right side of each end.
-const SIDE_FACTORS: [[f64; 2]; 3] = [[0.0, -1.0], [-1.0, 1.0], [1.0, 0.0]];
+/// Factors of the path at each end of a band in the displacement over the own pair, and in that over the pair before: the ends are the
+/// start of the pair before, its end, which is the start of the own one, and the end of the own one.
+const END_FACTORS: [[f64; 2]; 3] = [[0.0, -1.0], [-1.0, 1.0], [1.0, 0.0]];
 
 /// A number for each knot of a generator in the support of an end: a vector.
 type Knots = [f64; KNOTS];
@@ -183,8 +174,15 @@ impl Equations {
         for (band, ends) in bands.iter().zip(&*ends) {
             self.add_sides(cpu, band, ends);
         }
-        for (pair, factors) in END_PAIRS {
-            self.add_matrices(cpu, bands, ends, pair, factors, terms);
+        for row in (0..END_FACTORS.len()).rev() {
+            for column in (0..=row).rev() {
+                let ([own, before], [own_too, before_too]) = (END_FACTORS[row], END_FACTORS[column]);
+                // Symmetric parts are halved, as the transpose is added. No later end is one of the pair before with an earlier one
+                // of the own pair.
+                let half = if row == column { 0.5 } else { 1.0 };
+                let factors = [half * own * own_too, own * before_too, half * before * before_too];
+                self.add_matrices(cpu, bands, ends, [row, column], factors, terms);
+            }
         }
         self.add_transposed();
     }
@@ -222,7 +220,7 @@ impl Equations {
     #[inline(always)]
     fn add_sides<C: DoubleCpu>(&mut self, cpu: C, band: &Band, ends: &[Option<End>; 3]) {
         let [own, before] = &band.sides;
-        for (end, factors) in ends.iter().zip(SIDE_FACTORS) {
+        for (end, factors) in ends.iter().zip(END_FACTORS) {
             let Some(end) = end else { continue };
             for index in 0..SIDES {
                 let mut sums: Row = own[index].map(|value| factors[0] * value);
