@@ -41,6 +41,14 @@ pub struct Sample<T, const N: usize> {
     pub weight: T,
 }
 
+impl<T: RealField + Copy, const N: usize> Sample<T, N> {
+    /// Of weight 1.
+    #[inline(always)]
+    pub fn new(terms: SVector<T, N>, displacement: Vector2<T>) -> Self {
+        Self { terms, displacement, weight: T::one() }
+    }
+}
+
 /// A, the coefficients of a motion.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Motion<T, const N: usize>(pub SMatrix<T, 2, N>);
@@ -146,7 +154,7 @@ mod tests {
         of: impl Fn(Vector2<f64>) -> Vector2<f64>,
     ) -> Vec<Sample<f64, N>> {
         let point = |i: u32| Vector2::new(f64::from(i % 20), f64::from(i / 20)) / 10.0;
-        (0..300).map(point).map(|at| Sample { terms: basis(at), displacement: of(at), weight: 1.0 }).collect()
+        (0..300).map(point).map(|at| Sample::new(basis(at), of(at))).collect()
     }
 
     fn unweighted<const N: usize>() -> Round<f64, N> {

@@ -9,8 +9,7 @@ use std::cmp::Ordering;
 
 /// Mean and standard deviation of the prior of γ. The mean changes no picture.
 pub const READOUT_BELIEF: (f64, f64) = (0.0, READOUT_DEVIATION);
-/// Mean and standard deviation of the prior of κ = (R/f)², R half the frame's width and f the focal length: f is
-/// about 0.9 frame widths.
+/// Mean and standard deviation of the prior of κ: the focal length is about 0.9 frame widths.
 const KAPPA_BELIEF: (f64, f64) = (0.3, 0.3);
 /// Limits of κ: a field of view under 110°.
 pub const KAPPA_LIMITS: [f64; 2] = [0.0, 2.0];

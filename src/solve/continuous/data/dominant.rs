@@ -52,7 +52,7 @@ pub struct DominantMotion {
 }
 
 fn sample(m: &Match) -> Draw {
-    Sample { terms: quadratic(m.from), displacement: m.displacement(), weight: 1.0 }
+    Sample::new(quadratic(m.from), m.displacement())
 }
 
 impl DominantMotion {

@@ -54,22 +54,20 @@ impl PairResiduals {
     /// objects are not. Measured: 0.8 to 0.98 in vibrations, 0 to 0.2 along the wrong axis; mostly below 0.7 under parallax, but up to
     /// 0.9 in single pairs where depth varies along the scan axis.
     pub fn share_by_line(&self, scan_axis: ScanAxis) -> f64 {
-        let mut bands = vec![LineBand::default(); ScanAxis::LINE_BANDS];
+        let mut bands: [LineBand; ScanAxis::LINE_BANDS] = Default::default();
         let most = INLIER_SQUARE * self.sigma * self.sigma;
         for m in self.matches.iter().filter(|m| m.residual.norm_squared() < most) {
             let from = m.measured.from;
-            if let Some(band) = bands.get_mut(scan_axis.line_band(from)) {
-                band.add(scan_axis.across(from), m.residual);
-            }
+            bands[scan_axis.line_band(from)].add(scan_axis.across(from), m.residual);
         }
-        let sums = bands.iter().map(|band| [band.shared(), band.square]);
-        let [shared, all] = sums.fold([0.0; 2], |sums, of| [sums[0] + of[0], sums[1] + of[1]]);
+        let shared: f64 = bands.iter().map(LineBand::shared).sum();
+        let all: f64 = bands.iter().map(|band| band.square).sum();
         if all > 0.0 { (shared / all).clamp(0.0, 1.0) } else { 0.0 }
     }
 }
 
 /// Sums over the residuals r of a band of lines, at positions a along them.
-#[derive(Clone, Default)]
+#[derive(Default)]
 struct LineBand {
     count: f64,
     /// Σa and Σa².

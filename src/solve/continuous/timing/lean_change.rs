@@ -79,8 +79,7 @@ impl LeanChange {
 
 /// The motion that most displacements share, about the middles between their ends.
 fn shared_motion(pair: &FramePair, noise: f64) -> Quadratic {
-    let sample =
-        |m: &Match| Sample { terms: quadratic(m.middle()), displacement: m.displacement(), weight: 1.0 };
+    let sample = |m: &Match| Sample::new(quadratic(m.middle()), m.displacement());
     let start = pair.dominant_motion();
     refined(pair.matches.iter().map(sample), start, noise).unwrap_or(start)
 }
@@ -103,10 +102,9 @@ fn strip_leans(pair: &FramePair, shared: &Quadratic, axis: ScanAxis, noise: f64)
         .map(place)
         .fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], place| [low.min(place), high.max(place)]);
     let strip_of = |m: &Match| ((place(m) - low) / (high - low) * STRIPS as f64) as usize;
-    let rest = |m: &Match| Sample {
-        terms: [1.0, axis.place(m.middle()) - 0.5].into(),
-        displacement: m.displacement() - shared.at(&quadratic(m.middle())),
-        weight: 1.0,
+    let rest = |m: &Match| {
+        let terms = [1.0, axis.place(m.middle()) - 0.5];
+        Sample::new(terms.into(), m.displacement() - shared.at(&quadratic(m.middle())))
     };
     let of_strip = |strip: usize| pair.matches.iter().filter(move |m| strip_of(m).min(STRIPS - 1) == strip);
     (0..STRIPS).filter_map(|strip| slope(of_strip(strip).map(rest), noise)).collect()

@@ -20,8 +20,7 @@ pub struct Splines {
     pub base: i64,
     /// Coefficients in pixels, block by block: the turns' knot by knot, then one of each other generator.
     pub coefficients: Vec<f64>,
-    /// κ = (R/f)², R half the frame's width and f the focal length: a copy of the posterior's κ at the last
-    /// [`Trajectory::cover`](super::Trajectory::cover).
+    /// A copy of the posterior's κ at the last [`Trajectory::cover`](super::Trajectory::cover).
     pub kappa: f64,
 }
 
