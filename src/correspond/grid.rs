@@ -2,10 +2,7 @@
 
 //! The measured points: a uniform grid over the whole frame.
 
-use super::patch::PATCH_SIDE;
-
-/// Pixels around a patch that are needed for its gradients.
-const MARGIN: usize = 1;
+use super::patch::{MARGIN, PATCH_SIDE};
 
 /// Patches centred in the cells of a grid, in analysed pixels, row by row.
 #[derive(Clone, Debug)]

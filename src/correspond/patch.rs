@@ -27,8 +27,11 @@ const PARTS: usize = PATCH_SIDE / FLOATS;
 /// Samples of a row that the cubic kernel reads for one row of a patch.
 const CUBIC_WIDTH: usize = PATCH_SIDE + 3;
 
-/// Samples in a row of a patch with a margin of one pixel.
-const WIDTH_WITH_MARGIN: usize = PATCH_SIDE + 2;
+/// Pixels around a patch that are needed for its gradients.
+pub(super) const MARGIN: usize = 1;
+
+/// Samples in a row of a patch with its margin.
+pub(super) const WIDTH_WITH_MARGIN: usize = MARGIN + PATCH_SIDE + MARGIN;
 
 /// The same in whole vectors.
 const SAMPLES_WIDTH: usize = WIDTH_WITH_MARGIN.next_multiple_of(FLOATS);

@@ -28,9 +28,8 @@ const COMMON_ERROR_FACTOR: f64 = 2.0;
 /// With fewer deviations than this the factor is 1.
 const MIN_DEVIATIONS: usize = 30;
 
-/// Bounds of the factor on the covariances.
-const MIN_COVARIANCE_FACTOR: f64 = 0.5;
-const MAX_COVARIANCE_FACTOR: f64 = 100.0;
+/// Limits of the factor on the covariances.
+const COVARIANCE_FACTORS: [f64; 2] = [0.5, 100.0];
 
 /// Measures correspondences between frames of one size on a uniform grid, from dense flow.
 #[derive(Debug)]
@@ -209,8 +208,8 @@ fn covariance_factor(found: &[Option<Correspondence>], columns: usize, deviation
     }
     let rank = deviations.len() / 10;
     let low = *deviations.select_nth_unstable_by(rank, f64::total_cmp).1;
-    (1.0 + COMMON_ERROR_FACTOR * (low / EXPECTED_FIRST_DECILE - 1.0))
-        .clamp(MIN_COVARIANCE_FACTOR, MAX_COVARIANCE_FACTOR)
+    let [least, most] = COVARIANCE_FACTORS;
+    (1.0 + COMMON_ERROR_FACTOR * (low / EXPECTED_FIRST_DECILE - 1.0)).clamp(least, most)
 }
 
 /// The flow at the centre of a patch, in analysed pixels; `None` if its confidence is too low.

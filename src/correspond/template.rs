@@ -11,7 +11,7 @@
 //! One sampling of N × N pixels takes 4·N·(2N + 3) multiply-adds, its sums 5·N²: 3.5 k for N = 16, in some 800
 //! instructions.
 
-use super::patch::{AREA, Block, DistortedPatch, PATCH_SIDE, Sums, centre};
+use super::patch::{AREA, Block, DistortedPatch, Sums, WIDTH_WITH_MARGIN, centre};
 use crate::lanes::WordCpu;
 use crate::pyramid::Level;
 use nalgebra::{Matrix2, Vector2};
@@ -100,8 +100,7 @@ impl<C: WordCpu> Template<C> {
         damping: f32,
     ) -> Option<()> {
         let centre = centre(Vector2::new(corner.0 as f32, corner.1 as f32));
-        // The patch has a margin of one pixel.
-        let first = centre - distortion * Vector2::repeat(0.5 * (PATCH_SIDE as f32 + 1.0));
+        let first = centre - distortion * Vector2::repeat(0.5 * (WIDTH_WITH_MARGIN as f32 - 1.0));
         let samples = self.distorted.sample(self.cpu, level, first, distortion)?;
         let sums = self.block.take(self.cpu, samples)?;
         self.values_mean = sums.values / AREA;

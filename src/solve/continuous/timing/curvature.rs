@@ -98,10 +98,9 @@ impl Curvature {
     fn gamma(&self) -> [f64; 2] {
         let known = self.coordinates.iter().map(Sums::gamma);
         let known = known.filter(|[gamma, information]| gamma.is_finite() && information.is_finite());
-        let sums = known.fold([0.0; 2], |sums, [gamma, information]| {
-            [sums[0] + information * gamma, sums[1] + information]
-        });
-        [if sums[1] > 0.0 { sums[0] / sums[1] } else { 0.0 }, 1.0 / sums[1]]
+        let (mut sum, mut information) = (0.0, 0.0);
+        known.for_each(|[gamma, own]| (sum, information) = (sum + own * gamma, information + own));
+        [if information > 0.0 { sum / information } else { 0.0 }, information.recip()]
     }
 
     /// By how much γ as found from the shifts is too long, as a root mean square: its excess over this one, without what
