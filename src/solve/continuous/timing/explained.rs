@@ -15,6 +15,7 @@ use super::velocity::velocities;
 use crate::robust::median::median;
 use nalgebra::{SMatrix, SVector, Vector2, Vector3, Vector4};
 use std::f64::consts::PI;
+use std::ops::Range;
 
 /// Mean square of the changes over their variance, from which on they are no parallax and no noise: of rendered scenes
 /// with much parallax and of still ones up to 15, of a walk between near walls up to 70, of shaken ones 80 to 28,000.
@@ -73,8 +74,7 @@ impl Explained {
 pub enum Pairs {
     /// Enough to separate parallax from γ.
     Many,
-    /// Three at least, too few for that: parallax is neglected. The first and the last one are left out, as the velocities at the
-    /// ends have a neighbour on one side only.
+    /// Three at least, too few for that: parallax is neglected, and the first and the last one are left out.
     Few,
 }
 
@@ -88,14 +88,10 @@ struct Changes<'a> {
 }
 
 impl<'a> Changes<'a> {
-    /// `None` if there are too few pairs, or stamps.
-    fn of(pairs: &'a [LeanChange], stamps: &[f64], noise: f64, number: Pairs) -> Option<Self> {
+    /// Of those pairs that count; `None` if there are too few pairs, or stamps.
+    fn of(pairs: &'a [LeanChange], stamps: &[f64], noise: f64, counted: Range<usize>) -> Option<Self> {
         let shifts: Vec<Vector2<f64>> = pairs.iter().map(|pair| pair.shift).collect();
         let velocities = velocities(&shifts, stamps);
-        let counted = match number {
-            Pairs::Many => 0..pairs.len(),
-            Pairs::Few => 1..pairs.len().checked_sub(1)?,
-        };
         let velocities = velocities.get(counted.start..=counted.end)?.to_vec();
         let pairs = pairs.get(counted)?;
         let variances = pairs.iter().flat_map(|pair| [pair.variance.x, pair.variance.y]);
@@ -150,10 +146,19 @@ impl<'a> Changes<'a> {
     }
 }
 
+/// All pairs but the first and the last one, as the velocities at the ends have a neighbour on one side only.
+fn inner(pairs: &[LeanChange]) -> Option<Range<usize>> {
+    pairs.len().checked_sub(1).map(|last| 1..last)
+}
+
 /// The agreement of successive pairs whose frames have these stamps, one more than pairs; `noise` is the least variance
 /// of a change in squared radii. `None` if nothing is known.
 pub fn explained(pairs: &[LeanChange], stamps: &[f64], noise: f64, number: Pairs) -> Option<Explained> {
-    let changes = Changes::of(pairs, stamps, noise, number)?;
+    let counted = match number {
+        Pairs::Many => 0..pairs.len(),
+        Pairs::Few => inner(pairs)?,
+    };
+    let changes = Changes::of(pairs, stamps, noise, counted)?;
     let sums = match number {
         Pairs::Many => changes.sums(|pair, _| Vector4::new(1.0, pair.shift.x, pair.shift.y, pair.stretch))?,
         Pairs::Few => changes.sums(|_, _| SVector::<f64, 0>::zeros())?,
@@ -171,17 +176,19 @@ pub fn explained(pairs: &[LeanChange], stamps: &[f64], noise: f64, number: Pairs
     (found.unexplained.is_finite() && found.bend.is_finite()).then_some(found)
 }
 
-/// Whether the changes of many pairs are no more than parallax and noise, and a γ is far from theirs: with such a readout frames would
-/// lean by what the velocities tell. Parallax is that of the shift of the same coordinate, as of a shift that turns in a circle both
+/// Whether a γ is excluded by the changes: with it, frames would lean by what the velocities tell, which leaves more of the changes than
+/// no γ does, and theirs is far from it. Parallax is that of the shift of the same coordinate, as of a shift that turns in a circle both
 /// coordinates leave nothing.
 pub fn excludes(pairs: &[LeanChange], stamps: &[f64], noise: f64, gamma: f64) -> bool {
     let terms =
         |pair: &LeanChange, coordinate: usize| Vector3::new(1.0, pair.shift[coordinate], pair.stretch);
-    let changes = Changes::of(pairs, stamps, noise, Pairs::Many);
-    changes.and_then(|changes| changes.sums(terms)).is_some_and(|sums| {
-        let numbers = 2 * pairs.len();
-        let deviation = sums.gamma_deviation(numbers.saturating_sub(2 * OWN_TERMS));
-        sums.change < MIN_SIGNAL * numbers as f64 && (gamma - sums.gamma()).abs() > EXCLUDED * deviation
+    let changes = inner(pairs).and_then(|counted| Changes::of(pairs, stamps, noise, counted));
+    changes.is_some_and(|changes| {
+        let freedom = (2 * changes.pairs.len()).saturating_sub(2 * OWN_TERMS);
+        changes.sums(terms).is_some_and(|sums| {
+            let far = EXCLUDED * sums.gamma_deviation(freedom);
+            sums.unexplained_with(gamma) > 1.0 && (gamma - sums.gamma()).abs() > far
+        })
     })
 }
 

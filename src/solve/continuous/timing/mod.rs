@@ -48,7 +48,7 @@ const PAIRS: usize = 30;
 const MIN_PAIRS: usize = 16;
 /// Fewest pairs that raise doubts before there are enough for a verdict.
 const MIN_DOUBT: usize = 3;
-/// Fewest pairs from which the lean of a frame is estimated.
+/// Fewest pairs from which the lean of a frame is estimated, or a readout ratio is excluded by leans.
 const MIN_LEANS: usize = 8;
 /// Shares of the changes that the shifts leave unexplained: more from stabilised footage, less from other. Of rendered
 /// clips 0.01 to 0.5 are as recorded, the most where the camera shakes at 0.4 cycles a frame; 0.7 to 1 stabilised.
@@ -252,8 +252,8 @@ impl Timing {
     }
 
     /// Determines whether a path is in doubt that was fitted to some successive pairs, the latest first, along this axis with this readout
-    /// ratio, `None` if it is given. While the pairs are too few for a verdict, or for that of the shot before to lapse, it is in doubt where
-    /// they look moved or retimed; then, where frames do not lean as this ratio tells.
+    /// ratio, `None` if it is given: where frames do not lean as this ratio tells, and, while the pairs are too few for a verdict, or for
+    /// that of the shot before to lapse, where they look moved or retimed.
     pub fn update_doubt<'a>(
         &mut self,
         latest: impl Iterator<Item = StatedPair<'a>>,
@@ -263,21 +263,15 @@ impl Timing {
             self.change_axis(axis, latest);
         }
         let is_open = self.carried.is_some() || self.found.stabilised.is_none();
+        let pairs = self.pairs.len();
         self.is_doubtful = !self.is_given
-            && match self.pairs.len() {
-                MIN_PAIRS.. => gamma.is_some_and(|gamma| self.do_not_lean(gamma)),
-                MIN_DOUBT.. => is_open && self.looks_moved_or_retimed(gamma),
-                _ => false,
-            };
+            && (pairs >= MIN_LEANS && gamma.is_some_and(|gamma| self.do_not_lean(gamma))
+                || is_open && (MIN_DOUBT..MIN_PAIRS).contains(&pairs) && self.looks_moved_or_retimed(gamma));
     }
 
     /// Whether the frames do not lean, as with this readout ratio they would.
     fn do_not_lean(&self, gamma: f64) -> bool {
-        let (leans, timeline) = (self.leans(), self.found.timeline);
-        excludes(&leans, &self.stamps(timeline), self.lean_noise(), gamma)
-            && self
-                .agreement(Pairs::Many, &leans, timeline)
-                .is_some_and(|now| now.unexplained_with(gamma) > STABILISED)
+        excludes(&self.leans(), &self.stamps(self.found.timeline), self.lean_noise(), gamma)
     }
 
     /// Whether the few pairs so far look as if frames had been moved after their readout, or another timeline or readout ratio is likelier.
