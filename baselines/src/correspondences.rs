@@ -5,14 +5,19 @@
 use crate::flow::image::Image;
 use crate::flow::{Prepared, points};
 use anyhow::Result;
+use nalgebra::Matrix2;
 use render::footage::Footage;
 use render::scene::Frame;
+use render::truth::Capture;
 use rsrectify::correspond::{Correspondence, Pyramid, Sampler, certain};
 use rsrectify::plane::{Luma, Plane, PlaneLayout, SampleFormat};
 use serde::{Deserialize, Serialize};
 
 /// Columns and rows of the sampling grid.
 pub const GRID: [usize; 2] = [32, 24];
+
+/// Texture given to exact correspondences: as good as a patch of full contrast.
+const EXACT_TEXTURE: f32 = 1000.0;
 
 /// Where correspondences come from.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
@@ -30,15 +35,27 @@ pub fn of_run(footage: &Footage, run: &[usize], source: Source) -> Result<Vec<Ve
     match source {
         Source::Sampler => sampled(footage, run),
         Source::Flow => Ok(flowed(footage, run)),
-        Source::Exact => Ok(exact(footage, run)),
+        Source::Exact => Ok(exact_of_run(footage, run)),
     }
 }
 
-fn exact(footage: &Footage, run: &[usize]) -> Vec<Vec<Correspondence>> {
+fn exact_of_run(footage: &Footage, run: &[usize]) -> Vec<Vec<Correspondence>> {
     let capture = |index: usize| footage.capture(index);
-    let [columns, rows] = GRID;
-    run.windows(2)
-        .map(|pair| capture(pair[0]).exact_correspondences(&capture(pair[1]), columns, rows))
+    run.windows(2).map(|pair| exact(&capture(pair[0]), &capture(pair[1]), GRID)).collect()
+}
+
+/// The correspondences from a frame to another one of the same take, without error, at the centres of the cells of a grid
+/// of so many columns and rows.
+pub fn exact(frame: &Capture<'_>, next: &Capture<'_>, [columns, rows]: [usize; 2]) -> Vec<Correspondence> {
+    let matches = frame.exact_matches(next, columns, rows).into_iter();
+    matches
+        .map(|found| Correspondence {
+            from: found.from,
+            to: found.to,
+            texture: EXACT_TEXTURE,
+            residual: 0.0,
+            covariance: Matrix2::zeros(),
+        })
         .collect()
 }
 

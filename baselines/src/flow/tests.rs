@@ -92,7 +92,7 @@ fn a_rendered_pair_against_the_truth() {
     });
     let found = points::correspondences(&first, &second, [32, 24]);
     assert!(found.len() > 600, "{} points", found.len());
-    let exact = sequence.capture(4).exact_correspondences(&sequence.capture(5), 32, 24);
+    let exact = sequence.capture(4).exact_matches(&sequence.capture(5), 32, 24);
     let truth = |from: Vector2<f64>| exact.iter().find(|exact| (exact.from - from).norm() < 1e-9);
     let errors = found.iter().filter_map(|found| Some((found.to - truth(found.from)?.to).norm()));
     let mut errors: Vec<f64> = errors.collect();

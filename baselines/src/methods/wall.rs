@@ -3,6 +3,7 @@
 //! A wall filmed by a camera whose motion is known in closed form: what the methods are tested on.
 
 use super::{Input, Method};
+use crate::correspondences;
 use nalgebra::{Rotation3, Vector3};
 use render::footage::direction;
 use render::scene::{
@@ -63,7 +64,7 @@ impl Wall {
 
     /// Correspondences between the frames of a run of `count`, without error.
     pub fn pairs(&self, count: usize) -> Vec<Vec<Correspondence>> {
-        let pair = |k| self.capture(k).exact_correspondences(&self.capture(k + 1), 20, 15);
+        let pair = |k| correspondences::exact(&self.capture(k), &self.capture(k + 1), [20, 15]);
         (0..count - 1).map(pair).collect()
     }
 

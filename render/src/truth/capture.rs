@@ -4,12 +4,8 @@
 
 use crate::scene::Hit;
 use crate::sequence::{Settings, Take, Warp};
-use nalgebra::{Matrix2, Vector2};
+use nalgebra::Vector2;
 use rayon::prelude::*;
-use rsrectify::correspond::Correspondence;
-
-/// Texture given to exact correspondences: as good as a patch of full contrast.
-const EXACT_TEXTURE: f32 = 1000.0;
 
 /// A pixel of a frame as it arrived and its place at the reference instant.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -18,6 +14,15 @@ pub struct Sample {
     pub seen: Vector2<f64>,
     /// Where the same scene point is seen at the reference instant.
     pub truth: Vector2<f64>,
+}
+
+/// The same scene point in two frames, in pixels, without error.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ExactMatch {
+    /// Where the first frame shows it.
+    pub from: Vector2<f64>,
+    /// Where the second frame shows it.
+    pub to: Vector2<f64>,
 }
 
 /// One readout of a take's camera: the truth of a frame, computed from the geometry on demand.
@@ -71,9 +76,9 @@ impl Capture<'_> {
             .collect()
     }
 
-    /// Correspondences from this frame to `next`, of the same take, without error: the centres of a
-    /// grid of `columns` × `rows` cells, where the points seen there are visible in both.
-    pub fn exact_correspondences(&self, next: &Self, columns: usize, rows: usize) -> Vec<Correspondence> {
+    /// Matches of this frame with `next`, of the same take: the centres of a grid of `columns` × `rows` cells, where the
+    /// points seen there are visible in both.
+    pub fn exact_matches(&self, next: &Self, columns: usize, rows: usize) -> Vec<ExactMatch> {
         let lens = &self.take.camera.lens;
         let centre = |index: usize, cells: usize, length: usize| {
             (index as f64 + 0.5) * length as f64 / cells as f64 - 0.5
@@ -86,13 +91,7 @@ impl Capture<'_> {
                     centre(cell / columns, rows, lens.height),
                 );
                 let to = self.seen_by(next, from)?;
-                Some(Correspondence {
-                    from,
-                    to,
-                    texture: EXACT_TEXTURE,
-                    residual: 0.0,
-                    covariance: Matrix2::zeros(),
-                })
+                Some(ExactMatch { from, to })
             })
             .collect()
     }
@@ -295,10 +294,10 @@ pub(super) mod tests {
     }
 
     #[test]
-    fn exact_correspondences_solve_for_the_row_of_arrival() {
+    fn exact_matches_solve_for_the_row_of_arrival() {
         let velocity = Vector3::new(0.9, 0.6, 0.0);
         let take = wall(FirstEdge::Top, uniform(0.0, velocity));
-        let pairs = frame(&take, 3).exact_correspondences(&frame(&take, 4), 8, 6);
+        let pairs = frame(&take, 3).exact_matches(&frame(&take, 4), 8, 6);
         assert!(pairs.len() >= 36);
         let image = -velocity.xy() * (FOCAL / DEPTH);
         for pair in pairs {
@@ -346,10 +345,10 @@ pub(super) mod tests {
     }
 
     #[test]
-    fn exact_correspondences_follow_an_object_that_moves_on_its_own() {
+    fn exact_matches_follow_an_object_that_moves_on_its_own() {
         let take = swinging_wall(FirstEdge::Top);
         let time = |k: f64, pixel: Vector2<f64>| k * PERIOD + READOUT * (pixel.y + 0.5) / 240.0;
-        let pairs = frame(&take, 3).exact_correspondences(&frame(&take, 4), 8, 6);
+        let pairs = frame(&take, 3).exact_matches(&frame(&take, 4), 8, 6);
         assert!(pairs.len() >= 36);
         for pair in pairs {
             let shift = swing(time(4.0, pair.to)) - swing(time(3.0, pair.from));

@@ -5,5 +5,5 @@
 mod capture;
 mod dense;
 
-pub use capture::{Capture, Sample};
+pub use capture::{Capture, ExactMatch, Sample};
 pub use dense::DisplacementMap;
