@@ -326,6 +326,22 @@ mod tests {
     }
 
     #[test]
+    fn eight_pairs_exclude_a_readout_that_frames_do_not_lean_by() {
+        let recorded = pairs(swing, |t| swing(t) * -0.7);
+        // A scene that leans by itself, a third as far as by that readout.
+        let swaying = pairs(swing, |t| Vector2::new((TAU * 0.19 * t).sin(), (TAU * 0.23 * t).cos()) * 0.005);
+        for first in 0..COUNT - 8 {
+            let excluded = |pairs: &[LeanChange], gamma: f64| {
+                excludes(&pairs[first..first + 8], &stamps()[first..=first + 8], NOISE, gamma)
+            };
+            assert!(!excluded(&recorded, -0.7) && excluded(&recorded, 0.7), "{first}");
+            assert!(!excluded(&swaying, 0.0), "{first}");
+        }
+        assert!(excludes(&swaying, &stamps(), NOISE, 0.7));
+        assert!(!excludes(&recorded[..1], &stamps()[..2], NOISE, 0.7));
+    }
+
+    #[test]
     fn the_right_stamps_explain_more() {
         // Of the frames at 0, 1, 3, 4, 6, … every third is missing.
         let exposed: Vec<f64> = (0..=COUNT).map(|index| (index + index / 2) as f64).collect();
