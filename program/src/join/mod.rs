@@ -141,7 +141,8 @@ fn write(
         }
     }
     if container.is_isobmff() {
-        let mut video = EncodedVideo::create(output.with_extension("video"), parts.colour())?;
+        let kept = Unfinished::with_ending(output, ".video");
+        let mut video = EncodedVideo::create(kept.path().to_owned(), parts.colour())?;
         parts.collect(&mut video, interruption, &mut || show())?;
         // As `fix` writes parts.
         let is_turned = true;

@@ -95,6 +95,14 @@ impl FrameWriter {
         Ok(())
     }
 
+    /// Removes what has not got its name.
+    pub fn abandon(&mut self) {
+        match &mut self.form {
+            Form::Y4m { file, .. } => *file = None,
+            Form::Images { files, .. } => files.clear(),
+        }
+    }
+
     /// Gives the file or images their names, once all frames have come; `times` are those of the frames. What is to be said of them.
     pub fn finish(&mut self, target: &Target, times: &[Option<gst::ClockTime>]) -> Result<Vec<String>> {
         let mut notes = Vec::new();
