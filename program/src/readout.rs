@@ -441,6 +441,7 @@ mod tests {
         assert_eq!(ahead(None, Timeline::Missing { kept: 4, longer: 0 }), Some(18));
         assert_eq!(ahead(None, Timeline::Even { interval: 1.25 }), Some(23));
     }
+
     #[test]
     fn stabilised_frames_are_given_to_be_so_where_leans_are_seen() {
         let applied = |shows_leans| {

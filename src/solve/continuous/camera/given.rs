@@ -7,7 +7,7 @@ use crate::readout::{ReadoutDirection, ReadoutPrior, ReadoutTime};
 use crate::solve::continuous::prior::READOUT_DEVIATION;
 use std::cmp::Ordering;
 
-/// Mean and standard deviation of the prior of γ. The mean changes no picture.
+/// Mean and standard deviation of the prior of γ.
 pub const READOUT_BELIEF: (f64, f64) = (0.0, READOUT_DEVIATION);
 /// Mean and standard deviation of the prior of κ: the focal length is about 0.9 frame widths.
 const KAPPA_BELIEF: (f64, f64) = (0.3, 0.3);

@@ -117,8 +117,8 @@ impl CameraPosterior {
 /// The probability that γ is 0, not `gamma` with this deviation: by the density of γ at 0, then and before anything was seen (the
 /// Savage–Dickey ratio: J. M. Dickey, *The weighted likelihood ratio*, 1971).
 fn global_probability(gamma: f64, deviation: f64) -> f64 {
-    let density = |mean: f64, deviation: f64| (-0.5 * (mean / deviation).powi(2)).exp() / deviation;
-    let odds = GLOBAL_ODDS * density(gamma, deviation) / density(READOUT_BELIEF.0, READOUT_BELIEF.1);
+    let density = |(mean, deviation): (f64, f64)| (-0.5 * (mean / deviation).powi(2)).exp() / deviation;
+    let odds = GLOBAL_ODDS * density((gamma, deviation)) / density(READOUT_BELIEF);
     if odds.is_finite() { odds / (1.0 + odds) } else { 1.0 }
 }
 

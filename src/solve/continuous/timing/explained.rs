@@ -29,10 +29,8 @@ const MAX_BEND: f64 = PI;
 const MIN_UNSHARED: f64 = 0.1;
 /// Standard deviations of the γ of the changes by which another one must differ to be excluded. Of rendered clips with a rolling
 /// shutter up to 7, where the camera follows a person among much parallax; where depth that varies along the scan axis, or an object
-/// that sways or turns, looks like a readout, 27 to 1000.
+/// that sways or turns, looks like a readout, mostly 20 to 1000, of a roller from 10 on.
 const EXCLUDED: f64 = 10.0;
-/// Terms that are eliminated of each coordinate for that.
-const OWN_TERMS: usize = 3;
 
 /// How the changes of the lean agree with the shifts.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -124,21 +122,17 @@ impl<'a> Changes<'a> {
             normal += terms * terms.transpose() * weight;
             by_change += terms * (change * weight);
             by_velocity += terms * (velocity * weight);
-            let square = change * change * weight;
-            sums = sums
-                + Sums {
-                    whole: square,
-                    change: square,
-                    cross: change * velocity * weight,
-                    velocity: velocity * velocity * weight,
-                };
+            sums.change += change * change * weight;
+            sums.cross += change * velocity * weight;
+            sums.velocity += velocity * velocity * weight;
         }
         // A ridge, as of a still picture all terms but the first are 0.
         let ridge = f64::EPSILON * normal.trace();
         let solved = (normal + SMatrix::identity() * ridge).cholesky()?;
         let [of_change, of_velocity] = [solved.solve(&by_change), solved.solve(&by_velocity)];
         Some(Sums {
-            whole: sums.whole,
+            freedom: self.pairs.len().saturating_sub(TERMS),
+            whole: sums.change,
             change: sums.change - by_change.dot(&of_change),
             cross: sums.cross - by_change.dot(&of_velocity),
             velocity: sums.velocity - by_velocity.dot(&of_velocity),
@@ -176,25 +170,24 @@ pub fn explained(pairs: &[LeanChange], stamps: &[f64], noise: f64, number: Pairs
     (found.unexplained.is_finite() && found.bend.is_finite()).then_some(found)
 }
 
-/// Whether a γ is excluded by the changes: with it, frames would lean by what the velocities tell, which leaves more of the changes than
-/// no γ does, and theirs is far from it. Parallax is that of the shift of the same coordinate, as of a shift that turns in a circle both
-/// coordinates leave nothing.
+/// Whether a γ is excluded: it leaves more of the changes unexplained than γ = 0 does, and is far from the one that the changes have by
+/// least squares. The terms of parallax are those of the same coordinate's shift: with both, nothing is left of a shift that turns in a
+/// circle.
 pub fn excludes(pairs: &[LeanChange], stamps: &[f64], noise: f64, gamma: f64) -> bool {
     let terms =
         |pair: &LeanChange, coordinate: usize| Vector3::new(1.0, pair.shift[coordinate], pair.stretch);
     let changes = inner(pairs).and_then(|counted| Changes::of(pairs, stamps, noise, counted));
-    changes.is_some_and(|changes| {
-        let freedom = (2 * changes.pairs.len()).saturating_sub(2 * OWN_TERMS);
-        changes.sums(terms).is_some_and(|sums| {
-            let far = EXCLUDED * sums.gamma_deviation(freedom);
-            sums.unexplained_with(gamma) > 1.0 && (gamma - sums.gamma()).abs() > far
-        })
+    changes.and_then(|changes| changes.sums(terms)).is_some_and(|sums| {
+        let far = EXCLUDED * sums.gamma_deviation();
+        sums.unexplained_with(gamma) > 1.0 && (gamma - sums.gamma()).abs() > far
     })
 }
 
 /// Sums of squares and products of changes of lean and velocity without what parallax explains, weighted.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 struct Sums {
+    /// Degrees of freedom: changes less the terms that are eliminated.
+    freedom: usize,
     /// Of the changes with what parallax explains.
     whole: f64,
     change: f64,
@@ -209,8 +202,8 @@ impl Sums {
     }
 
     /// Standard deviation of γ, by the scatter about it where that is more than the changes' own variance.
-    fn gamma_deviation(&self, freedom: usize) -> f64 {
-        let scatter = self.unexplained_with(self.gamma()) * self.change / freedom.max(1) as f64;
+    fn gamma_deviation(&self) -> f64 {
+        let scatter = self.unexplained_with(self.gamma()) * self.change / self.freedom.max(1) as f64;
         (scatter.max(1.0) / self.velocity).sqrt()
     }
 
@@ -224,6 +217,7 @@ impl std::ops::Add for Sums {
 
     fn add(self, other: Self) -> Self {
         Self {
+            freedom: self.freedom + other.freedom,
             whole: self.whole + other.whole,
             change: self.change + other.change,
             cross: self.cross + other.cross,

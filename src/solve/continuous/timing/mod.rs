@@ -60,7 +60,7 @@ const WELL_EXPLAINED: f64 = 0.1;
 /// Log odds in nats of another timeline before anything is seen of it, and those with which it is adopted. On clips with true
 /// timestamps the log likelihood ratio is 6 at most, with false ones 20 to 100.
 const RETIMED_LOG_PRIOR: f64 = -10.0;
-const DECISIVE_LOG_ODDS: f64 = 10.0;
+const RETIMED_LOG_ODDS: f64 = 10.0;
 /// Variance of the lean over that of a match: Σ (p − ½)² of evenly spread independent matches is a twelfth of their number.
 const SLOPE_NOISE: f64 = 12.0 / INDEPENDENT_MATCHES;
 
@@ -322,7 +322,7 @@ impl Timing {
         }
         if let Some((better, timeline)) = self.likeliest_other(Pairs::Many, &leans)
             && better.unexplained < EXPLAINED
-            && better.log_likelihood_over(&now) + RETIMED_LOG_PRIOR > DECISIVE_LOG_ODDS
+            && better.log_likelihood_over(&now) + RETIMED_LOG_PRIOR > RETIMED_LOG_ODDS
         {
             self.found.timeline = timeline;
             self.curvature = Curvature::default();

@@ -46,7 +46,7 @@ impl Trajectory {
         let [from, to] = [self.block(from) - MARGIN, self.block(to) + MARGIN];
         let base = from.floor() as i64;
         self.splines.kappa = kappa;
-        self.splines.shift(base, (to.floor() as i64 - base) as usize + KNOTS);
+        self.splines.shift(base, (to.floor() as i64 - base + KNOTS as i64) as usize);
         self.homographies.integrate(&self.splines, [from, to], self.radius);
     }
 
