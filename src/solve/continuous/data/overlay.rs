@@ -10,7 +10,7 @@
 
 use crate::correspond::Correspondence;
 use crate::robust::loss::{GemanMcClure, Loss, StudentT};
-use crate::robust::motion::{Motion, Round, Sample, Scale, affine, fit};
+use crate::robust::motion::{Motion, ROUNDS, Round, Sample, Scale, affine, fit};
 use nalgebra::{Matrix2x3, Vector2};
 
 /// Cells across the frame.
@@ -30,9 +30,7 @@ const PRIOR_LOG_ODDS: f64 = -3.0;
 const MAX_LOG_ODDS: f64 = 8.0;
 /// Degrees of freedom of Student's t.
 const FREEDOM: i32 = 3;
-/// Rounds of the fit of the motion; in the first, all weights are equal.
-const ROUNDS: usize = 4;
-/// The loss of these rounds: weight ¼ at two standard deviations.
+/// The loss of the fit of the motion: weight ¼ at two standard deviations.
 const FIT_LOSS: GemanMcClure = GemanMcClure(4.0);
 
 /// The cells of the frame that show a static overlay.
@@ -112,9 +110,9 @@ fn displacement(m: &Correspondence) -> Vector2<f64> {
 /// The affine motion of matches, and the variance of a coordinate about it, at least `least`.
 fn fit_motion(matches: &[&Correspondence], least: f64) -> Option<(Motion<f64, 3>, f64)> {
     let samples = matches.iter().map(|m| sample(m));
+    // In the first round all weights are equal.
     let rounds = (0..ROUNDS).map(|round| {
-        let scale = if round == 0 { Scale::Variance(f64::INFINITY) } else { Scale::Median { least } };
-        Round { scale, ridge: [0.0; 3] }
+        Round::new(if round == 0 { Scale::Variance(f64::INFINITY) } else { Scale::Median { least } })
     });
     let motion = fit(samples.clone(), Motion(Matrix2x3::zeros()), FIT_LOSS, rounds)?;
     let variance = motion.variance(samples, least, &mut Vec::new());
@@ -122,7 +120,7 @@ fn fit_motion(matches: &[&Correspondence], least: f64) -> Option<(Motion<f64, 3>
 }
 
 fn sample(m: &Correspondence) -> Sample<f64, 3> {
-    Sample { terms: affine(m.from), displacement: displacement(m), weight: 1.0 }
+    Sample::new(affine(m.from), displacement(m))
 }
 
 #[cfg(test)]
