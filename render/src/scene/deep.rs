@@ -4,12 +4,11 @@
 
 use super::geometry::Surface;
 use super::mover::Mover;
-use super::path::{Motion, Oscillation, Oscillations};
+use super::path::{Motion, Oscillations, two};
 use super::procedural::Pattern;
 use super::room::Builder;
 use super::special::{carry, with_camera};
 use nalgebra::Vector3;
-use rand::RngExt;
 use std::f64::consts::TAU;
 
 /// Half the width and height of a wall without an end.
@@ -80,14 +79,9 @@ pub(super) fn roller(builder: &mut Builder) -> Mover {
         builder.surfaces.push(face.covered(texture, 0.8, [0.0, along as f32].into()));
     }
     carry(builder, first, 0);
-    let mut two = |amplitude: f64| {
-        [(1.0, 0.03), (0.4, 0.11)].map(|(share, frequency)| {
-            let phase = builder.random.random();
-            Oscillation { amplitude: share * amplitude, frequency, phase }
-        })
-    };
+    let mut own = |amplitude| two(&mut builder.random, amplitude, [(1.0, 0.03), (0.4, 0.11)]);
     // Rolls about its axis, and a little about the upright, which leans it.
-    let rotation = [two(0.3).to_vec(), two(0.04).to_vec(), Vec::new()];
+    let rotation = [own(0.3), own(0.04), Vec::new()];
     let path = Oscillations { fps: 30.0, rotation, position: Default::default(), zoom: Vec::new() };
     Mover { rest: Vector3::new(0.0, 0.0, 3.2), path }
 }

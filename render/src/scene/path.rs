@@ -232,6 +232,16 @@ fn band(random: &mut ChaCha8Rng, peak: f64, [low, high]: [f64; 2], count: usize)
         .collect()
 }
 
+/// Two oscillations, each with its share of an amplitude, its frequency and a random phase.
+pub(super) fn two(random: &mut ChaCha8Rng, amplitude: f64, parts: [(f64, f64); 2]) -> Vec<Oscillation> {
+    let oscillation = |(share, frequency): (f64, f64)| Oscillation {
+        amplitude: share * amplitude,
+        frequency,
+        phase: random.random(),
+    };
+    parts.map(oscillation).to_vec()
+}
+
 /// A path that turns about the optical axis at a constant rate (rad/s) and moves at a constant
 /// velocity (m/s): the one with closed forms.
 pub fn uniform(roll: f64, velocity: Vector3<f64>) -> impl CameraPath {

@@ -5,7 +5,7 @@
 
 use super::geometry::Surface;
 use super::mover::Mover;
-use super::path::{Oscillation, Oscillations};
+use super::path::{Oscillations, two};
 use super::procedural::Pattern;
 use nalgebra::{Vector2, Vector3};
 use rand::RngExt;
@@ -30,14 +30,9 @@ pub(super) fn furnished(builder: &mut Builder, bare: bool) {
 
 /// A swing that takes the foreground some ten pixels of 640 from one frame to the next.
 fn swing(random: &mut ChaCha8Rng) -> Oscillations {
-    let mut two = |amplitude: f64| {
-        [(1.0, 0.03), (0.5, 0.05)].map(|(share, frequency)| {
-            let phase = random.random();
-            Oscillation { amplitude: share * amplitude, frequency, phase }
-        })
-    };
-    let rotation = [0.05, 0.08, 0.08].map(|turn| two(turn).to_vec());
-    let position = [0.12, 0.06, 0.03].map(|shift| two(shift).to_vec());
+    let mut own = |amplitude| two(random, amplitude, [(1.0, 0.03), (0.5, 0.05)]);
+    let rotation = [0.05, 0.08, 0.08].map(&mut own);
+    let position = [0.12, 0.06, 0.03].map(&mut own);
     Oscillations { fps: 30.0, rotation, position, zoom: Vec::new() }
 }
 

@@ -10,14 +10,9 @@ use crate::scene::path::Motion;
 /// The settings, named `at_once_scene`. They are no part of the report.
 pub fn at_once() -> Vec<Settings> {
     let of = |name: &str, scene, motion| Settings {
-        width: 480,
-        height: 360,
         readout_ratio: 0.0,
-        noise: 2.0,
-        bitrate: Some(1000),
         scene,
-        frames: 42,
-        ..Settings::new(&format!("at_once_{name}"), motion, Strength::Amplitude(1.0))
+        ..Settings::compressed(&format!("at_once_{name}"), motion, Strength::Amplitude(1.0))
     };
     let scroll = |lowest, highest| Motion::Scroll { lowest, highest };
     vec![

@@ -37,14 +37,7 @@ pub fn processed() -> Vec<Settings> {
 /// What all kinds are made of, through H.264. The amplitudes are fixed, so that all kinds have the same path: they
 /// displace the rows of `plain` by about 3.5 px (RMS) over 62 frames.
 fn motions() -> [Settings; 4] {
-    let of = |name, motion, amplitude| Settings {
-        width: 480,
-        height: 360,
-        noise: 2.0,
-        frames: 30,
-        bitrate: Some(1000),
-        ..Settings::new(name, motion, Strength::Amplitude(amplitude))
-    };
+    let of = |name, motion, amplitude| Settings::compressed(name, motion, Strength::Amplitude(amplitude));
     let shake = |lowest, highest, sway| Motion::Shake { lowest, highest, sway };
     let (bottom, street) = (FirstEdge::Bottom, SceneKind::Street);
     [

@@ -84,6 +84,18 @@ impl Settings {
         }
     }
 
+    /// As clips mostly come: small, with some noise, through H.264.
+    pub(super) fn compressed(name: &str, motion: Motion, strength: Strength) -> Self {
+        Self {
+            width: 480,
+            height: 360,
+            noise: 2.0,
+            frames: 30,
+            bitrate: Some(1000),
+            ..Self::new(name, motion, strength)
+        }
+    }
+
     /// With `rows` blank rows between frames of 480: γ = 480 / (480 + rows), whatever the size.
     pub(super) fn blank_rows(mut self, rows: f64) -> Self {
         self.readout_ratio = 480.0 / (480.0 + rows);
