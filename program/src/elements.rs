@@ -90,14 +90,17 @@ pub fn app_sink(bin: &impl IsA<gst::Bin>, name: &str) -> Result<gst_app::AppSink
     named(bin, name)?.downcast().map_err(|_| anyhow!("appsink is another element"))
 }
 
-/// Has `take` write all that comes to an appsink.
+/// Has `take` write all that comes to an appsink, as long as the writer is kept: something of the pipeline may outlive it, and must not
+/// keep the files that the writer removes at its end.
 pub fn write_samples<T: Send + 'static>(
     sink: &gst_app::AppSink,
-    writer: Arc<Mutex<T>>,
+    writer: &Arc<Mutex<T>>,
     take: impl Fn(&mut T, &gst::Sample) -> Result<()> + Send + 'static,
 ) {
+    let writer = Arc::downgrade(writer);
     let take = move |sink: &gst_app::AppSink| {
         let sample = sink.pull_sample().map_err(|_| gst::FlowError::Eos)?;
+        let writer = writer.upgrade().ok_or(gst::FlowError::Flushing)?;
         take(&mut writer.lock().unwrap_or_else(PoisonError::into_inner), &sample).map_err(|error| {
             gst::element_error!(sink, gst::ResourceError::Write, ("{error:#}"));
             gst::FlowError::Error

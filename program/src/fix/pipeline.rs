@@ -181,8 +181,8 @@ pub struct Rectification {
 enum Product {
     /// A file that the pipeline writes, in the making.
     Muxed(Unfinished),
-    /// What is encoded, and where it is kept; the file that this program makes of it, in the making.
-    Encoded { encoded: Arc<Mutex<EncodedVideo>>, _part: Unfinished, file: Unfinished },
+    /// What is encoded, of which this program makes a file, in the making.
+    Encoded(Arc<Mutex<EncodedVideo>>, Unfinished),
     /// Frames that this program writes.
     Frames(Arc<Mutex<FrameWriter>>),
     /// Nothing that is left to be done.
@@ -224,12 +224,10 @@ impl Rectification {
                 product = Product::Frames(FrameWriter::new(target, encoding)?.collect(&video)?);
             } else if let Some((part, file)) = part.clone().zip(target.as_file()) {
                 product = match container.is_isobmff() {
-                    true => Product::Encoded {
-                        // Removed even if something of the pipeline outlives it.
-                        _part: Unfinished::beside(file),
-                        encoded: collect(&video, part, encoding.colour())?,
-                        file: Unfinished::with_ending(file, ".whole"),
-                    },
+                    true => {
+                        let encoded = collect(&video, part, encoding.colour())?;
+                        Product::Encoded(encoded, Unfinished::with_ending(file, ".whole"))
+                    }
                     false => Product::Muxed(Unfinished::beside(file)),
                 };
             }
@@ -261,7 +259,7 @@ impl Rectification {
                 return frames.finish(&self.target, times);
             }
             Product::Muxed(file) => file,
-            Product::Encoded { encoded, file, .. } => {
+            Product::Encoded(encoded, file) => {
                 let mut encoded = encoded.lock().unwrap_or_else(PoisonError::into_inner);
                 encoded.finish()?;
                 self.remux.write(&encoded, self.is_turned, file.path(), interruption)?;
@@ -271,14 +269,5 @@ impl Rectification {
         output::verify(file.path(), times, interruption).context("the file is not as it should be")?;
         file.finish(self.target.as_file().context("there is no file")?)?;
         Ok(Vec::new())
-    }
-}
-
-impl Drop for Product {
-    /// Removes the frames in the making, which something of the pipeline may still hold.
-    fn drop(&mut self) {
-        if let Self::Frames(frames) = self {
-            frames.lock().unwrap_or_else(PoisonError::into_inner).abandon();
-        }
     }
 }

@@ -10,7 +10,7 @@ use std::fs::File;
 use std::io::{BufWriter, Write};
 use std::path::{Path, PathBuf};
 
-/// The frames of a stream in decoding order, their bytes one after another in a file, which whoever names it removes.
+/// The frames of a stream in decoding order, their bytes one after another in a file, which is removed at the end.
 pub struct EncodedVideo {
     path: PathBuf,
     file: BufWriter<File>,
@@ -84,5 +84,11 @@ impl EncodedVideo {
 
     pub fn caps(&self) -> Option<&gst::Caps> {
         self.caps.as_ref()
+    }
+}
+
+impl Drop for EncodedVideo {
+    fn drop(&mut self) {
+        let _ = std::fs::remove_file(&self.path);
     }
 }

@@ -141,8 +141,7 @@ fn write(
         }
     }
     if container.is_isobmff() {
-        let kept = Unfinished::with_ending(output, ".video");
-        let mut video = EncodedVideo::create(kept.path().to_owned(), parts.colour())?;
+        let mut video = EncodedVideo::create(output.with_extension("video"), parts.colour())?;
         parts.collect(&mut video, interruption, &mut || show())?;
         // As `fix` writes parts.
         let is_turned = true;

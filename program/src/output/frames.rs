@@ -59,7 +59,7 @@ impl FrameWriter {
     /// Takes the frames that come to the appsink `encoded` of a branch.
     pub fn collect(self, branch: &gst::Bin) -> Result<Arc<Mutex<Self>>> {
         let writer = Arc::new(Mutex::new(self));
-        write_samples(&app_sink(branch, "encoded")?, writer.clone(), Self::write);
+        write_samples(&app_sink(branch, "encoded")?, &writer, Self::write);
         Ok(writer)
     }
 
@@ -93,14 +93,6 @@ impl FrameWriter {
         self.info.get_or_insert(info);
         self.frames += 1;
         Ok(())
-    }
-
-    /// Removes what has not got its name.
-    pub fn abandon(&mut self) {
-        match &mut self.form {
-            Form::Y4m { file, .. } => *file = None,
-            Form::Images { files, .. } => files.clear(),
-        }
     }
 
     /// Gives the file or images their names, once all frames have come; `times` are those of the frames. What is to be said of them.

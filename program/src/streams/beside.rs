@@ -197,7 +197,7 @@ fn running_time(pad: &gst::Pad, time: gst::ClockTime) -> Option<gst::ClockTime> 
 /// Has the frames that come to the appsink `encoded` of a branch kept.
 pub fn collect(branch: &gst::Bin, path: PathBuf, colour: Colour) -> Result<Arc<Mutex<EncodedVideo>>> {
     let video = Arc::new(Mutex::new(EncodedVideo::create(path, colour)?));
-    write_samples(&app_sink(branch, "encoded")?, video.clone(), take);
+    write_samples(&app_sink(branch, "encoded")?, &video, take);
     Ok(video)
 }
 
