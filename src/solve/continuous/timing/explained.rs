@@ -28,9 +28,11 @@ const MAX_BEND: f64 = PI;
 /// proportional to its other coordinate and 0.01 at most is left; of shake 0.15 and more.
 const MIN_UNSHARED: f64 = 0.1;
 /// Standard deviations of the γ of the changes by which another one must differ to be excluded. Of rendered clips with a rolling
-/// shutter up to 7, where the camera follows a person among much parallax; where depth that varies along the scan axis, or an object
-/// that sways or turns, looks like a readout, mostly 20 to 1000, of a roller from 10 on.
-const EXCLUDED: f64 = 10.0;
+/// shutter up to 6, where the camera follows a person among much parallax; where depth that varies along the scan axis, or an object
+/// that sways or turns, looks like a readout, mostly 10 to 100.
+const EXCLUDED: f64 = 8.0;
+/// Blocks of pairs of the jackknife.
+const BLOCKS: usize = 5;
 
 /// How the changes of the lean agree with the shifts.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -76,11 +78,17 @@ pub enum Pairs {
     Few,
 }
 
-/// Changes that are compared with the velocities at their frames, of which there is one more.
+/// The changes of lean and velocity in a pair.
+#[derive(Clone, Copy, Debug)]
+struct Change<'a> {
+    lean: &'a LeanChange,
+    velocity: Vector2<f64>,
+}
+
+/// The changes in successive pairs.
 struct Changes<'a> {
-    pairs: &'a [LeanChange],
-    velocities: Vec<Vector2<f64>>,
-    /// Variance that is added to each, and number of those whose own is finite.
+    pairs: Vec<Change<'a>>,
+    /// Variance that is added to that of each lean, and number of those whose own is finite.
     usual: f64,
     known: usize,
 }
@@ -90,12 +98,13 @@ impl<'a> Changes<'a> {
     fn of(pairs: &'a [LeanChange], stamps: &[f64], noise: f64, counted: Range<usize>) -> Option<Self> {
         let shifts: Vec<Vector2<f64>> = pairs.iter().map(|pair| pair.shift).collect();
         let velocities = velocities(&shifts, stamps);
-        let velocities = velocities.get(counted.start..=counted.end)?.to_vec();
+        let velocities = velocities.get(counted.start..=counted.end)?.windows(2).map(|two| two[1] - two[0]);
         let pairs = pairs.get(counted)?;
         let variances = pairs.iter().flat_map(|pair| [pair.variance.x, pair.variance.y]);
         let mut variances: Vec<f64> = variances.filter(|v| v.is_finite()).collect();
         let usual = median(&mut variances).max(noise);
-        Some(Self { pairs, velocities, usual, known: variances.len() })
+        let pairs = pairs.iter().zip(velocities).map(|(lean, velocity)| Change { lean, velocity }).collect();
+        Some(Self { pairs, usual, known: variances.len() })
     }
 
     /// Sums over both coordinates, with some terms of each eliminated; `None` if these are not finite.
@@ -115,10 +124,10 @@ impl<'a> Changes<'a> {
         let mut normal = SMatrix::<f64, TERMS, TERMS>::zeros();
         let [mut by_change, mut by_velocity] = [SVector::<f64, TERMS>::zeros(); 2];
         let mut sums = Sums::default();
-        for (pair, frames) in self.pairs.iter().zip(self.velocities.windows(2)) {
-            let weight = 1.0 / (pair.variance[coordinate] + self.usual);
-            let [change, velocity] = [pair.change[coordinate], frames[1][coordinate] - frames[0][coordinate]];
-            let terms = terms(pair, coordinate);
+        for Change { lean, velocity } in &self.pairs {
+            let weight = 1.0 / (lean.variance[coordinate] + self.usual);
+            let [change, velocity] = [lean.change[coordinate], velocity[coordinate]];
+            let terms = terms(lean, coordinate);
             normal += terms * terms.transpose() * weight;
             by_change += terms * (change * weight);
             by_velocity += terms * (velocity * weight);
@@ -137,6 +146,40 @@ impl<'a> Changes<'a> {
             cross: sums.cross - by_change.dot(&of_velocity),
             velocity: sums.velocity - by_velocity.dot(&of_velocity),
         })
+    }
+
+    /// By how many standard deviations the γ of the changes differs from one that leaves more of them unexplained than γ = 0 does; 0 from
+    /// another one. `None` if nothing is known.
+    fn deviations(&self, gamma: f64) -> Option<f64> {
+        let sums = |changes: &Self| {
+            changes.sums(|pair, coordinate| Vector3::new(1.0, pair.shift[coordinate], pair.stretch))
+        };
+        let all = sums(self)?;
+        if all.unexplained_with(gamma) <= 1.0 {
+            return Some(0.0);
+        }
+        let variance = all.gamma_variance() + self.jackknife_variance(|part| Some(sums(part)?.gamma()))?;
+        Some((gamma - all.likely_gamma()).abs() / variance.sqrt())
+    }
+
+    /// Without those of these pairs.
+    fn without(&self, left_out: Range<usize>) -> Self {
+        let kept = self.pairs.iter().enumerate().filter(|(index, _)| !left_out.contains(index));
+        Self { pairs: kept.map(|(_, pair)| *pair).collect(), ..*self }
+    }
+
+    /// Variance of a γ by the jackknife over blocks of successive pairs (H. R. Künsch, *The jackknife and the bootstrap for general
+    /// stationary observations*, 1989): by how much it depends on a few of them, whose errors are correlated. Where the shared motion
+    /// goes over to another surface, one pair's velocity may count for more than those of all others.
+    fn jackknife_variance(&self, gamma: impl Fn(&Self) -> Option<f64>) -> Option<f64> {
+        let count = self.pairs.len();
+        let blocks = BLOCKS.min(count);
+        let without =
+            |block: usize| gamma(&self.without(block * count / blocks..(block + 1) * count / blocks));
+        let found: Vec<f64> = (0..blocks).map(without).collect::<Option<_>>()?;
+        let mean = found.iter().sum::<f64>() / blocks as f64;
+        let squares: f64 = found.iter().map(|gamma| (gamma - mean).powi(2)).sum();
+        Some(squares * (blocks as f64 - 1.0) / blocks as f64)
     }
 }
 
@@ -158,9 +201,9 @@ pub fn explained(pairs: &[LeanChange], stamps: &[f64], noise: f64, number: Pairs
         Pairs::Few => changes.sums(|_, _| SVector::<f64, 0>::zeros())?,
     };
     let Changes { pairs, known, .. } = changes;
-    let squares = |of: fn(&LeanChange) -> f64| pairs.iter().map(|pair| of(pair).powi(2)).sum::<f64>();
+    let squares = |of: fn(&LeanChange) -> f64| pairs.iter().map(|pair| of(pair.lean).powi(2)).sum::<f64>();
     let found = Explained {
-        unexplained: sums.unexplained_with(sums.gamma().clamp(-1.0, 1.0)),
+        unexplained: sums.unexplained_with(sums.likely_gamma()),
         signal: sums.change / known as f64,
         unshared: sums.change / sums.whole,
         bend: (squares(|pair| pair.bend) / squares(|pair| pair.change.x)).sqrt(),
@@ -174,13 +217,8 @@ pub fn explained(pairs: &[LeanChange], stamps: &[f64], noise: f64, number: Pairs
 /// least squares. The terms of parallax are those of the same coordinate's shift: with both, nothing is left of a shift that turns in a
 /// circle.
 pub fn excludes(pairs: &[LeanChange], stamps: &[f64], noise: f64, gamma: f64) -> bool {
-    let terms =
-        |pair: &LeanChange, coordinate: usize| Vector3::new(1.0, pair.shift[coordinate], pair.stretch);
     let changes = inner(pairs).and_then(|counted| Changes::of(pairs, stamps, noise, counted));
-    changes.and_then(|changes| changes.sums(terms)).is_some_and(|sums| {
-        let far = EXCLUDED * sums.gamma_deviation();
-        sums.unexplained_with(gamma) > 1.0 && (gamma - sums.gamma()).abs() > far
-    })
+    changes.and_then(|changes| changes.deviations(gamma)).is_some_and(|deviations| deviations > EXCLUDED)
 }
 
 /// Sums of squares and products of changes of lean and velocity without what parallax explains, weighted.
@@ -201,10 +239,15 @@ impl Sums {
         self.cross / self.velocity
     }
 
-    /// Standard deviation of γ, by the scatter about it where that is more than the changes' own variance.
-    fn gamma_deviation(&self) -> f64 {
+    /// The γ within ±1 that leaves least unexplained.
+    fn likely_gamma(&self) -> f64 {
+        self.gamma().clamp(-1.0, 1.0)
+    }
+
+    /// Variance of γ, by the scatter about it where that is more than the changes' own variance.
+    fn gamma_variance(&self) -> f64 {
         let scatter = self.unexplained_with(self.gamma()) * self.change / self.freedom.max(1) as f64;
-        (scatter.max(1.0) / self.velocity).sqrt()
+        scatter.max(1.0) / self.velocity
     }
 
     fn unexplained_with(&self, gamma: f64) -> f64 {
@@ -333,6 +376,21 @@ mod tests {
         }
         assert!(excludes(&swaying, &stamps(), NOISE, 0.7));
         assert!(!excludes(&recorded[..1], &stamps()[..2], NOISE, 0.7));
+    }
+
+    #[test]
+    fn a_few_shifts_of_another_surface_exclude_no_readout() {
+        let mut pairs = pairs(swing, |t| swing(t) * -0.7);
+        for near in [9, 10, 17] {
+            pairs[near].shift *= 5.0;
+        }
+        let changes = Changes::of(&pairs, &stamps(), NOISE, inner(&pairs).unwrap()).unwrap();
+        let sums = changes.sums(|pair, k| Vector3::new(1.0, pair.shift[k], pair.stretch)).unwrap();
+        assert!(
+            (sums.gamma() + 0.7).abs() > EXCLUDED * sums.gamma_variance().sqrt(),
+            "by their scatter alone"
+        );
+        assert!(!excludes(&pairs, &stamps(), NOISE, -0.7));
     }
 
     #[test]
