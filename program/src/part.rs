@@ -17,7 +17,7 @@ pub struct PartOptions {
     /// Only frames A to B of the clip, counted from 0, B not among them; without A from the first, without B to the last.
     #[arg(long, value_name = "A:B", value_parser = range)]
     pub frames: Option<FrameRange>,
-    /// Frames before these that are analysed too, as what was seen of a motion tells how it goes on. `fix` looks ahead of
+    /// Frames before these that are analysed too, because a motion is estimated from earlier frames, too. `fix` looks ahead of
     /// these, too; what `measure` finds is the same whatever follows.
     #[arg(long, value_name = "FRAMES", default_value_t = HALO, requires = "frames")]
     pub halo: usize,

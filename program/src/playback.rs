@@ -155,7 +155,7 @@ impl Playback {
         let times = if moved == self.waited.0 { self.waited.1 + 1 } else { 0 };
         self.waited = (moved, times);
         if times >= PATIENCE && !self.waits_for_ever {
-            bail!("nothing has come from the file or gone on for 45 s: given up");
+            bail!("no progress for 45 s: stopped");
         }
         Ok(())
     }

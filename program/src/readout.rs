@@ -32,7 +32,7 @@ const ANOTHER: f64 = 3.0;
 
 /// What is said of frames that were moved after their readout.
 const STABILISED: &str = "hidden: the frames were moved after they were recorded, as by stabilisation in the camera; they are \
-                          rectified only as far as the changes of their lean tell it (--stabilised no: by their motion)";
+                          rectified only as far as the changes of their lean show it (--stabilised no: by their motion)";
 /// The same, where none was rectified.
 const NOT_LEANED: &str = "hidden: the frames were moved or deformed after they were recorded, and nothing shows a lean of a rolling \
                           shutter: they stay as they are (--stabilised no: rectified by their motion)";

@@ -20,7 +20,7 @@ pub const MAX_LOOKAHEAD: u32 = 64;
 pub struct AnalysisOptions {
     /// Readout time of the sensor in milliseconds, if known. Without it some stretches of the file are
     /// analysed first to find it; 0 leaves that to the rectifier while it runs.
-    #[arg(long, value_name = "MS", value_parser = milliseconds)]
+    #[arg(long, value_name = "MS", value_parser = milliseconds, allow_negative_numbers = true)]
     pub readout_time: Option<f64>,
     /// Blank time between two frames in rows; -1 where it is not known.
     #[arg(long, value_name = "ROWS", allow_negative_numbers = true)]
@@ -36,7 +36,7 @@ pub struct AnalysisOptions {
     #[arg(skip)]
     pub expected: Option<ReadoutPrior>,
     /// Whether the frames were moved after their readout, as by stabilisation in the camera: such frames are rectified only as
-    /// far as the changes of their lean tell it. Found from the picture where it is not given.
+    /// far as the changes of their lean show it. Found from the picture where it is not given.
     #[arg(long, value_enum)]
     pub stabilised: Option<Stabilised>,
     /// How finely frames are analysed: `fast` takes half the time of `balanced`, the default, on easy scenes.
@@ -148,6 +148,10 @@ fn deviation(text: &str) -> Result<f64, String> {
 }
 
 fn milliseconds(text: &str) -> Result<f64, String> {
+    // As `measure` prints it where the last row is read first.
+    if text.parse().is_ok_and(|value: f64| value < 0.0) {
+        return Err("give its amount, and the edge that is read first by --readout-direction".to_owned());
+    }
     in_range(text, 0.0..=1e3)
 }
 

@@ -185,7 +185,7 @@ pub struct RsRectify {
     /// Whether the frames were moved after their readout.
     #[property(name = "stabilised", get, set, type = Stabilised, member = stabilised, default,
         nick = "Stabilised",
-        blurb = "Whether the frames were moved after their readout, as by stabilisation in the camera; such frames are rectified by the changes of their lean alone, as far as these tell it; auto: found from the picture (sequential: no)", mutable_playing)]
+        blurb = "Whether the frames were moved after their readout, as by stabilisation in the camera; such frames are rectified by the changes of their lean alone, as far as these show it; auto: found from the picture (sequential: no)", mutable_playing)]
     /// Standard deviation of the smoothing of the virtual camera's path, in seconds.
     #[property(name = "stabilization", get, set, type = f64, member = stabilization,
         nick = "Stabilisation",

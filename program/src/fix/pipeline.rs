@@ -266,7 +266,7 @@ impl Rectification {
                 file
             }
         };
-        output::verify(file.path(), times, interruption).context("the file is not as it should be")?;
+        output::verify(file.path(), times, interruption).context("the file that was written failed its check")?;
         file.finish(self.target.as_file().context("there is no file")?)?;
         Ok(Vec::new())
     }

@@ -70,6 +70,9 @@ struct ReportedPart {
 pub fn run(options: &JoinOptions, interruption: &Interruption) -> Result<bool> {
     let container = options.container.or_else(|| Container::of(&options.output));
     let container = container.context("--output must end in .mp4, .mov or .mkv, or --container be given")?;
+    if container.is_of_frames_only() {
+        bail!("parts are joined as MP4, MOV or MKV");
+    }
     clips::finish(&Clip::file(&options.clip), join(options, container, interruption), interruption)
 }
 

@@ -30,7 +30,7 @@ pub struct MeasureOptions {
     /// Prints JSON; times in milliseconds, focal lengths in frame widths.
     #[arg(long)]
     pub json: bool,
-    /// The clips are of one camera in one mode: says what they tell together.
+    /// The clips are of one camera in one mode: prints the estimate from all of them, too.
     #[arg(long)]
     pub same_camera: bool,
     /// Analyses up to 20 s of each clip, spread over its length, instead of all of it.

@@ -241,10 +241,10 @@ fn doubts(found: &Found, readout: &Estimate) -> Vec<String> {
             doubts.push(format!("there are too few frames to see a motion in, {}", found.frames));
         }
         Some(Doubt::Blended) => doubts.push(
-            "the frames are blends of two exposures, as a conversion of the frame rate leaves them, which hides it".to_owned(),
+            "the frames are blends of two exposures, as a conversion of the frame rate leaves them, so that it cannot be estimated".to_owned(),
         ),
         Some(Doubt::Stabilised) => doubts.push(
-            "the frames were moved after they were recorded, as by stabilisation in the camera, which hides it".to_owned(),
+            "the frames were moved after they were recorded, as by stabilisation in the camera, so that it cannot be estimated".to_owned(),
         ),
         Some(Doubt::NoMotion) => doubts.push(format!(
             "only {} of {} frames have a motion that most of the picture follows: the camera hardly moved, or there is too \

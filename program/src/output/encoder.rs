@@ -169,7 +169,7 @@ impl Encoding {
                 gst::element_warning!(
                     encoder,
                     gst::LibraryError::Settings,
-                    ("{name} cannot be set to this quality or bit rate: it goes by its own")
+                    ("{name} cannot be set to this quality or bit rate: its default is used")
                 );
             }
         } else {

@@ -65,7 +65,8 @@ pub fn run(options: &ShowOptions, interruption: &Interruption) -> Result<bool> {
     }
     let named = output.filter(|output| !output::is_folder(output));
     let container = options.encoding.container(&clip, named)?;
-    let container = if named.is_none() && container.is_of_frames_only() { Container::Mkv } else { container };
+    let is_chosen = named.is_some() || options.encoding.container.is_some();
+    let container = if container.is_of_frames_only() && !is_chosen { Container::Mkv } else { container };
     let ending = format!("{}.{}", clips::SHOWN, container.extension());
     let file = output::of_one(&clip, output, &ending)?;
     clips::finish(&clip, show(options, &clip, &file, container, interruption), interruption)

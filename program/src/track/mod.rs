@@ -134,7 +134,7 @@ fn track(options: &TrackOptions, clip: &Clip, interruption: &Interruption) -> Re
     let TrackOptions { csv, rows_csv, json, gcsv, motion, .. } = options;
     let tables = [csv, rows_csv, json, gcsv];
     if motion.is_none() && (options.steadiness.stabilize.is_some() || options.steadiness.crop.is_some()) {
-        bail!("--stabilize and --crop are for --motion: tables tell how the camera moved");
+        bail!("--stabilize and --crop are for --motion: the tables hold the motion of the camera without them");
     }
     for file in tables.into_iter().chain([motion]).flatten() {
         output::check(clip.path(), file, options.overwrite)?;
@@ -201,7 +201,7 @@ fn found_focal_length(found: Option<&Found>) -> Result<f64> {
             focal.widths,
             focal.deviation
         ),
-        None => bail!("--gcsv takes the focal length, which this clip does not tell; {ADVICE}"),
+        None => bail!("--gcsv takes the focal length, which could not be estimated from this clip; {ADVICE}"),
     }
 }
 

@@ -26,7 +26,7 @@ impl Match {
     }
 }
 
-/// The axis along which the sensor is read.
+/// The axis along which the sensor is read. Which one it is, `CameraPosterior` estimates.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ScanAxis {
     /// Whether rows, not columns, are read one after another.
