@@ -90,6 +90,9 @@ fn what_cannot_be_asked_for_is_refused() {
         assert_eq!(output.status.code(), Some(2), "{}", said(&output));
         assert!(said(&output).contains(reason), "{}", said(&output));
     }
+    let output = rsrectify("fix").arg(&a).args(["--readout-time", "-3"]).output().unwrap();
+    assert_eq!(output.status.code(), Some(2));
+    assert!(said(&output).contains("--readout-direction"), "{}", said(&output));
     let output = fix(&[&a], &["--codec", "ffv1", "--quality", "3"]);
     assert_eq!(output.status.code(), Some(1));
     assert!(said(&output).contains("--quality"), "{}", said(&output));

@@ -268,3 +268,14 @@ fn a_page_has_both_videos_with_all_frames_and_the_name_as_text() {
         rsrectify("show").arg(folder.file("page/index.html")).arg("--html").arg(&none).output().unwrap();
     assert!(result.status.code() == Some(1) && !none.exists());
 }
+
+#[test]
+fn raw_video_is_refused() {
+    let folder = Folder::new("show-raw");
+    let clip = folder.file("a.mp4");
+    std::fs::write(&clip, "").unwrap();
+    let refused = rsrectify("show").arg(&clip).args(["--container", "y4m"]).output().unwrap();
+    let said = String::from_utf8_lossy(&refused.stderr);
+    assert!(refused.status.code() == Some(1) && said.contains("MP4, MOV or MKV"), "{said}");
+    assert_eq!(folder.names(), ["a.mp4"]);
+}

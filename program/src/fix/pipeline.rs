@@ -266,7 +266,8 @@ impl Rectification {
                 file
             }
         };
-        output::verify(file.path(), times, interruption).context("the file that was written failed its check")?;
+        output::verify(file.path(), times, interruption)
+            .context("the file that was written failed its check")?;
         file.finish(self.target.as_file().context("there is no file")?)?;
         Ok(Vec::new())
     }

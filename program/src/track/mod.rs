@@ -134,7 +134,9 @@ fn track(options: &TrackOptions, clip: &Clip, interruption: &Interruption) -> Re
     let TrackOptions { csv, rows_csv, json, gcsv, motion, .. } = options;
     let tables = [csv, rows_csv, json, gcsv];
     if motion.is_none() && (options.steadiness.stabilize.is_some() || options.steadiness.crop.is_some()) {
-        bail!("--stabilize and --crop are for --motion: the tables hold the motion of the camera without them");
+        bail!(
+            "--stabilize and --crop are for --motion: the tables hold the motion of the camera without them"
+        );
     }
     for file in tables.into_iter().chain([motion]).flatten() {
         output::check(clip.path(), file, options.overwrite)?;
