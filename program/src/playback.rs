@@ -216,7 +216,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_pipeline_in_which_nothing_moves_is_given_up() {
+    fn a_pipeline_in_which_nothing_moves_is_stopped() {
         gst::init().unwrap();
         let pipeline = gst::parse::launch("fakesrc num-buffers=1 name=source ! fakesink").unwrap();
         let mut playback = Playback::new(pipeline.downcast().unwrap()).unwrap();
@@ -230,6 +230,6 @@ mod tests {
         for _ in 0..PATIENCE {
             playback.waited().unwrap();
         }
-        assert!(playback.waited().unwrap_err().to_string().contains("given up"));
+        assert!(playback.waited().unwrap_err().to_string().contains("no progress"));
     }
 }
