@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT OR Apache-2.0
 
-//! `rsrectify fix`: clips → rectified clips.
+//! `rsrectify fix`: clips → rectified clips. What it prints at the end, and as `--json`, is the `Summary` of `crate::summary`.
 
 mod comparison;
 mod options;
