@@ -209,8 +209,10 @@ fn what_is_no_whole_clip_is_refused() {
         let said = refused("join", &[text(&clip), text(&a), text(&b), text(&c), "--output", text(output)]);
         assert!(said.contains(reason), "{said}");
     }
-    let options = [text(&clip), text(&a), "--output", "out.avi"];
-    assert_eq!(rsrectify("join").args(options).output().unwrap().status.code(), Some(2));
+    for output in ["out.avi", "out.y4m"] {
+        let options = [text(&clip), text(&a), "--output", output];
+        assert_eq!(rsrectify("join").args(options).output().unwrap().status.code(), Some(2), "{output}");
+    }
 }
 
 #[test]

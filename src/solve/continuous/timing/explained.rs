@@ -148,18 +148,21 @@ impl<'a> Changes<'a> {
         })
     }
 
+    /// Sums over both coordinates, with the parallax of the same coordinate's shift eliminated: with that of both, nothing is left of a
+    /// shift that turns in a circle.
+    fn sums_by_own_shift(&self) -> Option<Sums> {
+        self.sums(|pair, coordinate| Vector3::new(1.0, pair.shift[coordinate], pair.stretch))
+    }
+
     /// By how many standard deviations the γ of the changes differs from one that leaves more of them unexplained than γ = 0 does; 0 from
     /// another one. `None` if nothing is known.
     fn deviations(&self, gamma: f64) -> Option<f64> {
-        let sums = |changes: &Self| {
-            changes.sums(|pair, coordinate| Vector3::new(1.0, pair.shift[coordinate], pair.stretch))
-        };
-        let all = sums(self)?;
-        if all.unexplained_with(gamma) <= 1.0 {
+        let sums = self.sums_by_own_shift()?;
+        if sums.unexplained_with(gamma) <= 1.0 {
             return Some(0.0);
         }
-        let variance = all.gamma_variance() + self.jackknife_variance(|part| Some(sums(part)?.gamma()))?;
-        Some((gamma - all.likely_gamma()).abs() / variance.sqrt())
+        let variance = sums.gamma_variance() + self.jackknife_variance()?;
+        Some((gamma - sums.likely_gamma()).abs() / variance.sqrt())
     }
 
     /// Without those of these pairs.
@@ -168,14 +171,16 @@ impl<'a> Changes<'a> {
         Self { pairs: kept.map(|(_, pair)| *pair).collect(), ..*self }
     }
 
-    /// Variance of a γ by the jackknife over blocks of successive pairs (H. R. Künsch, *The jackknife and the bootstrap for general
+    /// Variance of γ by the jackknife over blocks of successive pairs (H. R. Künsch, *The jackknife and the bootstrap for general
     /// stationary observations*, 1989): by how much it depends on a few of them, whose errors are correlated. Where the shared motion
     /// goes over to another surface, one pair's velocity may count for more than those of all others.
-    fn jackknife_variance(&self, gamma: impl Fn(&Self) -> Option<f64>) -> Option<f64> {
+    fn jackknife_variance(&self) -> Option<f64> {
         let count = self.pairs.len();
         let blocks = BLOCKS.min(count);
-        let without =
-            |block: usize| gamma(&self.without(block * count / blocks..(block + 1) * count / blocks));
+        let without = |block: usize| {
+            let rest = self.without(block * count / blocks..(block + 1) * count / blocks);
+            Some(rest.sums_by_own_shift()?.gamma())
+        };
         let found: Vec<f64> = (0..blocks).map(without).collect::<Option<_>>()?;
         let mean = found.iter().sum::<f64>() / blocks as f64;
         let squares: f64 = found.iter().map(|gamma| (gamma - mean).powi(2)).sum();
@@ -214,8 +219,7 @@ pub fn explained(pairs: &[LeanChange], stamps: &[f64], noise: f64, number: Pairs
 }
 
 /// Whether a γ is excluded: it leaves more of the changes unexplained than γ = 0 does, and is far from the one that the changes have by
-/// least squares. The terms of parallax are those of the same coordinate's shift: with both, nothing is left of a shift that turns in a
-/// circle.
+/// least squares.
 pub fn excludes(pairs: &[LeanChange], stamps: &[f64], noise: f64, gamma: f64) -> bool {
     let changes = inner(pairs).and_then(|counted| Changes::of(pairs, stamps, noise, counted));
     changes.and_then(|changes| changes.deviations(gamma)).is_some_and(|deviations| deviations > EXCLUDED)
@@ -385,7 +389,7 @@ mod tests {
             pairs[near].shift *= 5.0;
         }
         let changes = Changes::of(&pairs, &stamps(), NOISE, inner(&pairs).unwrap()).unwrap();
-        let sums = changes.sums(|pair, k| Vector3::new(1.0, pair.shift[k], pair.stretch)).unwrap();
+        let sums = changes.sums_by_own_shift().unwrap();
         assert!(
             (sums.gamma() + 0.7).abs() > EXCLUDED * sums.gamma_variance().sqrt(),
             "by their scatter alone"
