@@ -16,7 +16,7 @@ const MIN_SIDE: usize = 320;
 pub enum Effort {
     /// Half the width and height of [`Balanced`](Self::Balanced), but 320 pixels along the longer side where the frame
     /// has them: for slow machines and large frames. Easy scenes are analysed in half the time, those with parallax
-    /// hardly faster while the readout is in question.
+    /// no faster while the readout is in question.
     Fast,
     /// 960 pixels along the longer side at most.
     #[default]
