@@ -16,6 +16,8 @@ use std::collections::VecDeque;
 /// The evidence of a window for one hypothesis.
 #[derive(Clone, Copy, Debug)]
 pub struct WindowEvidence {
+    /// Its number among the windows of a stream by which hypotheses could be compared.
+    pub number: usize,
     /// Weight of the window, 0 to 1.
     pub weight: f64,
     /// Factor, at least 1, by which correlated errors of the model may increase the variance.
@@ -48,7 +50,7 @@ impl EvidenceRecord {
             return;
         }
         self.windows.push_front(window);
-        self.windows.truncate(MEMORY);
+        self.windows.retain(|one| one.number + MEMORY > window.number);
     }
 
     /// Sum of the windows' weights.
@@ -56,15 +58,32 @@ impl EvidenceRecord {
         self.windows.iter().map(|window| window.weight).sum()
     }
 
+    /// The windows of both, the newest first, and for how many each counts: for those since the common one before, to which not both
+    /// were fitted, but for no more than it has pairs.
+    fn common(&self, other: &Self) -> Vec<(WindowEvidence, WindowEvidence, f64)> {
+        let mut theirs = other.windows.iter().peekable();
+        let mut common: Vec<(WindowEvidence, WindowEvidence, f64)> = Vec::new();
+        for own in &self.windows {
+            while theirs.next_if(|window| window.number > own.number).is_some() {}
+            let Some(window) = theirs.next_if(|window| window.number == own.number) else { continue };
+            if let Some((newer, _, count)) = common.last_mut() {
+                *count = (newer.number - own.number).min(newer.pairs) as f64;
+            }
+            common.push((*own, *window, 1.0));
+        }
+        common
+    }
+
     /// Log odds of this hypothesis against another one by the windows of both.
     pub fn log_odds(&self, other: &Self) -> f64 {
-        let both = || self.windows.iter().zip(&other.windows);
+        let common = self.common(other);
         let sum = |of: &dyn Fn(&WindowEvidence, f64) -> f64| -> f64 {
-            let difference = |own: &WindowEvidence, theirs: &WindowEvidence| {
+            let term = |(own, theirs, count): &(WindowEvidence, WindowEvidence, f64)| {
                 let most = MAX_DEVIATIONS * own.expected().sqrt();
-                (own.evidence - theirs.evidence).clamp(-most, most)
+                let difference = (own.evidence - theirs.evidence).clamp(-most, most);
+                count * own.weight * of(own, difference)
             };
-            both().map(|(own, theirs)| own.weight * of(own, difference(own, theirs))).sum()
+            common.iter().map(term).sum()
         };
         let count = sum(&|_, _| 1.0);
         if count <= 0.0 {
@@ -87,9 +106,15 @@ mod tests {
     use super::*;
 
     fn record(evidence: impl IntoIterator<Item = f64>) -> EvidenceRecord {
+        record_of(evidence.into_iter().enumerate())
+    }
+
+    /// Of windows with these numbers and this evidence.
+    fn record_of(windows: impl IntoIterator<Item = (usize, f64)>) -> EvidenceRecord {
         let mut record = EvidenceRecord::default();
-        let window = |evidence| WindowEvidence { weight: 1.0, design_effect: 1.0, evidence, pairs: 4 };
-        evidence.into_iter().for_each(|evidence| record.add(window(evidence)));
+        for (number, evidence) in windows {
+            record.add(WindowEvidence { number, weight: 1.0, design_effect: 1.0, evidence, pairs: 4 });
+        }
         record
     }
 
@@ -107,6 +132,17 @@ mod tests {
     }
 
     #[test]
+    fn a_common_window_counts_for_those_before_it_that_are_not() {
+        let all = record([5.0; 12]);
+        let some = |numbers: &[usize]| record_of(numbers.iter().map(|number| (*number, 15.0)));
+        let odds = |numbers: &[usize]| some(numbers).log_odds(&all);
+        // After the first, windows 3, 6 and 9 have three new pairs each; 5 and 10 have no more than the four they have.
+        assert_eq!(odds(&[0, 3, 6, 9]), record([15.0; 10]).log_odds(&record([5.0; 10])));
+        assert_eq!(odds(&[0, 5, 10]), record([15.0; 9]).log_odds(&record([5.0; 9])));
+        assert_eq!(all.log_odds(&some(&[0, 3, 6, 9])), -odds(&[0, 3, 6, 9]));
+    }
+
+    #[test]
     fn alternating_evidence_decides_little() {
         let steady = record((0..40).map(|_| 4.0)).log_odds(&record([0.0; 40]));
         let alternating = record((0..40).map(|k| if k / 10 % 2 == 0 { 34.0 } else { -26.0 }));
@@ -116,15 +152,17 @@ mod tests {
     #[test]
     fn only_common_windows_count_and_old_ones_are_forgotten() {
         // The newest two windows favour the second.
-        let odds = record([9.0, 9.0, 9.0, 0.0, 0.0]).log_odds(&record([3.0, 3.0]));
+        let odds = record([9.0, 9.0, 9.0, 0.0, 0.0]).log_odds(&record_of([(3, 3.0), (4, 3.0)]));
         assert!(odds < 0.0);
         let long = record((0..200).map(|k| if k < 140 { 50.0 } else { -50.0 }));
         assert!(long.log_odds(&record([0.0; 200])) < -20.0);
         let invalid: EvidenceRecord = {
             let mut record = EvidenceRecord::default();
-            record.add(WindowEvidence { weight: 1.0, design_effect: 1.0, evidence: 70.0, pairs: 0 });
-            record.add(WindowEvidence { weight: 1.0, design_effect: 1.0, evidence: f64::NAN, pairs: 4 });
-            record.add(WindowEvidence { weight: 0.0, design_effect: 1.0, evidence: 70.0, pairs: 4 });
+            let window =
+                WindowEvidence { number: 0, weight: 1.0, design_effect: 1.0, evidence: 70.0, pairs: 4 };
+            record.add(WindowEvidence { pairs: 0, ..window });
+            record.add(WindowEvidence { evidence: f64::NAN, ..window });
+            record.add(WindowEvidence { weight: 0.0, ..window });
             record
         };
         assert_eq!(invalid.log_odds(&record([1.0])), 0.0);

@@ -23,6 +23,9 @@ use nalgebra::Vector2;
 
 /// Log odds below the likeliest hypothesis at which one is dropped.
 const DROP_LOG_ODDS: f64 = 12.0;
+/// Odds against the likeliest hypothesis below which a rival is fitted only when its path ends: successive windows share all but
+/// one of their pairs, and tell little that the one before did not. Decisions between likelier ones do not wait.
+const UNLIKELY_ODDS: f64 = 0.05;
 /// Prior log odds of another camera: after some time or a gap, one in a thousand; after a cut, or of one
 /// other than the expected or in another mode, one in twenty.
 const OTHER_CAMERA_LOG_ODDS: [f64; 2] = [-7.0, -3.0];
@@ -66,6 +69,8 @@ pub struct CameraPosterior {
     other_camera: Timer,
     /// Whether there was a window with pairs.
     has_begun: bool,
+    /// Windows by which hypotheses could be compared so far.
+    windows: usize,
 }
 
 impl CameraPosterior {
@@ -83,6 +88,7 @@ impl CameraPosterior {
             at_leisure: false,
             other_camera: other_camera(),
             has_begun: false,
+            windows: 0,
         };
         posterior.hypotheses = camera.first_scans().into_iter().map(|scan| posterior.fresh(scan)).collect();
         if camera.expected().is_some() {
@@ -172,6 +178,11 @@ impl CameraPosterior {
         &self.hypotheses[0]
     }
 
+    /// The hypotheses that were fitted to the last window.
+    fn fitted(&mut self) -> Vec<&mut Hypothesis> {
+        self.hypotheses.iter_mut().filter(|one| one.is_fitted).collect()
+    }
+
     /// Whether there are several hypotheses.
     fn is_undecided(&self) -> bool {
         self.hypotheses.len() > 1
@@ -187,6 +198,14 @@ impl CameraPosterior {
         let starts = before != Break::None;
         let longest = (!self.camera.is_known()).then(|| window.usual_interval());
         let settle = |hypothesis: &mut Hypothesis| hypothesis.settle(window, starts, longest);
+        let unlikely = self.leading().log_probability + UNLIKELY_ODDS.ln();
+        let follow = |rival: &mut Hypothesis| {
+            if starts || rival.log_probability > unlikely || rival.needs_fit(window) {
+                settle(rival);
+            } else {
+                rival.skip();
+            }
+        };
         if let Some((leading, rivals)) = self.hypotheses.split_first_mut() {
             settle(leading);
             // Without a motion that tells hypotheses apart, the others wait for one.
@@ -195,7 +214,7 @@ impl CameraPosterior {
             if rests && !is_needed(leading) && !rivals.iter().any(is_needed) {
                 rivals.iter_mut().for_each(Hypothesis::rest);
             } else {
-                rivals.par_iter_mut().for_each(settle);
+                rivals.par_iter_mut().for_each(follow);
             }
         }
         self.split();
@@ -238,14 +257,14 @@ impl CameraPosterior {
         if !self.can_compare(window) {
             return;
         }
-        let evidence = |hypothesis: &mut Hypothesis| hypothesis.log_evidence(window);
-        let evidence: Vec<Option<f64>> = self.hypotheses.par_iter_mut().map(evidence).collect();
+        let mut fitted = self.fitted();
+        let evidence: Vec<Option<f64>> = fitted.par_iter_mut().map(|one| one.log_evidence(window)).collect();
         for density in [KnotDensity::Usual, KnotDensity::Vibrating] {
-            let all = self.hypotheses.iter().zip(&evidence).filter(|(one, _)| one.density() == density);
+            let all = fitted.iter().zip(&evidence).filter(|(one, _)| one.density() == density);
             let found = all.filter_map(|(one, evidence)| Some((evidence.as_ref()?, one)));
             let Some((most, best)) = found.max_by(|a, b| a.0.total_cmp(b.0)) else { continue };
             let smoothness = best.posterior.smoothness.clone();
-            self.hypotheses.par_iter_mut().zip(&evidence).for_each(|(hypothesis, evidence)| {
+            fitted.par_iter_mut().zip(&evidence).for_each(|(hypothesis, evidence)| {
                 let evidence = evidence.unwrap_or(f64::NEG_INFINITY);
                 if hypothesis.density() == density && evidence < most - DECISIVE_LOG_ODDS {
                     hypothesis.try_smoothness(&smoothness, evidence, window);
@@ -267,7 +286,7 @@ impl CameraPosterior {
         let is_alone = |one: &Hypothesis| {
             all.iter().all(|(scan, density)| *scan != one.scan || *density == one.density())
         };
-        let alone = self.hypotheses.par_iter_mut().filter(|one| is_alone(one));
+        let alone = self.hypotheses.par_iter_mut().filter(|one| one.is_fitted && is_alone(one));
         let found: Vec<Hypothesis> = alone.filter_map(|one| one.challenger(window, starts)).collect();
         self.hypotheses.extend(found);
     }
@@ -317,17 +336,22 @@ impl CameraPosterior {
         if !self.can_compare(window) {
             return;
         }
-        let hypotheses = &mut self.hypotheses;
-        let weight = hypotheses.iter().map(|one| one.weight(window)).fold(0.0, f64::max);
-        let design_effects = hypotheses.iter().map(|one| one.posterior.design_effect(&one.setup));
-        let design_effect = design_effects.fold(f64::INFINITY, f64::min);
-        let evidence: Option<Vec<f64>> =
-            hypotheses.par_iter_mut().map(|one| one.log_evidence(window)).collect();
-        let pairs = window.pairs.len();
-        for (hypothesis, evidence) in hypotheses.iter_mut().zip(evidence.into_iter().flatten()) {
-            let evidence = evidence / pairs as f64;
-            hypothesis.evidence.add(WindowEvidence { weight, design_effect, evidence, pairs });
+        self.windows += 1;
+        let number = self.windows;
+        let mut fitted = self.fitted();
+        if fitted.len() < 2 {
+            return;
         }
+        let weight = fitted.iter().map(|one| one.weight(window)).fold(0.0, f64::max);
+        let design_effects = fitted.iter().map(|one| one.posterior.design_effect(&one.setup));
+        let design_effect = design_effects.fold(f64::INFINITY, f64::min);
+        let evidence: Option<Vec<f64>> = fitted.par_iter_mut().map(|one| one.log_evidence(window)).collect();
+        let pairs = window.pairs.len();
+        for (hypothesis, evidence) in fitted.into_iter().zip(evidence.into_iter().flatten()) {
+            let evidence = evidence / pairs as f64;
+            hypothesis.evidence.add(WindowEvidence { number, weight, design_effect, evidence, pairs });
+        }
+        let hypotheses = &mut self.hypotheses;
         let Some(likeliest) = hypotheses.iter().reduce(|best, other| {
             let odds = other.log_prior - best.log_prior + other.evidence.log_odds(&best.evidence);
             if odds > 0.0 { other } else { best }
@@ -434,9 +458,8 @@ mod tests {
         let mut posterior = CameraPosterior::new(camera, [640, 480], 320.0, 0.03);
         let mut tried = posterior.fresh(ReadoutDirection::TopToBottom.into());
         (tried.phase, tried.log_probability) = (Phase::OnTrial, odds);
-        for _ in 0..windows {
-            tried.evidence.add(WindowEvidence { weight: 1.0, design_effect: 1.0, evidence: 0.0, pairs: 8 });
-        }
+        let window = WindowEvidence { number: 0, weight: 1.0, design_effect: 1.0, evidence: 0.0, pairs: 8 };
+        (0..windows).for_each(|number| tried.evidence.add(WindowEvidence { number, ..window }));
         posterior.hypotheses.push(tried);
         posterior
     }

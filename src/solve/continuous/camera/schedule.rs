@@ -8,6 +8,7 @@
 //! | other knot density | it may explain residuals | at once, then 15 | doubled after each failure | 120 |
 //! | the likeliest smoothness | its evidence is greater | at once | 15 after a failure | 15 |
 //! | another camera | up to two hypotheses, and γ does not rest | 90, or at a gap or cut | doubled each time | 1440 |
+//! | fit of an unlikely rival | nothing about it is being sought | when its path does not reach to the end of the frame | | |
 //! | rivals that rest | a window constrains the γ of any hypothesis | at once | | |
 
 /// Interval of trials of γ, of the smoothness and of the knot density.

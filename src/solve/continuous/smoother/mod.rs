@@ -21,6 +21,8 @@ use std::collections::VecDeque;
 
 mod increments;
 mod readout;
+#[cfg(test)]
+mod rival_tests;
 
 /// Frames kept before the one that is settled.
 const PAST: usize = 10;

@@ -75,7 +75,7 @@ impl Hypothesis {
             (false, true) => EM_STEPS[0],
             (false, false) => STEPS[0],
         };
-        other.has_converged = other.iterate(window, steps, false);
+        (other.is_fitted, other.has_converged) = (true, other.iterate(window, steps, false));
         Some(other)
     }
 }

@@ -7,7 +7,7 @@ mod density;
 use super::evidence::EvidenceRecord;
 use super::given::Scan;
 use super::schedule::Schedule;
-use crate::solve::continuous::data::{PairWindow, breadth};
+use crate::solve::continuous::data::{FramePair, PairWindow, breadth};
 use crate::solve::continuous::fit::{
     DECISIVE_LOG_ODDS, MAX_READOUT_DEVIATION, Multistart, Posterior, STEPS, Setup, Summary, fit,
 };
@@ -73,6 +73,8 @@ pub struct Hypothesis {
     pub schedule: Schedule,
     /// Whether γ has converged since the last search.
     is_at_rest: bool,
+    /// Whether it was fitted to the last window.
+    pub is_fitted: bool,
     /// Whether γ converged in the last window.
     pub has_converged: bool,
     /// Whether the path explained little of the motion in the last window.
@@ -98,6 +100,7 @@ impl Hypothesis {
             phase: Phase::Established,
             schedule: Schedule::new(),
             is_at_rest: true,
+            is_fitted: false,
             has_converged: false,
             explains_little: false,
             em_steps: 0,
@@ -257,6 +260,22 @@ impl Hypothesis {
         self.searches = Searches::default();
     }
 
+    /// Whether the fit to an earlier window will not do: its path does not reach to the end of the frame's readout, or γ or a vibration is being sought.
+    pub fn needs_fit(&self, window: PairWindow<'_>) -> bool {
+        let homographies = &self.posterior.trajectory.homographies;
+        let covers = |pair: &FramePair| {
+            [0.0, 1.0].iter().all(|place| homographies.covers(self.posterior.block(pair.stamps[0], *place)))
+        };
+        let covers_frame = window.pairs.get(window.past).is_some_and(|pair| covers(pair));
+        let is_sought = self.phase != Phase::Established || self.searches.readout.is_some();
+        is_sought || self.considers_vibration() || !covers_frame
+    }
+
+    /// Keeps the fit to an earlier window.
+    pub fn skip(&mut self) {
+        (self.is_fitted, self.has_converged) = (false, false);
+    }
+
     /// Fits the path to a window; `longest` limits an unknown readout, in frame periods.
     pub fn settle(&mut self, window: PairWindow<'_>, starts: bool, longest: Option<f64>) {
         if let Some(longest) = longest {
@@ -268,7 +287,7 @@ impl Hypothesis {
             // Fits to a short window are no better than none.
             self.searches.readout = self.searches.ahead.take().filter(|_| !window.is_short());
         }
-        self.has_converged = false;
+        (self.is_fitted, self.has_converged) = (true, false);
         if window.pairs.is_empty() {
             return;
         }
@@ -312,6 +331,9 @@ impl Hypothesis {
     pub fn conclude(&mut self, window: PairWindow<'_>) {
         self.schedule.density.tick();
         self.schedule.smoothness.tick();
+        if !self.is_fitted {
+            return;
+        }
         // Less than half of the mean squared displacement in the frame's pairs.
         let radius = self.posterior.trajectory.radius;
         let residual = 2.0 * self.innovation_deviation(window).powi(2);
