@@ -39,7 +39,7 @@ pub struct AnalysisOptions {
     /// far as the changes of their lean show it. Found from the picture where it is not given.
     #[arg(long, value_enum)]
     pub stabilised: Option<Stabilised>,
-    /// How finely frames are analysed: `fast` analyses easy scenes in half the time of `balanced`, the default.
+    /// How finely frames are analysed: `fast` takes half to two thirds of the time that `balanced`, the default, takes.
     #[arg(long, value_enum)]
     pub effort: Option<Effort>,
     /// How the motion is estimated.

@@ -15,8 +15,7 @@ const MIN_SIDE: usize = 320;
 #[non_exhaustive]
 pub enum Effort {
     /// Half the width and height of [`Balanced`](Self::Balanced), but 320 pixels along the longer side where the frame
-    /// has them: for slow machines and large frames. Easy scenes are analysed in half the time, those with parallax
-    /// no faster while the readout is in question.
+    /// has them: for slow machines and large frames. The analysis takes half to two thirds of the time.
     Fast,
     /// 960 pixels along the longer side at most.
     #[default]

@@ -100,7 +100,7 @@ pub struct RsRectify {
     /// How much time the analysis of a frame may take.
     #[property(name = "effort", get, set, type = Effort, member = effort, default,
         nick = "Effort",
-        blurb = "How finely frames are analysed: fast analyses easy scenes in half the time of balanced, others no faster, and is less exact",
+        blurb = "How finely frames are analysed: fast takes half to two thirds of the time that balanced takes, and is less exact",
         mutable_playing)]
     /// How motion is estimated.
     #[property(name = "estimator", get, set, type = Estimator, member = estimator, default,
