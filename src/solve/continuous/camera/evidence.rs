@@ -58,8 +58,8 @@ impl EvidenceRecord {
         self.windows.iter().map(|window| window.weight).sum()
     }
 
-    /// The windows of both, the newest first, and for how many each counts: for those since the common one before, to which not both
-    /// were fitted, but for no more than it has pairs.
+    /// The windows to which both were fitted, the newest first, and for how many windows each counts: for all since the common one
+    /// before it, as the pairs of these are new, but for no more than it has pairs.
     fn common(&self, other: &Self) -> Vec<(WindowEvidence, WindowEvidence, f64)> {
         let mut theirs = other.windows.iter().peekable();
         let mut common: Vec<(WindowEvidence, WindowEvidence, f64)> = Vec::new();

@@ -260,7 +260,7 @@ impl Hypothesis {
         self.searches = Searches::default();
     }
 
-    /// Whether the fit to an earlier window will not do: its path does not reach to the end of the frame's readout, or γ or a vibration is being sought.
+    /// Whether an earlier fit does not suffice: its path does not reach the end of the frame's readout, or γ or a vibration is sought.
     pub fn needs_fit(&self, window: PairWindow<'_>) -> bool {
         let homographies = &self.posterior.trajectory.homographies;
         let covers = |pair: &FramePair| {
