@@ -58,32 +58,28 @@ impl EvidenceRecord {
         self.windows.iter().map(|window| window.weight).sum()
     }
 
-    /// The windows to which both were fitted, the newest first, and for how many windows each counts: for all since the common one
-    /// before it, as the pairs of these are new, but for no more than it has pairs.
-    fn common(&self, other: &Self) -> Vec<(WindowEvidence, WindowEvidence, f64)> {
+    /// The windows to which both were fitted, the newest first, and by how much the evidence exceeds that of the other. The weight is
+    /// that of all windows since the common one before, as the pairs of these are new, but of no more than it has pairs.
+    fn differences(&self, other: &Self) -> Vec<(WindowEvidence, f64)> {
         let mut theirs = other.windows.iter().peekable();
-        let mut common: Vec<(WindowEvidence, WindowEvidence, f64)> = Vec::new();
+        let mut common: Vec<(WindowEvidence, f64)> = Vec::new();
         for own in &self.windows {
             while theirs.next_if(|window| window.number > own.number).is_some() {}
             let Some(window) = theirs.next_if(|window| window.number == own.number) else { continue };
-            if let Some((newer, _, count)) = common.last_mut() {
-                *count = (newer.number - own.number).min(newer.pairs) as f64;
+            if let Some((newer, _)) = common.last_mut() {
+                newer.weight *= (newer.number - own.number).min(newer.pairs) as f64;
             }
-            common.push((*own, *window, 1.0));
+            let most = MAX_DEVIATIONS * own.expected().sqrt();
+            common.push((*own, (own.evidence - window.evidence).clamp(-most, most)));
         }
         common
     }
 
     /// Log odds of this hypothesis against another one by the windows of both.
     pub fn log_odds(&self, other: &Self) -> f64 {
-        let common = self.common(other);
+        let common = self.differences(other);
         let sum = |of: &dyn Fn(&WindowEvidence, f64) -> f64| -> f64 {
-            let term = |(own, theirs, count): &(WindowEvidence, WindowEvidence, f64)| {
-                let most = MAX_DEVIATIONS * own.expected().sqrt();
-                let difference = (own.evidence - theirs.evidence).clamp(-most, most);
-                count * own.weight * of(own, difference)
-            };
-            common.iter().map(term).sum()
+            common.iter().map(|(own, difference)| own.weight * of(own, *difference)).sum()
         };
         let count = sum(&|_, _| 1.0);
         if count <= 0.0 {

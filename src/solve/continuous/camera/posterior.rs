@@ -24,7 +24,8 @@ use nalgebra::Vector2;
 /// Log odds below the likeliest hypothesis at which one is dropped.
 const DROP_LOG_ODDS: f64 = 12.0;
 /// Odds against the likeliest hypothesis below which a rival is fitted only when its path ends: successive windows share all but
-/// one of their pairs, and tell little that the one before did not. Decisions between likelier ones do not wait.
+/// one of their pairs, and tell little that the one before did not. Decisions between likelier ones do not wait: where all rivals that
+/// had converged did, *night* kept 28.6 % of the displacement in the median, not 23.6.
 const UNLIKELY_ODDS: f64 = 0.05;
 /// Prior log odds of another camera: after some time or a gap, one in a thousand; after a cut, or of one
 /// other than the expected or in another mode, one in twenty.
@@ -199,7 +200,7 @@ impl CameraPosterior {
         let longest = (!self.camera.is_known()).then(|| window.usual_interval());
         let settle = |hypothesis: &mut Hypothesis| hypothesis.settle(window, starts, longest);
         let unlikely = self.leading().log_probability + UNLIKELY_ODDS.ln();
-        let follow = |rival: &mut Hypothesis| {
+        let settle_rival = |rival: &mut Hypothesis| {
             if starts || rival.log_probability > unlikely || rival.needs_fit(window) {
                 settle(rival);
             } else {
@@ -214,7 +215,7 @@ impl CameraPosterior {
             if rests && !is_needed(leading) && !rivals.iter().any(is_needed) {
                 rivals.iter_mut().for_each(Hypothesis::rest);
             } else {
-                rivals.par_iter_mut().for_each(follow);
+                rivals.par_iter_mut().for_each(settle_rival);
             }
         }
         self.split();

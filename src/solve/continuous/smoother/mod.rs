@@ -21,8 +21,6 @@ use std::collections::VecDeque;
 
 mod increments;
 mod readout;
-#[cfg(test)]
-mod rival_tests;
 
 /// Frames kept before the one that is settled.
 const PAST: usize = 10;
@@ -441,6 +439,8 @@ mod doubt_tests;
 mod film;
 #[cfg(test)]
 mod prior_tests;
+#[cfg(test)]
+mod rival_tests;
 #[cfg(test)]
 mod tests;
 #[cfg(test)]

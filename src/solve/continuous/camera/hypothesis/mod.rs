@@ -7,7 +7,7 @@ mod density;
 use super::evidence::EvidenceRecord;
 use super::given::Scan;
 use super::schedule::Schedule;
-use crate::solve::continuous::data::{FramePair, PairWindow, breadth};
+use crate::solve::continuous::data::{PairWindow, breadth};
 use crate::solve::continuous::fit::{
     DECISIVE_LOG_ODDS, MAX_READOUT_DEVIATION, Multistart, Posterior, STEPS, Setup, Summary, fit,
 };
@@ -263,10 +263,9 @@ impl Hypothesis {
     /// Whether an earlier fit does not suffice: its path does not reach the end of the frame's readout, or γ or a vibration is sought.
     pub fn needs_fit(&self, window: PairWindow<'_>) -> bool {
         let homographies = &self.posterior.trajectory.homographies;
-        let covers = |pair: &FramePair| {
-            [0.0, 1.0].iter().all(|place| homographies.covers(self.posterior.block(pair.stamps[0], *place)))
-        };
-        let covers_frame = window.pairs.get(window.past).is_some_and(|pair| covers(pair));
+        let covers = |place: f64, stamp: f64| homographies.covers(self.posterior.block(stamp, place));
+        let stamp = window.pairs.get(window.past).map(|pair| pair.stamps[0]);
+        let covers_frame = stamp.is_some_and(|stamp| covers(0.0, stamp) && covers(1.0, stamp));
         let is_sought = self.phase != Phase::Established || self.searches.readout.is_some();
         is_sought || self.considers_vibration() || !covers_frame
     }
