@@ -23,9 +23,8 @@ use nalgebra::Vector2;
 
 /// Log odds below the likeliest hypothesis at which one is dropped.
 const DROP_LOG_ODDS: f64 = 12.0;
-/// Odds against the likeliest hypothesis below which a rival is fitted only when its path ends: successive windows share all but
-/// one of their pairs, and tell little that the one before did not. Decisions between likelier ones do not wait: where all rivals that
-/// had converged did, *night* kept 28.6 % of the displacement in the median, not 23.6.
+/// Odds against the likeliest hypothesis below which a rival is fitted only when its path ends, as successive windows share all but
+/// one of their pairs. Decisions between likelier ones do not wait: *night* would keep 28.6 % of the displacement, not 23.6.
 const UNLIKELY_ODDS: f64 = 0.05;
 /// Prior log odds of another camera: after some time or a gap, one in a thousand; after a cut, or of one
 /// other than the expected or in another mode, one in twenty.
