@@ -120,6 +120,9 @@ impl<C: WordCpu> Estimates<C> {
 /// Passes messages along `count` chains that are `stride` cells apart, by the indices of the first chain's cells in their order,
 /// and adds them to the posterior of the cells. `step` and `prior` are those of the field.
 ///
+/// A message is what the cells before have measured, without the prior, which thus counts once in each cell: with it in every message the
+/// field would be pulled to zero, and seem to be known, a few cells from all measurements.
+///
 /// Messages are compared with the cell's measurement only, not with the prior: neighbours predict a cell better than the
 /// mean of the frame.
 #[inline(always)]
@@ -140,6 +143,6 @@ pub(super) fn pass_along<C: WordCpu>(
         let alone = own.plus_prior(prior);
         let accepted = own.accept(cpu, alone.value(cpu), message);
         Estimates::load(cpu, out, stride).plus(accepted).store(cpu, out, stride);
-        message = alone.plus(accepted).after_step(cpu, step);
+        message = own.plus(accepted).after_step(cpu, step);
     }
 }

@@ -5,7 +5,7 @@
 //! In a Gaussian Markov random field neighbouring vectors differ by a random step of variance q along each
 //! axis. As on a chain, messages are passed along the rows and along the columns, in both directions:
 //!
-//! > message = (Λ⁻¹ + q·I)⁻¹, Λ = own information + prior + message of the previous cell
+//! > message = (Λ⁻¹ + q·I)⁻¹, Λ = own information + message of the previous cell
 //!
 //! and a cell's posterior is the sum of its own information, the prior and the four messages (belief
 //! propagation, cut off after one sweep along each axis). A message that contradicts a cell's measurement

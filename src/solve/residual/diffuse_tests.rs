@@ -21,18 +21,6 @@ impl VelocityEstimate {
         }
     }
 
-    /// The message to the next cell, a random step of variance q away: (I + q·Λ)⁻¹ times information and sum.
-    #[inline(always)]
-    fn after_step(&self, q: f32) -> Self {
-        let ([xx, xy, yy], [x, y]) = (self.information, self.sum);
-        let (trace, determinant) = (xx + yy, (xx * yy - xy * xy).max(0.0));
-        let share = 1.0 / (1.0 + q * trace + q * q * determinant);
-        Self {
-            information: [(xx + q * determinant) * share, xy * share, (yy + q * determinant) * share],
-            sum: [(x + q * (yy * x - xy * y)) * share, (y + q * (xx * y - xy * x)) * share],
-        }
-    }
-
     /// The message, down-weighted where it contradicts the cell's own measurement; `value` is the cell's
     /// posterior without the message.
     #[inline(always)]
@@ -60,7 +48,7 @@ impl FieldPrior {
             let alone = own[cell].plus_prior(self.prior);
             let accepted = own[cell].accept(alone.value(), &message);
             out[cell] = out[cell].plus(accepted);
-            message = alone.plus(accepted).after_step(self.step);
+            message = own[cell].plus(accepted).after_step(self.step);
         }
     }
 }
@@ -125,6 +113,19 @@ fn where_nothing_is_measured_neighbours_count_more_than_the_prior() {
     FieldPrior { prior: 0.01, ..field(10) }.posterior(&own, &mut out);
     let last = out[9].value()[0];
     assert!(last > 8.0 && last < 9.0, "{last}");
+}
+
+#[test]
+fn far_from_all_measurements_the_prior_is_what_is_known() {
+    let measured =
+        |index: usize| if index % 60 < 10 { round(50.0, [9.0, 0.0]) } else { VelocityEstimate::default() };
+    let own: Vec<VelocityEstimate> = (0..60 * 20).map(measured).collect();
+    let mut out = Vec::new();
+    FieldPrior { prior: 0.25, ..field(60) }.posterior(&own, &mut out);
+    // A message along the row, fifty steps of variance 0.1 away, and the prior, of variance 4 in each coordinate.
+    let expected = 2.0 / (1.0 / 5.02 + 0.25);
+    let variance = out[10 * 60 + 59].variance();
+    assert!((variance / expected - 1.0).abs() < 0.01, "{variance}, not {expected}");
 }
 
 #[test]

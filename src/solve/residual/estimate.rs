@@ -61,4 +61,16 @@ impl VelocityEstimate {
             [0.0; 2]
         }
     }
+
+    /// The message to the next cell, a random step of variance q away: (I + q·Λ)⁻¹ times information and sum.
+    #[inline(always)]
+    pub(super) fn after_step(&self, q: f32) -> Self {
+        let ([xx, xy, yy], [x, y]) = (self.information, self.sum);
+        let (trace, determinant) = (xx + yy, (xx * yy - xy * xy).max(0.0));
+        let share = 1.0 / (1.0 + q * trace + q * q * determinant);
+        Self {
+            information: [(xx + q * determinant) * share, xy * share, (yy + q * determinant) * share],
+            sum: [(x + q * (yy * x - xy * y)) * share, (y + q * (xx * y - xy * x)) * share],
+        }
+    }
 }

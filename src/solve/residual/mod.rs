@@ -17,8 +17,8 @@
 //! | velocities of all cells → the posterior of each | `diffuse`, with the messages of `chains` |
 //!
 //! The field is the posterior mean of a Gaussian Markov random field: a prior of mean zero (the path) with
-//! the variance that residual velocities have in the frame, and neighbouring cells that differ by a random
-//! step. The information of the flow is a matrix: along edges and stripes, where it is zero, the neighbouring
+//! the variance that residual velocities have in the frame, without that of their measurement, and neighbouring cells
+//! that differ by a random step. The information of the flow is a matrix: along edges and stripes, where it is zero, the neighbouring
 //! cells and the path determine the velocity.
 
 mod chains;
