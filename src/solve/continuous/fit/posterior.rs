@@ -103,6 +103,7 @@ impl Posterior {
         let splines = &self.trajectory.splines;
         let mut first = self.smoothness.first_columns(splines, self.order(setup));
         self.evaluated.iter().for_each(|pair| pair.normal.equations.reach(&mut first));
+        self.trajectory.reach(self.shared.gamma, &mut first);
         let shared = self.system.assemble(first, self.evaluated.iter());
         let System { matrix, right, .. } = &mut self.system;
         self.smoothness.add(splines, variance_share(&self.evaluated), matrix, right);

@@ -436,6 +436,8 @@ impl Continuous {
 #[cfg(test)]
 mod doubt_tests;
 #[cfg(test)]
+mod edge_tests;
+#[cfg(test)]
 mod film;
 #[cfg(test)]
 mod prior_tests;

@@ -16,6 +16,8 @@ pub struct Trajectory {
     pub density: KnotDensity,
     /// Pixels to a radius.
     pub radius: f64,
+    /// Blocks of the first and the last exposure.
+    exposures: [f64; 2],
     pub splines: Splines,
     pub homographies: Homographies,
 }
@@ -43,11 +45,24 @@ impl Trajectory {
         if from > to {
             return;
         }
-        let [from, to] = [self.block(from) - MARGIN, self.block(to) + MARGIN];
+        self.exposures = [self.block(from), self.block(to)];
+        let [from, to] = [self.exposures[0] - MARGIN, self.exposures[1] + MARGIN];
         let base = from.floor() as i64;
         self.splines.kappa = kappa;
         self.splines.shift(base, (to.floor() as i64 - base + KNOTS as i64) as usize);
         self.homographies.integrate(&self.splines, [from, to], self.radius);
+    }
+
+    /// Extends the rows of a band, given by their first columns, to hold the covariance of the motion between the middle of the
+    /// readout and any line, in the first frame and in the last: beyond their outermost matches nothing else couples the knots.
+    pub fn reach(&self, gamma: f64, first: &mut [usize]) {
+        let [from, to] = self.exposures;
+        let half = 0.5 * self.block(gamma.abs());
+        for span in [[from, from + half], [to - half, to]] {
+            let places = self.splines.supporting(span);
+            let least = places.clone().min().unwrap_or(0);
+            places.for_each(|place| first[place] = first[place].min(least));
+        }
     }
 
     /// A path with these coefficients between two blocks.

@@ -5,7 +5,7 @@
 //! Time is in *blocks* (see [`KnotDensity`](super::KnotDensity)). The turns have four knots to a block, the
 //! other generators one: a rotation has little inertia and changes faster than a translation.
 
-use super::spline::{self, Support};
+use super::spline::{self, KNOTS, Support};
 use crate::motion::generators::{GENERATORS, TURNS};
 
 /// Knots of a turn to a block.
@@ -57,6 +57,17 @@ impl Splines {
     fn coefficient(&self, generator: usize, knot: i64) -> f64 {
         let place = usize::try_from(self.place(generator, knot)).ok();
         place.and_then(|place| self.coefficients.get(place)).copied().unwrap_or(0.0)
+    }
+
+    /// Indices of the coefficients of all generators on which the path between two blocks depends.
+    pub fn supporting(&self, [from, to]: [f64; 2]) -> impl Iterator<Item = usize> + Clone {
+        (0..GENERATORS).flat_map(move |j| {
+            let [first, last] = [from, to].map(|block| spline::values(block * ratio(j) as f64).first);
+            let places = (first..last + KNOTS as i64).map(move |knot| self.place(j, knot));
+            places
+                .filter_map(|place| usize::try_from(place).ok())
+                .filter(|place| *place < self.coefficients.len())
+        })
     }
 
     /// Knots of a generator.
