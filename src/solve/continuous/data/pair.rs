@@ -90,10 +90,15 @@ impl FramePair {
         let nearest = |from: Vector2<f64>| {
             let first = self.found.partition_point(|m| m.to.y < from.y - limit);
             let near = self.found.iter().skip(first).take_while(|m| m.to.y <= from.y + limit);
-            let distances = near.map(|m| (m, (m.to - from).norm_squared()));
-            let (m, distance) = distances.min_by(|a, b| a.1.total_cmp(&b.1))?;
-            let track = Track { before: *m, stamps: self.stamps, is_dominant: self.dominant.is_inlier(m) };
-            (distance < limit * limit).then_some(track)
+            let (mut found, mut least) = (None, limit * limit);
+            for m in near {
+                let distance = (m.to - from).norm_squared();
+                if distance < least {
+                    (found, least) = (Some(m), distance);
+                }
+            }
+            let is_dominant = |m: &Match| self.dominant.is_inlier(m);
+            found.map(|m| Track { before: *m, stamps: self.stamps, is_dominant: is_dominant(m) })
         };
         next.iter().map(|m| nearest(m.from)).collect()
     }
