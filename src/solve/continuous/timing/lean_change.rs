@@ -101,19 +101,20 @@ fn strip_leans(pair: &FramePair, shared: &Quadratic, axis: ScanAxis, noise: f64)
         .iter()
         .map(place)
         .fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], place| [low.min(place), high.max(place)]);
-    let strip_of = |m: &Match| ((place(m) - low) / (high - low) * STRIPS as f64) as usize;
-    let rest = |m: &Match| {
+    let mut strips: [Vec<Sample<f64, 2>>; STRIPS] = Default::default();
+    for m in &pair.matches {
+        let strip = ((place(m) - low) / (high - low) * STRIPS as f64) as usize;
         let terms = [1.0, axis.place(m.middle()) - 0.5];
-        Sample::new(terms.into(), m.displacement() - shared.at(&quadratic(m.middle())))
-    };
-    let of_strip = |strip: usize| pair.matches.iter().filter(move |m| strip_of(m).min(STRIPS - 1) == strip);
-    (0..STRIPS).filter_map(|strip| slope(of_strip(strip).map(rest), noise)).collect()
+        let rest = m.displacement() - shared.at(&quadratic(m.middle()));
+        strips[strip.min(STRIPS - 1)].push(Sample::new(terms.into(), rest));
+    }
+    strips.iter().filter_map(|strip| slope(strip, noise)).collect()
 }
 
 /// The lean that the displacements of a strip share; `None` if they are too few.
-fn slope(strip: impl Iterator<Item = Sample<f64, 2>> + Clone, noise: f64) -> Option<Vector2<f64>> {
+fn slope(strip: &[Sample<f64, 2>], noise: f64) -> Option<Vector2<f64>> {
     let still = Motion(SMatrix::zeros());
-    let shared = (strip.clone().count() >= MIN_STRIP).then(|| refined(strip, still, noise))??;
+    let shared = (strip.len() >= MIN_STRIP).then(|| refined(strip.iter().copied(), still, noise))??;
     Some(shared.0.column(1).into_owned())
 }
 
