@@ -10,7 +10,7 @@
 //!
 //! All levels add in the same order. AVX2 and NEON give the same results to the last digit. [`Cpu::fused`] rounds
 //! once there, and twice in plain Rust, which would call a function for it on machines without that instruction.
-//! What several kernels share is in `rows`, `sums`, `wholes` and `dispatch`. Lanes are created only through a [`Cpu`], whose value proves that the machine has the instructions. All
+//! What several kernels share is in `matrices`, `rows`, `sums`, `wholes` and `dispatch`. Lanes are created only through a [`Cpu`], whose value proves that the machine has the instructions. All
 //! functions that compute with lanes are `inline(always)`, up to a function compiled for that CPU; so must be closures.
 //!
 //! No crate took this place. The products of the warp are [`WordCpu::scaled`], one instruction with AVX2 and with
@@ -20,6 +20,7 @@
 #[cfg(target_arch = "x86_64")]
 mod avx2;
 pub(crate) mod dispatch;
+pub(crate) mod matrices;
 #[cfg(target_arch = "aarch64")]
 mod neon;
 pub(crate) mod rows;

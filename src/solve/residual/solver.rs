@@ -74,15 +74,16 @@ impl ResidualSolver {
         let Self { cells, sides, own, posterior, .. } = self;
         (cells.columns, cells.rows, cells.side) =
             (first.field.columns(), first.field.rows(), first.field.cell_side());
+        let cpu = CpuLevel::detect();
         for (side, flow) in sides.iter_mut().zip(&flows) {
-            side.fill(readout, flow, path);
+            side.fill(cpu, readout, flow, path);
         }
         let sides = sides.get(..flows.len()).unwrap_or_default();
         combine(readout, first.field, sides, own);
         let variance = variance(own);
         // Across the frame the steps add up to that variance. Half or twice as much changes no figure of `eval quick` by 1 %.
         let step = variance / cells.columns.max(1) as f32;
-        let (cpu, prior) = (CpuLevel::detect(), 1.0 / variance);
+        let prior = 1.0 / variance;
         FieldPrior { cpu, columns: cells.columns, step, prior }.posterior(own, posterior);
         cells.velocities.extend(posterior.iter().map(VelocityEstimate::value));
         self.find_regions(readout, first.field, flows.len(), prior);

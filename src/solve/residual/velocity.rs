@@ -5,10 +5,14 @@
 use super::estimate::VelocityEstimate;
 use super::frame_flow::FrameFlow;
 use super::path::Path;
+use crate::cpu::CpuLevel;
 use crate::flow::FlowField;
+use crate::lanes::dispatch::with_cpu;
+use crate::lanes::matrices::{Columns, columns, times};
+use crate::lanes::{Cpu, DoubleCpu};
 use crate::parallel::*;
 use crate::readout::Readout;
-use nalgebra::{Matrix3, Vector2};
+use nalgebra::Matrix3;
 
 /// Largest residual velocity in pixels per readout, largest interval from a frame to a neighbour in readouts, and inverse of
 /// the smallest: what is beyond is an outlier, and its weighted square overflows `f32`.
@@ -30,7 +34,7 @@ struct ArrivalPath {
     /// Seconds.
     first: f64,
     step: f64,
-    homographies: Vec<Matrix3<f64>>,
+    homographies: Vec<Columns>,
 }
 
 impl ArrivalPath {
@@ -43,31 +47,71 @@ impl ArrivalPath {
     fn new(interval: f64, readout: f64, until: impl Fn(f64) -> Matrix3<f64> + Sync) -> Self {
         let (first, step) = (interval - Self::MARGIN * readout, readout / Self::SAMPLES_PER_READOUT);
         let count = (Self::SAMPLES_PER_READOUT * (1.0 + 2.0 * Self::MARGIN)) as usize + 2;
-        let homographies =
-            (0..count).into_par_iter().with_min_len(32).map(|index| until(first + index as f64 * step));
+        let homographies = (0..count)
+            .into_par_iter()
+            .with_min_len(32)
+            .map(|index| columns(&until(first + index as f64 * step)));
         Self { first, step, homographies: homographies.collect() }
     }
 
-    /// The homography from the first instant to a time; constant beyond the outermost samples.
-    fn at(&self, time: f64) -> Option<Matrix3<f64>> {
+    /// Where a point, seen at the first instant, is at a time; constant beyond the outermost samples.
+    #[inline(always)]
+    fn carry<C: DoubleCpu>(&self, cpu: C, point: [f64; 3], time: f64) -> Option<[f64; 3]> {
         let last = self.homographies.len().checked_sub(2)?;
         let at = ((time - self.first) / self.step).clamp(0.0, last as f64);
         // NaN becomes 0.
         let index = at as usize;
         let [a, b] = self.homographies.get(index..)?.first_chunk()?;
-        let share = at - index as f64;
-        Some(a * (1.0 - share) + b * share)
+        let share = cpu.splat_double(at - index as f64);
+        let mut columns = [cpu.splat_double(0.0); 3];
+        for (column, (a, b)) in columns.iter_mut().zip(a.iter().zip(b)) {
+            let a = cpu.load_doubles(a);
+            *column = a + (cpu.load_doubles(b) - a) * share;
+        }
+        Some(times(cpu, columns, point))
+    }
+}
+
+/// The flow to a neighbour, and the path between the exposures of both frames.
+struct Flown<'a> {
+    readout: &'a Readout,
+    flow: &'a FrameFlow<'a>,
+    /// Exposure time of each line of cells, and the homography from there to the first instant.
+    starts: Vec<(f64, Columns)>,
+    arrivals: ArrivalPath,
+}
+
+impl Flown<'_> {
+    /// Residual velocity and information of a cell.
+    #[inline(always)]
+    fn velocity<C: DoubleCpu>(&self, cpu: C, column: usize, row: usize) -> Option<([f32; 2], [f32; 3])> {
+        let FrameFlow { field, interval: ahead } = *self.flow;
+        let cell = field.cells().get(row * field.columns() + column).filter(|cell| cell.confidence > 0.0)?;
+        let here = field.centre(column, row);
+        let there = [here[0] + f64::from(cell.flow[0]), here[1] + f64::from(cell.flow[1])];
+        let (from, back) =
+            self.starts.get(if self.readout.direction().is_by_rows() { row } else { column })?;
+        let back = [cpu.load_doubles(&back[0]), cpu.load_doubles(&back[1]), cpu.load_doubles(&back[2])];
+        let to = ahead + self.readout.offset(there[0], there[1]);
+        let at_first = times(cpu, back, [here[0], here[1], 1.0]);
+        let [x, y, z] = self.arrivals.carry(cpu, at_first, to)?;
+        // Time between the two exposures in readouts.
+        let interval = ((to - from) / self.readout.time()) as f32;
+        let [x, y] = [(there[0] - x / z) as f32 / interval, (there[1] - y / z) as f32 / interval];
+        let weight = cell.confidence * interval * interval;
+        let is_valid = x.abs() < OUTLIER && y.abs() < OUTLIER && weight.is_finite();
+        is_valid.then(|| ([x, y], cell.information.map(|value| value * weight)))
     }
 }
 
 impl NeighbourFlow {
     /// Computes the residual velocities of the flow to a neighbour.
-    pub(super) fn fill(&mut self, readout: &Readout, flow: &FrameFlow<'_>, path: &impl Path) {
+    pub(super) fn fill(&mut self, cpu: CpuLevel, readout: &Readout, flow: &FrameFlow<'_>, path: &impl Path) {
         let field = flow.field;
-        let (columns, rows) = (field.columns(), field.rows());
+        let (across, rows) = (field.columns(), field.rows());
         self.ahead = (flow.interval / readout.time) as f32;
         self.cells.clear();
-        self.cells.resize(columns * rows, Default::default());
+        self.cells.resize(across * rows, Default::default());
         if !(self.ahead.abs() < OUTLIER && self.ahead.abs() > OUTLIER.recip()) {
             return;
         }
@@ -77,28 +121,17 @@ impl NeighbourFlow {
         let start = |line: usize| {
             let [x, y] = if by_rows { field.centre(0, line) } else { field.centre(line, 0) };
             let time = readout.offset(x, y);
-            (time, path.back(time))
+            (time, columns(&path.back(time)))
         };
-        let starts: Vec<_> = (0..if by_rows { rows } else { columns }).map(start).collect();
-        let velocity = |column: usize, row: usize| {
-            let cell = field.cells().get(row * columns + column).filter(|cell| cell.confidence > 0.0)?;
-            let here = Vector2::from(field.centre(column, row));
-            let there = here + Vector2::from(cell.flow).map(f64::from);
-            let (from, back) = starts.get(if by_rows { row } else { column })?;
-            let to = flow.interval + readout.offset(there.x, there.y);
-            let at_first = back * here.push(1.0);
-            let carried = arrivals.at(to)? * at_first;
-            // Time between the two exposures in readouts.
-            let interval = ((to - from) / readout.time) as f32;
-            let velocity = (there - carried.xy() / carried.z).cast::<f32>() / interval;
-            let weight = cell.confidence * interval * interval;
-            let is_valid = velocity.x.abs() < OUTLIER && velocity.y.abs() < OUTLIER && weight.is_finite();
-            is_valid.then(|| (velocity.into(), cell.information.map(|value| value * weight)))
-        };
-        self.cells.par_chunks_mut(columns.max(1)).enumerate().for_each(|(row, cells)| {
-            for (column, cell) in cells.iter_mut().enumerate() {
-                *cell = velocity(column, row).unwrap_or_default();
-            }
+        let starts = (0..if by_rows { rows } else { across }).map(start).collect();
+        let flown = Flown { readout, flow, starts, arrivals };
+        self.cells.par_chunks_mut(across.max(1)).enumerate().for_each(|(row, cells)| {
+            with_cpu!(cpu, cpu => cpu.vectorize(
+                #[inline(always)]
+                || for (column, cell) in cells.iter_mut().enumerate() {
+                    *cell = flown.velocity(cpu, column, row).unwrap_or_default();
+                }
+            ));
         });
     }
 

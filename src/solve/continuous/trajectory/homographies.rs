@@ -10,6 +10,7 @@
 //! followed to 0.03 px; a turn about one axis, in closed form, to 0.001 px.
 
 use super::splines::{Splines, ratio};
+use crate::lanes::matrices::{Columns, columns, times};
 use crate::lanes::scalar::Scalar;
 use crate::lanes::{DOUBLES, DoubleCpu};
 use crate::motion::generators::{GENERATORS, flow_matrix};
@@ -21,10 +22,6 @@ const STEP: f64 = 0.5 / ratio(0) as f64;
 const GAUSS: f64 = 0.288_675_134_594_812_9;
 const _: () =
     assert!(GENERATORS.is_multiple_of(DOUBLES), "rates are taken by vectors: the last ones would stay 0");
-
-/// The columns of a 3 × 3 matrix, each a vector whose last number is 0. Products with them are not fused, so that residuals
-/// are the same on all machines.
-type Columns = [[f64; DOUBLES]; 3];
 
 #[derive(Clone, Debug)]
 struct Node {
@@ -138,8 +135,8 @@ impl Homographies {
             let a = matrix(here);
             let values = path.values(STEP * (self.first + steps));
             self.nodes.push(Node {
-                forward: [h, a * h].map(columns),
-                back: [inverse, -inverse * a].map(columns),
+                forward: [&h, &(a * h)].map(columns),
+                back: [&inverse, &(-inverse * a)].map(columns),
                 rates: here,
                 values,
             });
@@ -182,21 +179,9 @@ impl Homographies {
     }
 }
 
-fn columns(matrix: Matrix3<f64>) -> Columns {
-    std::array::from_fn(|c| [matrix[(0, c)], matrix[(1, c)], matrix[(2, c)], 0.0])
-}
-
 fn matrix(columns: [<Scalar as DoubleCpu>::Doubles; 3]) -> Matrix3<f64> {
     let columns = columns.map(|column| Scalar.store_doubles(column));
     Matrix3::from_fn(|r, c| columns[c][r])
-}
-
-/// The product of a matrix, by its columns, and a point.
-#[inline(always)]
-fn times<C: DoubleCpu>(cpu: C, [a, b, c]: [C::Doubles; 3], [x, y, z]: [f64; 3]) -> [f64; 3] {
-    let sum = cpu.splat_double(x) * a + cpu.splat_double(y) * b + cpu.splat_double(z) * c;
-    let [x, y, z, _] = cpu.store_doubles(sum);
-    [x, y, z]
 }
 
 /// The cubic with these values and slopes at 0 and 1.
