@@ -81,7 +81,7 @@ pub(crate) fn rounded_homography(exact: &Matrix3<f64>, width: usize, height: usi
 pub(super) fn velocity_steps(velocity: f32, spacing: f64) -> Option<i64> {
     let steps = f64::from(velocity) * VELOCITY_STEPS / spacing;
     // No for NaN.
-    (steps.abs() <= MAX_VELOCITY_STEPS).then(|| steps.round() as i64)
+    (steps.abs() <= MAX_VELOCITY_STEPS).then(|| (steps + 0.5_f64.copysign(steps)) as i64)
 }
 
 /// The velocity of a number of steps.
