@@ -41,6 +41,7 @@ impl Splines {
     }
 
     /// Index of a coefficient, negative or past the end outside the path.
+    #[inline(always)]
     pub fn place(&self, generator: usize, knot: i64) -> i64 {
         let ratio = ratio(generator);
         let block = knot.div_euclid(ratio) - self.base;
@@ -78,13 +79,21 @@ impl Splines {
 
     /// Weighted sums of the coefficients of all generators.
     fn sums(&self, turns: Support, others: Support) -> [f64; GENERATORS] {
-        let mut sums = [0.0; GENERATORS];
-        for (support, generators) in [(turns, 0..TURNS), (others, TURNS..GENERATORS)] {
-            for (knot, weight) in (support.first..).zip(support.weights) {
-                // The generators of either kind lie side by side; outside the path there are none.
-                let place = usize::try_from(self.place(generators.start, knot)).unwrap_or(usize::MAX);
-                let coefficients = self.coefficients.get(place..).unwrap_or_default();
-                sums[generators.clone()].iter_mut().zip(coefficients).for_each(|(sum, c)| *sum += c * weight);
+        let [a, b, c] = self.sums_of(0, turns);
+        let [d, e, f, g, h] = self.sums_of(TURNS, others);
+        [a, b, c, d, e, f, g, h]
+    }
+
+    /// Weighted sums of the coefficients of all generators of a kind, from the `first` on.
+    #[inline(always)]
+    fn sums_of<const COUNT: usize>(&self, first: usize, support: Support) -> [f64; COUNT] {
+        let mut sums = [0.0; COUNT];
+        for (knot, weight) in (support.first..).zip(support.weights) {
+            // The generators of either kind lie side by side; outside the path there are none.
+            let place = usize::try_from(self.place(first, knot)).unwrap_or(usize::MAX);
+            if let Some(coefficients) = self.coefficients.get(place..).and_then(<[f64]>::first_chunk::<COUNT>)
+            {
+                sums.iter_mut().zip(coefficients).for_each(|(sum, c)| *sum += c * weight);
             }
         }
         sums
