@@ -18,13 +18,6 @@ struct Estimates<C: WordCpu> {
     sum: [C::Lanes; 2],
 }
 
-/// The numbers of a cell.
-#[inline(always)]
-fn numbers(cell: &VelocityEstimate) -> [f32; 5] {
-    let ([xx, xy, yy], [x, y]) = (cell.information, cell.sum);
-    [xx, xy, yy, x, y]
-}
-
 impl<C: WordCpu> Estimates<C> {
     #[inline(always)]
     fn zero(cpu: C) -> Self {
@@ -34,24 +27,20 @@ impl<C: WordCpu> Estimates<C> {
     /// Of the cells from the first on that are `stride` apart.
     #[inline(always)]
     fn load(cpu: C, cells: &[VelocityEstimate], stride: usize) -> Self {
-        let mut columns = [[0.0; CHAINS]; 5];
-        for (chain, cell) in cells.iter().step_by(stride).take(CHAINS).enumerate() {
-            for (column, number) in columns.iter_mut().zip(numbers(cell)) {
-                column[chain] = number;
-            }
+        let mut rows = [cpu.splat(0.0); CHAINS];
+        for (row, cell) in rows.iter_mut().zip(cells.iter().step_by(stride)) {
+            *row = cpu.load(&cell.0);
         }
-        let [xx, xy, yy, x, y] = &columns;
-        Self { information: [cpu.load(xx), cpu.load(xy), cpu.load(yy)], sum: [cpu.load(x), cpu.load(y)] }
+        let [xx, xy, yy, x, y, ..] = cpu.transposed(rows);
+        Self { information: [xx, xy, yy], sum: [x, y] }
     }
 
     #[inline(always)]
     fn store(self, cpu: C, cells: &mut [VelocityEstimate], stride: usize) {
-        let ([xx, xy, yy], [x, y]) = (self.information, self.sum);
-        let [xx, xy, yy] = [cpu.store(xx), cpu.store(xy), cpu.store(yy)];
-        let [x, y] = [cpu.store(x), cpu.store(y)];
-        for (chain, cell) in cells.iter_mut().step_by(stride).take(CHAINS).enumerate() {
-            cell.information = [xx[chain], xy[chain], yy[chain]];
-            cell.sum = [x[chain], y[chain]];
+        let ([xx, xy, yy], [x, y], zero) = (self.information, self.sum, cpu.splat(0.0));
+        let rows = cpu.transposed([xx, xy, yy, x, y, zero, zero, zero]);
+        for (cell, row) in cells.iter_mut().step_by(stride).zip(rows) {
+            cell.0 = cpu.store(row);
         }
     }
 

@@ -9,16 +9,13 @@ impl VelocityEstimate {
     /// The squared Mahalanobis norm of a vector.
     #[inline(always)]
     fn squared_norm(&self, [x, y]: [f32; 2]) -> f32 {
-        let [xx, xy, yy] = self.information;
+        let [xx, xy, yy, ..] = self.0;
         xx * x * x + 2.0 * xy * x * y + yy * y * y
     }
 
     #[inline(always)]
     fn times(self, share: f32) -> Self {
-        Self {
-            information: self.information.map(|value| share * value),
-            sum: self.sum.map(|value| share * value),
-        }
+        Self(self.0.map(|value| share * value))
     }
 
     /// The message, down-weighted where it contradicts the cell's own measurement; `value` is the cell's
@@ -67,7 +64,7 @@ fn a_step_adds_to_the_covariance() {
     let after = before.after_step(0.5);
     // Λ = (3 1; 1 2), Λ⁻¹ + ½·I = (0.9 −0.2; −0.2 1.1), whose inverse is (1.1 0.2; 0.2 0.9)/0.95.
     let expected = [1.1 / 0.95, 0.2 / 0.95, 0.9 / 0.95];
-    assert!(after.information.iter().zip(expected).all(|(is, ought)| (is - ought).abs() < 1e-5));
+    assert!(after.0.iter().zip(expected).all(|(is, ought)| (is - ought).abs() < 1e-5));
     let [x, y] = after.value();
     assert!((x - 4.0).abs() < 1e-4 && (y + 5.0).abs() < 1e-4, "{x} {y}");
 }

@@ -135,7 +135,7 @@ fn variance(cells: &[VelocityEstimate]) -> f32 {
     for _ in 0..SCORING_STEPS {
         let (mut score, mut information) = (0.0, f32::MIN_POSITIVE);
         for cell in cells {
-            let VelocityEstimate { information: [xx, xy, yy], sum: [x, y] } = cell.after_step(variance);
+            let VelocityEstimate([xx, xy, yy, x, y, ..]) = cell.after_step(variance);
             score += x * x + y * y - (xx + yy);
             information += xx * xx + 2.0 * xy * xy + yy * yy;
         }
