@@ -110,10 +110,10 @@ impl NeighbourFlow {
         let field = flow.field;
         let (across, rows) = (field.columns(), field.rows());
         self.ahead = (flow.interval / readout.time) as f32;
-        self.cells.clear();
+        // All are set below.
         self.cells.resize(across * rows, Default::default());
         if !(self.ahead.abs() < OUTLIER && self.ahead.abs() > OUTLIER.recip()) {
-            return;
+            return self.cells.fill(Default::default());
         }
         let arrivals = ArrivalPath::new(flow.interval, readout.time, |time| path.until(time));
         let by_rows = readout.direction.is_by_rows();
