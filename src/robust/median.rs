@@ -74,9 +74,9 @@ fn narrowed(values: &mut [(f64, f64)], half: f64) -> (&mut [(f64, f64)], f64) {
         below += weights[own];
         own += 1;
     }
-    let mut count = 0;
+    let (mut count, first) = (0, low + ((own as u64) << shift));
     for index in 0..values.len() {
-        if bucket(values[index].0) == own {
+        if key(values[index].0).wrapping_sub(first) >> shift == 0 {
             values.swap(count, index);
             count += 1;
         }
