@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT OR Apache-2.0
 
-//! Messages along chains of cells, up to eight chains at a time.
+//! Messages along chains of cells, and the score of their variance: up to eight chains, or cells, at a time.
 
 use super::estimate::VelocityEstimate;
 use crate::lanes::{FLOATS, WordCpu};
@@ -104,6 +104,21 @@ impl<C: WordCpu> Estimates<C> {
         let ([xx, xy, yy], [x, y], weight) = (message.information, message.sum, share * share);
         Self { information: [weight * xx, weight * xy, weight * yy], sum: [weight * x, weight * y] }
     }
+}
+
+/// Fisher's score of the variance V of the cells' vectors, and its information, times two: Σ (|M·v|² − tr M) and Σ tr M², where a
+/// vector v that is measured with the information Λ has M = (V·I + Λ⁻¹)⁻¹.
+#[inline(always)]
+pub(super) fn score_of_variance<C: WordCpu>(cpu: C, variance: f32, cells: &[VelocityEstimate]) -> [f32; 2] {
+    let (variance, two) = (cpu.splat(variance), cpu.splat(2.0));
+    let mut sums = [cpu.splat(0.0); 2];
+    for cells in cells.chunks(CHAINS) {
+        let Estimates { information: [xx, xy, yy], sum: [x, y] } =
+            Estimates::load(cpu, cells, 1).after_step(cpu, variance);
+        let [score, information] = sums;
+        sums = [score + (x * x + y * y - (xx + yy)), information + (xx * xx + two * xy * xy + yy * yy)];
+    }
+    sums.map(|lanes| cpu.store(lanes).iter().sum())
 }
 
 /// Passes messages along `count` chains that are `stride` cells apart, by the indices of the first chain's cells in their order,

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT OR Apache-2.0
 
-use super::super::chains::QUARTER_WEIGHT_DISTANCE;
+use super::super::chains::{QUARTER_WEIGHT_DISTANCE, score_of_variance};
 use super::*;
 use crate::robust::loss::{GemanMcClure, Loss};
 
@@ -16,6 +16,17 @@ impl VelocityEstimate {
     #[inline(always)]
     fn times(self, share: f32) -> Self {
         Self(self.0.map(|value| share * value))
+    }
+
+    /// The message to the next cell, a random step of variance q away: (I + q·Λ)⁻¹ times information and sum.
+    #[inline(always)]
+    fn after_step(&self, q: f32) -> Self {
+        let [xx, xy, yy, x, y, ..] = self.0;
+        let (trace, determinant) = (xx + yy, (xx * yy - xy * xy).max(0.0));
+        let share = 1.0 / (1.0 + q * trace + q * q * determinant);
+        let [x, y] = [x + q * (yy * x - xy * y), y + q * (xx * y - xy * x)];
+        let [xx, xy, yy] = [xx + q * determinant, xy, yy + q * determinant];
+        Self([xx, xy, yy, x, y, 0.0, 0.0, 0.0].map(|value| value * share))
     }
 
     /// The message, down-weighted where it contradicts the cell's own measurement; `value` is the cell's
@@ -162,5 +173,27 @@ fn several_chains_are_passed_along_as_one_is() {
             field.pass_one(cells.rev(), &own, &mut expected);
         }
         assert_eq!(out, expected, "{cpu}");
+    }
+}
+
+#[test]
+fn the_score_of_a_variance_is_the_same_for_several_cells_as_for_one() {
+    let measured = |index: usize| {
+        let (a, b) = ((index as f32 * 1.7).sin(), (index as f32 * 0.3).sin());
+        VelocityEstimate::new([9.0 * a * a, 7.0 * a * b, 9.0 * b * b], [2.0 * a, 4.0 * b])
+    };
+    let cells: Vec<VelocityEstimate> = (0..3 * CHAINS + 5).map(measured).collect();
+    let of_one = |cell: &VelocityEstimate| {
+        let [xx, xy, yy, x, y, ..] = cell.after_step(0.3).0;
+        [x * x + y * y - (xx + yy), xx * xx + 2.0 * xy * xy + yy * yy]
+    };
+    let expected = cells.iter().map(of_one).fold([0.0; 2], |[a, b], [x, y]| [a + x, b + y]);
+    for cpu in CpuLevel::supported() {
+        let found =
+            with_cpu!(cpu, cpu => cpu.vectorize(#[inline(always)] || score_of_variance(cpu, 0.3, &cells)));
+        assert!(
+            found.iter().zip(expected).all(|(found, expected)| (found / expected - 1.0).abs() < 1e-4),
+            "{cpu}"
+        );
     }
 }

@@ -58,15 +58,4 @@ impl VelocityEstimate {
             [0.0; 2]
         }
     }
-
-    /// The message to the next cell, a random step of variance q away: (I + q·Λ)⁻¹ times information and sum.
-    #[inline(always)]
-    pub(super) fn after_step(&self, q: f32) -> Self {
-        let [xx, xy, yy, x, y, ..] = self.0;
-        let (trace, determinant) = (xx + yy, (xx * yy - xy * xy).max(0.0));
-        let share = 1.0 / (1.0 + q * trace + q * q * determinant);
-        let [x, y] = [x + q * (yy * x - xy * y), y + q * (xx * y - xy * x)];
-        let [xx, xy, yy] = [xx + q * determinant, xy, yy + q * determinant];
-        Self([xx, xy, yy, x, y, 0.0, 0.0, 0.0].map(|value| value * share))
-    }
 }

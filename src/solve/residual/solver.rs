@@ -2,6 +2,7 @@
 
 //! The residual velocities of a frame.
 
+use super::chains::score_of_variance;
 use super::diffuse::FieldPrior;
 use super::estimate::VelocityEstimate;
 use super::frame_flow::FrameFlow;
@@ -9,6 +10,8 @@ use super::path::Path;
 use super::velocity::{NeighbourFlow, OUTLIER, combine};
 use crate::cpu::CpuLevel;
 use crate::flow::FlowField;
+use crate::lanes::Cpu;
+use crate::lanes::dispatch::with_cpu;
 use crate::readout::Readout;
 use nalgebra::Vector2;
 
@@ -80,7 +83,7 @@ impl ResidualSolver {
         }
         let sides = sides.get(..flows.len()).unwrap_or_default();
         combine(readout, first.field, sides, own);
-        let variance = variance(own);
+        let variance = variance(cpu, own);
         // Across the frame the steps add up to that variance. Half or twice as much changes no figure of `eval quick` by 1 %.
         let step = variance / cells.columns.max(1) as f32;
         let prior = 1.0 / variance;
@@ -128,18 +131,15 @@ impl ResidualSolver {
     }
 }
 
-/// The variance V of a coordinate of the velocities: the likeliest, by Fisher's scoring. A measured velocity v has the covariance
-/// V·I + Λ⁻¹; with M = (V·I + Λ⁻¹)⁻¹ each step adds Σ (|M·v|² − tr M) / Σ tr M².
-fn variance(cells: &[VelocityEstimate]) -> f32 {
+/// The variance of a coordinate of the velocities: the likeliest, by Fisher's scoring.
+fn variance(cpu: CpuLevel, cells: &[VelocityEstimate]) -> f32 {
     let mut variance = MIN_VARIANCE;
     for _ in 0..SCORING_STEPS {
-        let (mut score, mut information) = (0.0, f32::MIN_POSITIVE);
-        for cell in cells {
-            let VelocityEstimate([xx, xy, yy, x, y, ..]) = cell.after_step(variance);
-            score += x * x + y * y - (xx + yy);
-            information += xx * xx + 2.0 * xy * xy + yy * yy;
-        }
-        variance = (variance + score / information).max(MIN_VARIANCE);
+        let [score, information] = with_cpu!(cpu, cpu => cpu.vectorize(
+            #[inline(always)]
+            || score_of_variance(cpu, variance, cells)
+        ));
+        variance = (variance + score / information.max(f32::MIN_POSITIVE)).max(MIN_VARIANCE);
     }
     variance
 }

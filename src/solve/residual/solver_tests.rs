@@ -186,7 +186,7 @@ fn the_variance_of_velocities_is_found_beneath_that_of_their_measurement() {
         let cells: Vec<VelocityEstimate> = (0..1000)
             .flat_map(|_| [measured([0.2, 1e4]), measured([2.0, 0.5]), measured([0.3, 0.3])])
             .collect();
-        let found = f64::from(variance(&cells)).sqrt();
+        let found = f64::from(variance(CpuLevel::detect(), &cells)).sqrt();
         assert!((found / deviation - 1.0).abs() < 0.06, "{found} instead of {deviation}");
     }
 }
