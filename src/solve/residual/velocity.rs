@@ -110,7 +110,7 @@ impl NeighbourFlow {
         let field = flow.field;
         let (across, rows) = (field.columns(), field.rows());
         self.ahead = (flow.interval / readout.time) as f32;
-        // All are set below.
+        // The cells of the frame before are overwritten below.
         self.cells.resize(across * rows, Default::default());
         if !(self.ahead.abs() < OUTLIER && self.ahead.abs() > OUTLIER.recip()) {
             return self.cells.fill(Default::default());

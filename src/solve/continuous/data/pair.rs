@@ -97,8 +97,11 @@ impl FramePair {
                     (found, least) = (Some(m), distance);
                 }
             }
-            let is_dominant = |m: &Match| self.dominant.is_inlier(m);
-            found.map(|m| Track { before: *m, stamps: self.stamps, is_dominant: is_dominant(m) })
+            found.map(|m: &Match| Track {
+                before: *m,
+                stamps: self.stamps,
+                is_dominant: self.dominant.is_inlier(m),
+            })
         };
         next.iter().map(|m| nearest(m.from)).collect()
     }
