@@ -12,6 +12,7 @@
 //! | module | from | to |
 //! |---|---|---|
 //! | [`plane`] | bytes | borrowed views of image planes |
+//! | [`area`] | | where the picture lies in its frame |
 //! | [`readout`] | direction, time, delay | exposure time of each point of a frame |
 //! | `pyramid` | a luma plane | its image pyramid |
 //! | `robust` | residuals | robust losses, the median, the motion that most displacements share |
@@ -42,6 +43,7 @@ mod lanes;
 mod parallel;
 mod stabilize;
 
+pub mod area;
 pub mod motion;
 pub mod plane;
 pub mod readout;
@@ -77,6 +79,7 @@ mod solve;
 /// The linear algebra of [`motion`], in the version used in the public interface.
 pub use nalgebra;
 
+pub use area::PictureArea;
 pub use cpu::CpuLevel;
 pub use plane::{Plane, PlaneMut, SampleFormat};
 pub use rectifier::{Duplicate, Rectifier, Settings};
@@ -114,6 +117,7 @@ mod tests {
         check::<plane::Luma<'static>>();
         check::<plane::LumaError>();
         check::<plane::PlaneError>();
+        check::<PictureArea>();
         check::<CpuLevel>();
     }
 }

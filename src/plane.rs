@@ -5,6 +5,7 @@
 //! A [`Plane`] is bytes plus a [`PlaneLayout`]. One layout serves planar, semi-planar and packed
 //! pictures: packed formats are several views of the same bytes, each starting at its own sample.
 
+use std::ops::Range;
 use thiserror::Error;
 
 /// How one sample is stored. Samples of more than 8 bits are 16-bit little-endian words.
@@ -101,6 +102,15 @@ impl PlaneLayout {
         Ok(Self { step, stride: if self.height > 1 { self.stride } else { row }, ..self })
     }
 
+    /// The layout of a part with at least a pixel, and the byte with which it begins; `None` where it is not within the plane.
+    fn part(&self, columns: &Range<usize>, rows: &Range<usize>) -> Option<(Self, usize)> {
+        let is_within = |part: &Range<usize>, count| part.start < part.end && part.end <= count;
+        (is_within(columns, self.width) && is_within(rows, self.height)).then(|| {
+            let start = rows.start * self.stride + columns.start * self.step * self.format.bytes();
+            (Self { width: columns.len(), height: rows.len(), ..*self }, start)
+        })
+    }
+
     fn check(&self, len: usize) -> Result<(), PlaneError> {
         if !(1..=4).contains(&self.channels) || self.step < self.channels {
             return Err(PlaneError::Channels { channels: self.channels, step: self.step });
@@ -177,6 +187,12 @@ impl<'a> Plane<'a> {
         self.data
     }
 
+    /// The view of a part with at least a pixel; `None` where it is not within the plane.
+    pub(crate) fn part(&self, columns: &Range<usize>, rows: &Range<usize>) -> Option<Self> {
+        let (layout, start) = self.layout.part(columns, rows)?;
+        Self::new(self.data.get(start..)?, layout).ok()
+    }
+
     /// The bytes of row `y`, from its first to its last sample; empty where there is no such row.
     #[must_use]
     pub fn row(&self, y: usize) -> &'a [u8] {
@@ -212,6 +228,12 @@ impl<'a> PlaneMut<'a> {
         self.data
     }
 
+    /// The view of a part with at least a pixel; `None` where it is not within the plane.
+    pub(crate) fn part(&mut self, columns: &Range<usize>, rows: &Range<usize>) -> Option<PlaneMut<'_>> {
+        let (layout, start) = self.layout.part(columns, rows)?;
+        PlaneMut::new(self.data.get_mut(start..)?, layout).ok()
+    }
+
     /// A read-only view of the same samples.
     #[must_use]
     pub fn as_plane(&self) -> Plane<'_> {
@@ -219,7 +241,7 @@ impl<'a> PlaneMut<'a> {
     }
 }
 
-fn row_range(layout: &PlaneLayout, y: usize) -> Option<std::ops::Range<usize>> {
+fn row_range(layout: &PlaneLayout, y: usize) -> Option<Range<usize>> {
     if y >= layout.height || layout.width == 0 {
         return None;
     }
@@ -247,6 +269,24 @@ impl<'a> Luma<'a> {
             Some(channel) => Err(LumaError::Weight { channel, weight: weights[channel] }),
             None => Ok(Self { plane, weights }),
         }
+    }
+
+    /// The luma of a pixel, in steps of the samples; 0 where there is none.
+    pub(crate) fn at(&self, x: usize, y: usize) -> f64 {
+        let PlaneLayout { step, channels, format, .. } = *self.plane.layout();
+        let samples = self.plane.row(y).get(x * step * format.bytes()..).unwrap_or_default();
+        let value = |bytes: &[u8]| match *bytes {
+            [byte] => u16::from(byte),
+            [low, high] => u16::from_le_bytes([low, high]) >> format.shift(),
+            _ => 0,
+        };
+        let values = samples.chunks(format.bytes()).take(channels).zip(self.weights);
+        values.map(|(bytes, weight)| f64::from(weight) * f64::from(value(bytes))).sum()
+    }
+
+    /// The part within these columns and rows; `None` where it is not within the plane or has no pixels.
+    pub(crate) fn part(&self, columns: &Range<usize>, rows: &Range<usize>) -> Option<Self> {
+        Some(Self { plane: self.plane.part(columns, rows)?, ..*self })
     }
 
     /// The samples.

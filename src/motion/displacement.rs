@@ -2,7 +2,7 @@
 
 //! By how many pixels a frame's rectification moves what it shows, without stabilisation and crop.
 
-use super::{FrameMotion, image_centre};
+use super::FrameMotion;
 use nalgebra::Vector2;
 
 /// Intervals along each side of the frame between the points at which the largest displacement is sought: a path bends far less
@@ -17,9 +17,8 @@ impl FrameMotion {
     /// `reference`, a share of the readout, in pixels; 0 where the path has none that is finite.
     #[must_use]
     pub fn displacement(&self, pixel: Vector2<f64>, reference: f64) -> Vector2<f64> {
-        let readout = self.readout();
-        let point = pixel - image_centre(readout.width(), readout.height());
-        let moved = self.path().carry(point, readout.share(pixel.x, pixel.y), reference);
+        let point = pixel - self.centre();
+        let moved = self.path().carry(point, self.share(pixel), reference);
         let moved = (moved - point) * self.weight();
         if moved.iter().all(|coordinate| coordinate.is_finite()) { moved } else { Vector2::zeros() }
     }
@@ -39,7 +38,9 @@ impl FrameMotion {
     fn displacements(&self, reference: f64) -> impl Iterator<Item = f64> + '_ {
         let rows = if self.weight() == 0.0 || self.path().is_still() { 0 } else { INTERVALS + 1 };
         let size = [self.readout().width(), self.readout().height()].map(|side| side as f64 - 1.0);
-        let along = move |index: usize, axis: usize| size[axis] * index as f64 / INTERVALS as f64;
+        let origin = self.area().origin().map(|at| at as f64);
+        let along =
+            move |index: usize, axis: usize| origin[axis] + size[axis] * index as f64 / INTERVALS as f64;
         let points = (0..rows).flat_map(|row| (0..=INTERVALS).map(move |column| (column, row)));
         points.map(move |(column, row)| {
             self.displacement(Vector2::new(along(column, 0), along(row, 1)), reference).norm()

@@ -2,28 +2,34 @@
 
 //! The motion of one frame, the shutter it was solved for, and the share of the correction applied.
 
-use super::MotionPath;
 use super::sampled::{normalised, scaled, turned};
+use super::{MotionPath, image_centre};
+use crate::area::PictureArea;
 use crate::readout::Readout;
-use nalgebra::Matrix3;
+use nalgebra::{Matrix3, Vector2};
 
 /// The motion of one frame, as needed for its rectification.
 ///
 /// Path, readout and weight are kept together: the path is a function of the elapsed share of *its* readout,
 /// and if it is uncertain only a part of the correction improves the frame.
+///
+/// Where black bars lie beside the picture, all of this is of the picture alone: its size, its centre and its readout. The
+/// [area](Self::area) states where it lies in the frame.
 #[derive(Clone, Debug, PartialEq)]
 pub struct FrameMotion {
     readout: Readout,
     path: MotionPath,
     weight: f64,
     placement: Option<Matrix3<f64>>,
+    area: PictureArea,
 }
 
 impl FrameMotion {
     /// A motion whose correction is applied in full.
     #[must_use]
     pub const fn new(readout: Readout, path: MotionPath) -> Self {
-        Self { readout, path, weight: 1.0, placement: None }
+        let area = PictureArea::whole(readout.width, readout.height);
+        Self { readout, path, weight: 1.0, placement: None, area }
     }
 
     /// The same motion with this share of the correction applied, clamped to 0 to 1; NaN counts as 0.
@@ -37,6 +43,33 @@ impl FrameMotion {
     #[must_use]
     pub fn with_placement(self, placement: Option<Matrix3<f64>>) -> Self {
         Self { placement: placement.as_ref().and_then(normalised), ..self }
+    }
+
+    /// The same motion of a picture that lies there in its frame. An area of another size than the readout's is not taken over.
+    #[must_use]
+    pub fn within(self, area: PictureArea) -> Self {
+        let is_fit = area.size() == [self.readout.width, self.readout.height];
+        if is_fit { Self { area, ..self } } else { self }
+    }
+
+    /// Where the picture lies in its frame.
+    #[must_use]
+    pub const fn area(&self) -> &PictureArea {
+        &self.area
+    }
+
+    /// Centre of the picture in pixels of the frame: the origin of centred points.
+    #[must_use]
+    pub fn centre(&self) -> Vector2<f64> {
+        let [x, y] = self.area.origin().map(|at| at as f64);
+        image_centre(self.readout.width, self.readout.height) + Vector2::new(x, y)
+    }
+
+    /// Share of the readout that has elapsed where a pixel of the frame is exposed; beside the picture, as if it went on there.
+    #[must_use]
+    pub fn share(&self, pixel: Vector2<f64>) -> f64 {
+        let [x, y] = self.area.origin().map(|at| at as f64);
+        self.readout.share(pixel.x - x, pixel.y - y)
     }
 
     /// The shutter that the motion was solved for.
@@ -68,14 +101,16 @@ impl FrameMotion {
     /// The same motion of the frame scaled to `width` × `height` pixels, as of a proxy.
     #[must_use]
     pub fn scaled_to(&self, width: usize, height: usize) -> Self {
+        let area = self.area.scaled_to(width, height);
+        let [width, height] = area.size();
         let readout = Readout { width, height, ..self.readout };
         let (from, to) = ([self.readout.width, self.readout.height], [width, height]);
         if from == to || from.contains(&0) || to.contains(&0) {
-            return Self { readout, ..self.clone() };
+            return Self { readout, area, ..self.clone() };
         }
         let factors = [0, 1].map(|axis| to[axis] as f64 / from[axis] as f64);
         let placement = self.placement.map(|placement| scaled(&placement, factors));
-        Self { readout, path: self.path.scaled(factors), weight: self.weight, placement }
+        Self { readout, path: self.path.scaled(factors), weight: self.weight, placement, area }
     }
 
     /// The same motion of the frame turned clockwise by a quarter.
@@ -84,7 +119,7 @@ impl FrameMotion {
         let Readout { width, height, direction, time } = self.readout;
         let readout = Readout { width: height, height: width, direction: direction.turned(), time };
         let placement = self.placement.map(|placement| turned(&placement));
-        Self { readout, path: self.path.turned(), weight: self.weight, placement }
+        Self { readout, path: self.path.turned(), weight: self.weight, placement, area: self.area.turned() }
     }
 
     /// Whether no correction is applied: nothing moved or the weight is 0, and the frame is not stabilised.

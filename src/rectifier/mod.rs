@@ -2,12 +2,15 @@
 
 //! The rectifier, a lookahead queue over all modules: push luma, pop motions in order, drain, reset.
 
+mod bars;
 mod clock;
 mod duplicates;
 mod engine;
 mod error;
 #[cfg(test)]
 mod film;
+#[cfg(test)]
+mod letterbox_tests;
 mod settings;
 #[cfg(test)]
 mod sparse_tests;
@@ -17,11 +20,13 @@ mod steady_tests;
 #[cfg(test)]
 mod tests;
 
+use crate::area::PictureArea;
 use crate::correspond::{Correspondence, Pyramid, Sampler};
 use crate::plane::Luma;
 use crate::readout::{Readout, ReadoutPosterior};
 use crate::solve::continuous::Camera;
 use crate::stabilize::Stabilizer;
+use bars::Bars;
 use clock::Clock;
 use duplicates::Duplicates;
 use engine::{Engine, Step};
@@ -78,7 +83,9 @@ struct Waiting {
 #[derive(Debug)]
 pub struct Rectifier {
     settings: Settings,
-    size: (usize, usize),
+    bars: Bars,
+    /// Where the picture lies: the part of the frames that is analysed.
+    area: PictureArea,
     clock: Clock,
     sampler: Sampler,
     /// The luma of the reference, and of the current frame.
@@ -115,24 +122,11 @@ impl Rectifier {
         period: Option<f64>,
     ) -> Result<Self, SettingsError> {
         settings.check(width, height)?;
-        let (columns, rows) = (settings.grid_columns, settings.grid_rows);
-        let sampler = Sampler::with_effort(settings.effort, width, height, columns, rows);
-        let engine = match settings.estimator {
-            Estimator::Sequential => Engine::sequential(),
-            Estimator::Continuous => {
-                let camera = Camera {
-                    model: settings.model,
-                    direction: settings.direction,
-                    readout_time: settings.readout_time,
-                    readout_prior: settings.readout_prior,
-                    focal_length: settings.focal_length,
-                };
-                Engine::continuous(camera, (width, height), sampler.pixel_scale(), &settings)
-            }
-        };
+        let (sampler, engine) = analysis(&settings, width, height);
         Ok(Self {
             settings,
-            size: (width, height),
+            bars: Bars::default(),
+            area: PictureArea::whole(width, height),
             clock: Clock::new(period),
             sampler,
             before: Pyramid::default(),
@@ -163,13 +157,16 @@ impl Rectifier {
         duplicate: Duplicate,
     ) -> Result<(), PushError> {
         let started = Instant::now();
-        let (found, expected) = (luma.plane.layout(), self.size);
-        if (found.width, found.height) != expected {
-            return Err(PushError::Size {
-                found: [found.width, found.height],
-                expected: [expected.0, expected.1],
-            });
+        let (found, expected) = (luma.plane.layout(), self.area.frame());
+        if [found.width, found.height] != expected {
+            return Err(PushError::Size { found: [found.width, found.height], expected });
         }
+        let area = self.bars.area(luma);
+        if area != self.area {
+            self.begin_picture(area);
+        }
+        let [columns, rows] = area.ranges();
+        let luma = &luma.part(&columns, &rows).unwrap_or(*luma);
         let tick = self.clock.tick(time);
         if !tick.continues {
             self.reference = None;
@@ -254,10 +251,22 @@ impl Rectifier {
         self.duplicates = Duplicates::default();
         self.reference = None;
         self.last = None;
+        self.bars = Bars::default();
+    }
+
+    /// Ends the segment; of now on the picture lies elsewhere in the frame, and nothing is known of its camera.
+    fn begin_picture(&mut self, area: PictureArea) {
+        let bars = self.bars.clone();
+        self.drain();
+        self.bars = bars;
+        self.area = area;
+        let [width, height] = area.size();
+        (self.sampler, self.engine) = analysis(&self.settings, width, height);
+        self.stabilizer = Stabilizer::new([width, height], self.settings.target());
     }
 
     fn readout(&self) -> Readout {
-        let (width, height) = self.size;
+        let [width, height] = self.area.size();
         let direction = self.settings.direction.unwrap_or_default();
         Readout::resolved(width, height, direction, self.settings.readout_time, self.clock.period())
     }
@@ -308,7 +317,8 @@ impl Rectifier {
         };
         let as_recorded = solution.reason_as_recorded(self.clock.period());
         let Waiting { index, stated: time, begins_shot, .. } = frame;
-        self.pass_on(FrameSolution { index, time, begins_shot, as_recorded, ..solution }, &frame);
+        let solution = FrameSolution { index, time, begins_shot, as_recorded, ..solution };
+        self.pass_on(solution.within(self.area), &frame);
         self.timings.solve += started.elapsed();
     }
 
@@ -321,4 +331,25 @@ impl Rectifier {
             ..FrameSolution::untouched(readout)
         }
     }
+}
+
+/// What compares pictures of `width` × `height` pixels and what estimates their motion, for a camera of which nothing is known
+/// but the settings.
+fn analysis(settings: &Settings, width: usize, height: usize) -> (Sampler, Engine) {
+    let (columns, rows) = (settings.grid_columns, settings.grid_rows);
+    let sampler = Sampler::with_effort(settings.effort, width, height, columns, rows);
+    let engine = match settings.estimator {
+        Estimator::Sequential => Engine::sequential(),
+        Estimator::Continuous => {
+            let camera = Camera {
+                model: settings.model,
+                direction: settings.direction,
+                readout_time: settings.readout_time,
+                readout_prior: settings.readout_prior,
+                focal_length: settings.focal_length,
+            };
+            Engine::continuous(camera, (width, height), sampler.pixel_scale(), settings)
+        }
+    };
+    (sampler, engine)
 }

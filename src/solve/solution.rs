@@ -4,6 +4,7 @@
 
 use super::as_recorded::AsRecorded;
 use super::frame_timing::{FrameTiming, Timeline};
+use crate::area::PictureArea;
 use crate::motion::{FrameMotion, MotionPath};
 use crate::readout::Readout;
 use nalgebra::Vector2;
@@ -129,6 +130,15 @@ impl FrameSolution {
             focal_length: None,
             fitted: Vec::new(),
         }
+    }
+
+    /// The same of a picture that lies there in its frame.
+    pub(crate) fn within(mut self, area: PictureArea) -> Self {
+        let [x, y] = area.origin().map(|at| at as f64);
+        for fitted in &mut self.fitted {
+            fitted.position += Vector2::new(x, y);
+        }
+        Self { motion: self.motion.within(area), ..self }
     }
 
     /// Why the frame keeps its picture; `None` if it is corrected. `period`: seconds from frame to frame.

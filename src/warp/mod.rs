@@ -6,7 +6,7 @@
 //! z · (x + α·(carry(x, s, ref) − x)) in the rectified frame: 25.11 with a strength α and a zoom z. If the frame is stabilised,
 //! its placement P, a homography, is applied before the zoom: z · P(x + α·(…)).
 //! [`Warper::prepare`] inverts this map once a frame, [`PreparedFrame::warp_frame`] resamples the
-//! frame's planes by it, in two passes: first down the columns, then along the rows (see `kernels`).
+//! frame's planes by it, without the bars beside the picture, in two passes: first down the columns, then along the rows (see `kernels`).
 //!
 //! Positions are accurate to 0.01 px: the map is solved at nodes, interpolated between them, and
 //! rounded to 1/2048 px.
@@ -21,6 +21,7 @@ mod kernels;
 mod knots;
 mod monotone;
 mod nodes;
+mod part;
 mod rows;
 mod sample_grid;
 mod settings;
@@ -34,11 +35,13 @@ pub use frame::FrameLayout;
 pub use sample_grid::SampleGrid;
 pub use settings::{BorderMode, Fill, Interpolation, WarpSettings};
 
+use crate::area::PictureArea;
 use crate::motion::FrameMotion;
 use crate::plane::{Plane, PlaneError, PlaneLayout, PlaneMut};
 use border::PlaneBorder;
 use inverse::InverseMap;
 use knots::KnotTable;
+use part::PlanePart;
 use std::sync::{Arc, Mutex, PoisonError};
 use thiserror::Error;
 
@@ -69,6 +72,8 @@ pub struct Warper {
     level: CpuLevel,
     settings: WarpSettings,
     identity: bool,
+    /// Where the picture lies that is rectified; what is beside it stays.
+    area: PictureArea,
     map: InverseMap,
     /// Knots of the planes warped since `prepare`, and spare memory.
     planes: Mutex<PlaneMaps>,
@@ -107,6 +112,7 @@ impl Warper {
             level,
             settings: WarpSettings::default(),
             identity: true,
+            area: PictureArea::whole(0, 0),
             map: InverseMap::default(),
             planes: Mutex::default(),
         }
@@ -124,6 +130,7 @@ impl Warper {
     /// Computes the inverse map of one frame.
     fn solve(&mut self, motion: &FrameMotion, settings: &WarpSettings) {
         self.settings = *settings;
+        self.area = *motion.area();
         let is_still = motion.is_still() || settings.strength <= 0.0;
         self.identity = is_still && settings.zoom <= 1.0;
         let planes = self.planes.get_mut().unwrap_or_else(PoisonError::into_inner);
@@ -156,16 +163,22 @@ impl Warper {
             rows::copy(src, dst);
             return Ok(());
         }
-        let map = self.plane_map(grid, src.layout().width);
+        let part = PlanePart::new(&self.area, &grid, src.layout());
+        if !part.is_whole(src.layout()) {
+            rows::copy(src, dst);
+        }
+        let parts = src.part(&part.columns, &part.rows).zip(dst.part(&part.columns, &part.rows));
+        let Some((source, mut dst)) = parts else { return Ok(()) };
+        let map = self.plane_map(part.grid, source.layout().width);
         let task = rows::PlaneTask {
             level: self.level,
             interpolation: self.settings.interpolation,
             border: PlaneBorder::of(self.settings.border, index),
             across: &map.across,
             down: &map.down,
-            source: *src,
+            source,
         };
-        task.run(dst);
+        task.run(&mut dst);
         Ok(())
     }
 

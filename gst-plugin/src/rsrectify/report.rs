@@ -7,7 +7,6 @@ use super::latency::Latency;
 use super::load::{Finding, Load};
 use gst::glib;
 use gst::prelude::*;
-use rsrectify::motion::image_centre;
 use rsrectify::rectifier::{FrameSolution, Timings};
 use std::sync::Once;
 use std::time::Duration;
@@ -232,8 +231,7 @@ fn add_motion(structure: &mut gst::StructureRef, solution: &FrameSolution, appli
     structure.set("vx", twist.velocity.x);
     structure.set("vy", twist.velocity.y);
     if let Some(centre) = twist.centre() {
-        let readout = solution.motion.readout();
-        let centre = centre + image_centre(readout.width(), readout.height());
+        let centre = centre + solution.motion.centre();
         structure.set("centre-x", centre.x);
         structure.set("centre-y", centre.y);
     }

@@ -6,7 +6,6 @@ use super::velocity::Instant;
 use crate::analysis::Frame;
 use crate::property_values::{Direction, name_of};
 use anyhow::Result;
-use rsrectify::motion::image_centre;
 use rsrectify::nalgebra::Vector2;
 use serde::Serialize;
 use std::io::Write;
@@ -102,13 +101,13 @@ impl LineRow {
     pub fn of(frame: &Frame) -> impl Iterator<Item = Self> + '_ {
         let motion = &frame.solution.motion;
         let readout = motion.readout();
-        let centre = image_centre(readout.width(), readout.height());
+        let centre = motion.centre();
         let by_rows = readout.direction().is_by_rows();
-        let lines = if by_rows { readout.height() } else { readout.width() };
-        (0..lines).map(move |line| {
+        let [columns, rows] = motion.area().ranges();
+        (if by_rows { rows } else { columns }).map(move |line| {
             let along = line as f64;
             let pixel = if by_rows { Vector2::new(centre.x, along) } else { Vector2::new(along, centre.y) };
-            let share = readout.share(pixel.x, pixel.y);
+            let share = motion.share(pixel);
             let (here, point) = (Instant::new(motion, share), pixel - centre);
             let (shift, velocity) = (here.shift(point, 0.5), here.velocity(point));
             Self {

@@ -100,6 +100,9 @@ pub enum RecordError {
     /// An element of a homography, or a velocity, that is too large to be stored.
     #[error("a number of its motion is too large")]
     Range,
+    /// A picture that is not within its frame.
+    #[error("its picture is not within its frame")]
+    Area,
     /// A number that is not finite.
     #[error("a number of its motion is not finite")]
     NotFinite,

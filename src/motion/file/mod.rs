@@ -33,12 +33,12 @@
 //! | bytes | |
 //! |---|---|
 //! | 4 | length of the record in bytes, these included; later minor versions may append to what is below |
-//! | 4, 4 | width and height of the frame in pixels |
+//! | 4, 4 | width and height of the picture in pixels: of the frame, without the bars beside it |
 //! | 1 | readout direction: 0 top to bottom, 1 bottom to top, 2 left to right, 3 right to left |
 //! | 1 | kind of the path: 0 uniform, 1 sampled |
 //! | 2 | N, samples of a sampled path, 5 to 1025; otherwise 0 |
 //! | 2, 2 | columns and rows of the residual mesh, at most 65 536 nodes; 0, 0: none |
-//! | 2 | 1 if the frame is stabilised and has a placement, otherwise 0 |
+//! | 2 | 1 if the frame is stabilised and has a placement, plus 2 if bars lie beside the picture |
 //! | 8 | readout time T in seconds |
 //! | 8 | share of the correction that is applied, 0 to 1 |
 //! | 8 | confidence in the motion, 0 to 1 |
@@ -47,8 +47,9 @@
 //! | 8, 8, 8 | uniform: ω in rad/s, vx and vy in px/s at the centre; otherwise 0 |
 //! | 8, 8, 8, 8 | origin x and y of the mesh in centred pixels, and its spacing in x and y; without a mesh 0 |
 //! | 4 | how many bytes the integers take |
-//! | 4 | checksum: the low 32 bits of the FNV-1a hash (64 bits) of bytes 4 to 121, of the placement and of the integers' bytes |
+//! | 4 | checksum: the low 32 bits of the FNV-1a hash (64 bits) of bytes 4 to 121 and of all that follows: placement, place and integers |
 //! | 8 × 8 | only with a placement: the first eight elements of its homography, row by row; the last is 1 |
+//! | 4, 4, 4, 4 | only with bars: width and height of the frame, column and row of the picture's first pixel |
 //! | | the integers, coded as below |
 //!
 //! The placement maps centred pixels of the picture at the middle of the readout to where the output shows them, before the zoom.
@@ -56,7 +57,7 @@
 //! The integers are, first, of a sampled path: for each of the eight first elements of the homographies, row by row,
 //! the fourth differences over its N samples (differences of differences, four times, the first of each as if 0 came
 //! before). The homographies map centred pixels at the shares 0, 1/(N − 1) … 1 of the readout to one common instant.
-//! With R half of the longer side of the frame in pixels, an element is its integer times 1/4096, divided by R in the
+//! With R half of the longer side of the picture in pixels, an element is its integer times 1/4096, divided by R in the
 //! first two columns, and again by R in the last row; 1 is added on the diagonal, and the last element is 1.
 //!
 //! Then, of the mesh: for each node, row by row, the velocity in x less its prediction, and after all of these the

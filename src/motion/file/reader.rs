@@ -186,7 +186,7 @@ fn fitted(
     [width, height]: [usize; 2],
     pixel_ratio: f64,
 ) -> Result<FrameMotion, MotionFileError> {
-    let file = [motion.readout().width(), motion.readout().height()];
+    let file = motion.area().frame();
     let ratio = (width * file[1]) as f64 / (height * file[0]) as f64;
     // Not of frames without pixels: 0 or NaN.
     let is_like = |expected: f64| (1.0 / SHAPE_TOLERANCE..SHAPE_TOLERANCE).contains(&(ratio / expected));

@@ -5,6 +5,7 @@
 use super::error::RecordError;
 use super::hash::fnv1a;
 use super::packed::Integers;
+use crate::area::PictureArea;
 use crate::motion::path::Global;
 use crate::motion::precision::{self, ELEMENTS, Steps};
 use crate::motion::{FrameMotion, MotionPath, ResidualField, ResidualMesh, SampledPath, Twist};
@@ -29,6 +30,11 @@ const DIRECTIONS: [ReadoutDirection; 4] = [
 ];
 /// Bytes of a placement: its homography but the last element, which is 1.
 const PLACEMENT_BYTES: usize = 8 * ELEMENTS;
+/// Bytes of a picture's place in its frame.
+const AREA_BYTES: usize = 16;
+/// What follows the fixed part of a record.
+const HAS_PLACEMENT: usize = 1;
+const HAS_AREA: usize = 2;
 const UNIFORM: u8 = 0;
 const SAMPLED: u8 = 1;
 
@@ -67,7 +73,8 @@ impl MotionRecord {
         let (readout, path) = (self.motion.readout(), self.motion.path());
         let [width, height] =
             [readout.width(), readout.height()].map(|side| u32::try_from(side).unwrap_or(u32::MAX));
-        if width.max(height) > MAX_SIDE {
+        let area = *self.motion.area();
+        if area.frame().into_iter().any(|side| side > MAX_SIDE as usize) {
             return Err(RecordError::TooLarge);
         }
         let mut integers = Integers::default();
@@ -85,15 +92,17 @@ impl MotionRecord {
         }
         let short = |count: usize| u16::try_from(count).map_err(|_| RecordError::TooLarge);
         let placement = self.motion.placement().map(placement_bytes).unwrap_or_default();
+        let area = if area.is_whole() { Vec::new() } else { area_bytes(&area) };
         let packed = integers.pack(mesh.columns);
-        let length = FIXED_BYTES + placement.len() + packed.len();
+        let length = FIXED_BYTES + placement.len() + area.len() + packed.len();
         let mut bytes = Vec::with_capacity(length);
         let length = u32::try_from(length).map_err(|_| RecordError::TooLarge)?;
         let direction = DIRECTIONS.iter().position(|one| *one == readout.direction()).unwrap_or_default();
         [length, width, height].iter().for_each(|value| bytes.extend(value.to_le_bytes()));
         bytes.extend([direction as u8, kind]);
-        let is_placed = u16::from(!placement.is_empty());
-        for value in [samples, short(mesh.columns)?, short(mesh.rows)?, is_placed] {
+        let has = |bytes: &[u8], flag: usize| if bytes.is_empty() { 0 } else { flag };
+        let parts = has(&placement, HAS_PLACEMENT) + has(&area, HAS_AREA);
+        for value in [samples, short(mesh.columns)?, short(mesh.rows)?, short(parts)?] {
             bytes.extend(value.to_le_bytes());
         }
         let expected = self.expected_error.unwrap_or(f64::NAN);
@@ -103,9 +112,8 @@ impl MotionRecord {
             bytes.extend(value.to_le_bytes());
         }
         bytes.extend((packed.len() as u32).to_le_bytes());
-        bytes.extend(checksum(&bytes, &[&placement, &packed]).to_le_bytes());
-        bytes.extend(placement);
-        bytes.extend(packed);
+        bytes.extend(checksum(&bytes, &[&placement, &area, &packed]).to_le_bytes());
+        [placement, area, packed].into_iter().for_each(|part| bytes.extend(part));
         Ok(bytes)
     }
 
@@ -115,7 +123,7 @@ impl MotionRecord {
         let length = fields.u32()? as usize;
         let [width, height] = [fields.u32()?, fields.u32()?];
         let [direction, kind] = fields.take::<2>()?;
-        let [samples, columns, rows, is_placed] =
+        let [samples, columns, rows, parts] =
             [fields.u16()?, fields.u16()?, fields.u16()?, fields.u16()?].map(usize::from);
         let [readout_time, weight, confidence, expected, path_time] =
             [fields.f64()?, fields.f64()?, fields.f64()?, fields.f64()?, fields.f64()?];
@@ -124,14 +132,14 @@ impl MotionRecord {
         let spacing = [fields.f64()?, fields.f64()?];
         let packed = fields.u32()? as usize;
         let expected_checksum = fields.u32()?;
-        let placement = if is_placed == 1 { PLACEMENT_BYTES } else { 0 };
-        let (placement, rest) = fields.0.split_at_checked(placement).ok_or(RecordError::CutShort)?;
-        let packed = rest.get(..packed).ok_or(RecordError::CutShort)?;
-        if length < FIXED_BYTES + placement.len() + packed.len() || bytes.len() < length {
+        let placement = if parts & HAS_PLACEMENT > 0 { fields.slice(PLACEMENT_BYTES)? } else { &[] };
+        let area = if parts & HAS_AREA > 0 { fields.slice(AREA_BYTES)? } else { &[] };
+        let packed = fields.slice(packed)?;
+        if length < FIXED_BYTES + placement.len() + area.len() + packed.len() || bytes.len() < length {
             return Err(RecordError::CutShort);
         }
         let before = bytes.get(..BEFORE_CHECKSUM).unwrap_or_default();
-        if checksum(before, &[placement, packed]) != expected_checksum {
+        if checksum(before, &[placement, area, packed]) != expected_checksum {
             return Err(RecordError::Checksum);
         }
         let nodes = columns * rows;
@@ -158,7 +166,9 @@ impl MotionRecord {
             return Err(RecordError::NotFinite);
         }
         let placement = decode_placement(placement)?;
-        let motion = FrameMotion::new(readout, path).with_weight(weight).with_placement(placement);
+        let area = decode_area(area, [width, height])?;
+        let motion =
+            FrameMotion::new(readout, path).with_weight(weight).with_placement(placement).within(area);
         Ok(Self { time, motion, confidence, expected_error: expected.is_finite().then_some(expected) })
     }
 }
@@ -231,6 +241,25 @@ fn decode_placement(bytes: &[u8]) -> Result<Option<Matrix3<f64>>, RecordError> {
     placement.iter().all(|value| value.is_finite()).then_some(Some(placement)).ok_or(RecordError::NotFinite)
 }
 
+/// A picture's place in its frame as it is stored; sides are at most [`MAX_SIDE`].
+fn area_bytes(area: &PictureArea) -> Vec<u8> {
+    area.frame().into_iter().chain(area.origin()).flat_map(|side| (side as u32).to_le_bytes()).collect()
+}
+
+/// The place that is stored, if there is one, of a picture of `size`.
+fn decode_area(bytes: &[u8], size: [usize; 2]) -> Result<PictureArea, RecordError> {
+    if bytes.is_empty() {
+        return Ok(PictureArea::whole(size[0], size[1]));
+    }
+    let mut fields = Fields(bytes);
+    let [width, height, x, y] = [fields.u32()?, fields.u32()?, fields.u32()?, fields.u32()?];
+    if width.max(height) > MAX_SIDE {
+        return Err(RecordError::TooLarge);
+    }
+    let [frame, origin] = [[width, height], [x, y]].map(|pair| pair.map(|side| side as usize));
+    PictureArea::new(frame, origin, size).ok_or(RecordError::Area)
+}
+
 /// The checksum of a record: of all but its length, which later versions change, and the checksum itself.
 fn checksum(before: &[u8], after: &[&[u8]]) -> u32 {
     fnv1a(before.iter().skip(4).chain(after.iter().copied().flatten()).copied()) as u32
@@ -239,7 +268,13 @@ fn checksum(before: &[u8], after: &[&[u8]]) -> u32 {
 /// What is left of a record's bytes.
 struct Fields<'a>(&'a [u8]);
 
-impl Fields<'_> {
+impl<'a> Fields<'a> {
+    fn slice(&mut self, count: usize) -> Result<&'a [u8], RecordError> {
+        let (first, rest) = self.0.split_at_checked(count).ok_or(RecordError::CutShort)?;
+        self.0 = rest;
+        Ok(first)
+    }
+
     fn take<const N: usize>(&mut self) -> Result<[u8; N], RecordError> {
         let (first, rest) = self.0.split_first_chunk::<N>().ok_or(RecordError::CutShort)?;
         self.0 = rest;

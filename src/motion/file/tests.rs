@@ -3,6 +3,7 @@
 //! Files as they are written and read.
 
 use super::*;
+use crate::area::PictureArea;
 use crate::motion::{
     FrameMotion, MotionPath, ResidualField, ResidualMesh, SampledPath, Twist, rounded_homography,
     rounded_velocity,
@@ -44,11 +45,12 @@ fn records() -> Vec<MotionRecord> {
     let placement = Matrix3::new(0.99, -0.02, 11.0 / 3.0, 0.02, 1.01, -7.5, 1e-6, -1e-5 / 3.0, 1.0);
     let uniform =
         FrameMotion::new(readout(ReadoutDirection::LeftToRight), twist).with_placement(Some(placement));
+    let area = PictureArea::new([800, 900], [0, 120], [800, 600]).unwrap();
     vec![
         MotionRecord::new(-PERIOD, still).with_confidence(0.0, None),
         MotionRecord::new(0, shaken(0.1)).with_confidence(0.75, Some(1.0 / 3.0)),
         MotionRecord::new(PERIOD, uniform),
-        MotionRecord::new(2 * PERIOD, shaken(1.7)),
+        MotionRecord::new(2 * PERIOD, shaken(1.7).within(area)),
     ]
 }
 
