@@ -198,7 +198,8 @@ fn verify(solution: &FrameSolution, [width, height]: [usize; 2]) {
     assert!(solution.expected_error.is_none_or(|error| error >= 0.0), "{:?}", solution.expected_error);
     assert!(solution.region_errors.iter().all(|error| *error >= 0.0), "{:?}", solution.region_errors);
     let readout = motion.readout();
-    assert_eq!([readout.width(), readout.height()], [width, height]);
+    assert_eq!(motion.area().frame(), [width, height]);
+    assert_eq!(motion.area().size(), [readout.width(), readout.height()]);
     assert!(readout.time().is_finite() && readout.time() >= 0.0, "{readout:?}");
     assert!((0.0..=1.0).contains(confidence), "{confidence}");
     assert!((0.0..=1.0).contains(&motion.weight()), "{}", motion.weight());
