@@ -2,7 +2,7 @@
 
 //! By how many pixels a frame's rectification moves what it shows, without stabilisation and crop.
 
-use super::FrameMotion;
+use super::{FrameMotion, image_centre};
 use nalgebra::Vector2;
 
 /// Intervals along each side of the frame between the points at which the largest displacement is sought: a path bends far less
@@ -12,6 +12,20 @@ const INTERVALS: usize = 16;
 impl FrameMotion {
     /// Pixels by which a frame must be corrected for any sample to change: the warp rounds positions to 1/2048 px.
     pub const MIN_DISPLACEMENT: f64 = 0.5 / 2048.0;
+
+    /// Centre of the picture in pixels of the frame: the origin of centred points.
+    #[must_use]
+    pub fn centre(&self) -> Vector2<f64> {
+        let [x, y] = self.area().origin().map(|at| at as f64);
+        image_centre(self.readout().width(), self.readout().height()) + Vector2::new(x, y)
+    }
+
+    /// Share of the readout that has elapsed where a pixel of the frame is exposed; beside the picture, as if it went on there.
+    #[must_use]
+    pub fn share(&self, pixel: Vector2<f64>) -> f64 {
+        let [x, y] = self.area().origin().map(|at| at as f64);
+        self.readout().share(pixel.x - x, pixel.y - y)
+    }
 
     /// The displacement of what the frame shows at `pixel` (pixel centres at integers) to where it is at the instant
     /// `reference`, a share of the readout, in pixels; 0 where the path has none that is finite.

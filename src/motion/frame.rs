@@ -2,11 +2,11 @@
 
 //! The motion of one frame, the shutter it was solved for, and the share of the correction applied.
 
+use super::MotionPath;
 use super::sampled::{normalised, scaled, turned};
-use super::{MotionPath, image_centre};
 use crate::area::PictureArea;
 use crate::readout::Readout;
-use nalgebra::{Matrix3, Vector2};
+use nalgebra::Matrix3;
 
 /// The motion of one frame, as needed for its rectification.
 ///
@@ -56,20 +56,6 @@ impl FrameMotion {
     #[must_use]
     pub const fn area(&self) -> &PictureArea {
         &self.area
-    }
-
-    /// Centre of the picture in pixels of the frame: the origin of centred points.
-    #[must_use]
-    pub fn centre(&self) -> Vector2<f64> {
-        let [x, y] = self.area.origin().map(|at| at as f64);
-        image_centre(self.readout.width, self.readout.height) + Vector2::new(x, y)
-    }
-
-    /// Share of the readout that has elapsed where a pixel of the frame is exposed; beside the picture, as if it went on there.
-    #[must_use]
-    pub fn share(&self, pixel: Vector2<f64>) -> f64 {
-        let [x, y] = self.area.origin().map(|at| at as f64);
-        self.readout.share(pixel.x - x, pixel.y - y)
     }
 
     /// The shutter that the motion was solved for.
