@@ -198,7 +198,8 @@ impl Rectifier {
         Ok(())
     }
 
-    /// The motion of the oldest frame not yet popped, as soon as `lookahead` later frames were pushed.
+    /// The motion of the oldest frame not yet popped, as soon as `lookahead` later frames were pushed, or sooner where black bars
+    /// beside the picture begin or end: frames do not wait for those of another picture.
     pub fn pop(&mut self) -> Option<FrameSolution> {
         self.solved.pop_front()
     }
