@@ -271,19 +271,6 @@ impl<'a> Luma<'a> {
         }
     }
 
-    /// The luma of a pixel, in steps of the samples; 0 where there is none.
-    pub(crate) fn at(&self, x: usize, y: usize) -> f64 {
-        let PlaneLayout { step, channels, format, .. } = *self.plane.layout();
-        let samples = self.plane.row(y).get(x * step * format.bytes()..).unwrap_or_default();
-        let value = |bytes: &[u8]| match *bytes {
-            [byte] => u16::from(byte),
-            [low, high] => u16::from_le_bytes([low, high]) >> format.shift(),
-            _ => 0,
-        };
-        let values = samples.chunks(format.bytes()).take(channels).zip(self.weights);
-        values.map(|(bytes, weight)| f64::from(weight) * f64::from(value(bytes))).sum()
-    }
-
     /// The part within these columns and rows; `None` where it is not within the plane or has no pixels.
     pub(crate) fn part(&self, columns: &Range<usize>, rows: &Range<usize>) -> Option<Self> {
         Some(Self { plane: self.plane.part(columns, rows)?, ..*self })

@@ -12,7 +12,7 @@ use rsrectify::motion::FrameMotion;
 use rsrectify::plane::{Luma, Plane, PlaneLayout, SampleFormat};
 use rsrectify::readout::Readout;
 use rsrectify::rectifier::{self, Settings};
-use rsrectify::solve::continuous::{Camera, Continuous};
+use rsrectify::solve::continuous::Continuous;
 use rsrectify::solve::residual::LocalMotions;
 use std::ops::Range;
 
@@ -89,14 +89,7 @@ impl Recording {
     }
 
     fn estimator(&self, settings: &Settings) -> Estimator {
-        let camera = Camera {
-            model: settings.model,
-            direction: settings.direction,
-            readout_time: settings.readout_time,
-            readout_prior: settings.readout_prior,
-            focal_length: settings.focal_length,
-        };
-        let path = Continuous::new(camera, self.size[0], self.size[1], self.pixel_scale);
+        let path = Continuous::new(settings.into(), self.size[0], self.size[1], self.pixel_scale);
         Estimator { path, local: LocalMotions::default() }
     }
 

@@ -9,7 +9,7 @@ use rsrectify::correspond::Correspondence;
 use rsrectify::flow::{Cell, FlowField};
 use rsrectify::motion::{Twist, image_centre};
 use rsrectify::readout::Readout;
-use rsrectify::solve::continuous::{Camera, Continuous};
+use rsrectify::solve::continuous::Continuous;
 use rsrectify::solve::residual::{FrameFlow, LocalMotions, ResidualSolver, Still};
 use rsrectify::solve::sequential::link::{FitBuffers, KnownFrame};
 use rsrectify::solve::{FrameSolution, Link, Window};
@@ -31,14 +31,7 @@ pub fn check(data: &[u8]) {
 
 fn window(u: &mut Unstructured<'_>) -> Result<()> {
     let settings = settings(u)?;
-    let camera = Camera {
-        model: settings.model,
-        direction: settings.direction,
-        readout_time: settings.readout_time,
-        readout_prior: settings.readout_prior,
-        focal_length: settings.focal_length,
-    };
-    let mut continuous = Continuous::new(camera, WIDTH, HEIGHT, 1.0);
+    let mut continuous = Continuous::new((&settings).into(), WIDTH, HEIGHT, 1.0);
     let mut local = LocalMotions::default();
     let mut sequential = Window::default();
     let mut residual = ResidualSolver::default();

@@ -86,6 +86,13 @@ for_each_cpu! {
     }
 }
 
+/// The grey of row `y` of the frame, 0 to 255.
+pub(crate) fn grey_row(luma: &Luma<'_>, y: usize, row: &mut [f32]) {
+    let mut sums = RowSums { sums: row, is_begun: false };
+    sums.add_row(luma, y, 1.0);
+    sums.finished();
+}
+
 /// A one-dimensional reduction filter: per output `count` weights, the first for input `first`.
 #[derive(Debug)]
 struct ReductionFilter {

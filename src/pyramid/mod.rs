@@ -25,4 +25,5 @@ mod reducer;
 pub(crate) use difference::block_difference;
 pub use effort::Effort;
 pub(crate) use level::Level;
+pub(crate) use luma::grey_row;
 pub use reducer::{Pyramid, Reducer};

@@ -8,19 +8,18 @@
 
 use crate::area::PictureArea;
 use crate::plane::Luma;
+use crate::pyramid::grey_row;
 use std::ops::Range;
 
-/// Largest sample of black, as a share of the largest possible one: black is 16 of 255 in most video, and encoders add some
-/// steps beside the edge of a picture.
-const BLACK: f64 = 24.0 / 255.0;
-/// Least luma of a picture's edge: as far from black again.
-const BRIGHT: f64 = 2.0 * BLACK;
+/// Largest grey of black, of 255: black is 16 in most video, and encoders add some steps beside the edge of a picture. That edge
+/// is as far from it again.
+const BLACK: f32 = 24.0;
 /// Lines from the bar on of which one is bright: in a clip that was scaled, one or two lie between black and picture.
 const EDGE: usize = 3;
 /// Lines of a bar that need not stay black: encoders spread the edge of the picture over a block.
 const BLOCK: usize = 8;
 
-/// What is known of a side of the frame.
+/// Whether a bar lies at an edge of the frame.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 enum Side {
     /// All frames so far were dark there.
@@ -33,8 +32,14 @@ enum Side {
 }
 
 impl Side {
+    /// Lines of the bar.
     fn lines(self) -> usize {
         if let Self::Bar(lines) = self { lines } else { 0 }
+    }
+
+    /// Lines of so many that may belong to a bar.
+    fn possible(self, lines: usize) -> usize {
+        if self == Self::Unknown { lines } else { self.lines() }
     }
 }
 
@@ -43,25 +48,44 @@ impl Side {
 pub struct Bars {
     /// Those across x (left, right) and across y (top, bottom).
     sides: [[Side; 2]; 2],
+    /// Memory for a row.
+    row: Vec<f32>,
 }
 
 impl Bars {
+    /// The next frame may be of another clip. Bars stay until something is in them: a dark frame does not show where the
+    /// picture lies.
+    pub fn restart(&mut self) {
+        for side in self.sides.as_flattened_mut() {
+            if *side == Side::Picture {
+                *side = Side::Unknown;
+            }
+        }
+    }
+
     /// Where the picture lies, given one more frame.
     pub fn area(&mut self, luma: &Luma<'_>) -> PictureArea {
         let layout = luma.plane.layout();
         let size = [layout.width, layout.height];
-        let lines = Lines { luma, black: sample(luma, BLACK), bright: sample(luma, BRIGHT) };
-        let black = [0, 1].map(|axis| [0, 1].map(|end| lines.black(axis, end, self.sides[axis][end])));
-        for (axis, end) in [(0, 0), (0, 1), (1, 0), (1, 1)] {
-            let (side, count) = (&mut self.sides[axis][end], black[axis][end]);
-            let [from, to] = black[1 - axis];
-            let across = from..size[1 - axis].saturating_sub(to);
-            *side = match *side {
-                Side::Unknown if count == 0 => Side::Picture,
-                Side::Unknown if lines.has_edge(axis, end, count, &across) => Side::Bar(count),
-                Side::Bar(bar) if count < bar.saturating_sub(BLOCK).max(1) => Side::Picture,
-                known => known,
-            };
+        self.row.resize(layout.width, 0.0);
+        let mut rows = Rows { luma, row: &mut self.row, size };
+        let possible = [0, 1].map(|axis| self.sides[axis].map(|side| side.possible(size[axis])));
+        let above = rows.black_rows(0, possible[1][0]);
+        // A frame that is black shows no edge.
+        if above < size[1] {
+            let below = rows.black_rows(1, possible[1][1]);
+            let black = [rows.black_columns(possible[0]), [above, below]];
+            for (axis, end) in [(0, 0), (0, 1), (1, 0), (1, 1)] {
+                let (side, count) = (&mut self.sides[axis][end], black[axis][end]);
+                let [from, to] = black[1 - axis];
+                let across = from..size[1 - axis].saturating_sub(to);
+                *side = match *side {
+                    Side::Unknown if count == 0 => Side::Picture,
+                    Side::Unknown if rows.has_edge(axis, end, count, across) => Side::Bar(count),
+                    Side::Bar(bar) if count < bar.saturating_sub(BLOCK).max(1) => Side::Picture,
+                    known => known,
+                };
+            }
         }
         let bars = self.sides.map(|sides| sides.map(Side::lines));
         let rest = |axis: usize| size[axis].saturating_sub(bars[axis][0] + bars[axis][1]);
@@ -70,56 +94,76 @@ impl Bars {
     }
 }
 
-/// A share of the largest sample.
-fn sample(luma: &Luma<'_>, share: f64) -> f64 {
-    share * f64::from(luma.plane.layout().format.max_value())
-}
-
-/// The rows (axis 1) and columns (axis 0) of a frame, counted from one of its sides.
-struct Lines<'a> {
+/// The grey of a frame's pixels, row by row.
+struct Rows<'a> {
     luma: &'a Luma<'a>,
-    black: f64,
-    bright: f64,
+    row: &'a mut [f32],
+    /// Width and height of the frame.
+    size: [usize; 2],
 }
 
-impl Lines<'_> {
-    /// Black lines at a side: no more are counted than its bar has, and none where it has none.
-    fn black(&self, axis: usize, end: usize, side: Side) -> usize {
-        let most = match side {
-            Side::Unknown => self.size()[axis],
-            Side::Bar(lines) => lines,
-            Side::Picture => 0,
-        };
-        let across = 0..self.size()[1 - axis];
-        (0..most)
-            .take_while(|&line| self.values(axis, end, line, &across).all(|luma| luma <= self.black))
-            .count()
+impl Rows<'_> {
+    fn row(&mut self, y: usize) -> &[f32] {
+        grey_row(self.luma, y, self.row);
+        self.row
     }
 
-    /// Whether most of a line is bright, of those which follow so many black ones.
-    fn has_edge(&self, axis: usize, end: usize, black: usize, across: &Range<usize>) -> bool {
-        (black..(black + EDGE).min(self.size()[axis])).any(|line| {
-            let bright = self.values(axis, end, line, across).filter(|&luma| luma >= self.bright).count();
-            2 * bright > across.len()
-        })
+    /// Black rows at the top (end 0) or at the bottom, of so many.
+    fn black_rows(&mut self, end: usize, most: usize) -> usize {
+        let height = self.size[1];
+        (0..most).take_while(|&line| self.row(place(height, end, line)).iter().all(is_black)).count()
     }
 
-    /// The luma of a line's pixels within `across`.
-    fn values(
-        &self,
-        axis: usize,
-        end: usize,
-        line: usize,
-        across: &Range<usize>,
-    ) -> impl Iterator<Item = f64> + '_ {
-        let line = if end == 0 { line } else { self.size()[axis] - 1 - line };
-        across.clone().map(move |at| if axis == 0 { self.luma.at(line, at) } else { self.luma.at(at, line) })
+    /// Black columns on the left and on the right, of so many: those that are black in each row.
+    fn black_columns(&mut self, mut least: [usize; 2]) -> [usize; 2] {
+        for y in 0..self.size[1] {
+            if least == [0, 0] {
+                break;
+            }
+            let [left, right] = least;
+            let row = self.row(y);
+            least = [
+                row.iter().take(left).take_while(|grey| is_black(grey)).count(),
+                row.iter().rev().take(right).take_while(|grey| is_black(grey)).count(),
+            ];
+        }
+        least
     }
 
-    fn size(&self) -> [usize; 2] {
-        let layout = self.luma.plane.layout();
-        [layout.width, layout.height]
+    /// Whether most of a line is bright within `across`, of those which follow so many black ones.
+    fn has_edge(&mut self, axis: usize, end: usize, black: usize, across: Range<usize>) -> bool {
+        let lines = black..(black + EDGE).min(self.size[axis]);
+        let size = self.size[axis];
+        let mut bright = [0; EDGE];
+        let least = across.len() / 2;
+        if axis == 1 {
+            for (line, count) in lines.zip(&mut bright) {
+                let row = self.row(place(size, end, line)).get(across.clone()).unwrap_or_default();
+                *count = row.iter().filter(|grey| is_bright(grey)).count();
+            }
+        } else {
+            for y in across {
+                let row = self.row(y);
+                for (line, count) in lines.clone().zip(&mut bright) {
+                    *count += usize::from(row.get(place(size, end, line)).is_some_and(is_bright));
+                }
+            }
+        }
+        bright.iter().any(|&count| count > least)
     }
+}
+
+/// The place of a line, of `size`, that is counted from a side.
+fn place(size: usize, end: usize, line: usize) -> usize {
+    if end == 0 { line } else { size - 1 - line }
+}
+
+fn is_bright(grey: &f32) -> bool {
+    *grey >= 2.0 * BLACK
+}
+
+fn is_black(grey: &f32) -> bool {
+    *grey <= BLACK
 }
 
 #[cfg(test)]
@@ -187,6 +231,19 @@ mod tests {
         let subtitle = |x: usize, y: usize| if y > 21 && x == 9 { 235 } else { letterbox(x, y) };
         let expected = PictureArea::new(SIZE, [0, 3], [32, 21]).unwrap();
         assert_eq!(area(&mut bars, subtitle), expected);
+        assert_eq!(area(&mut bars, letterbox), expected);
+    }
+
+    #[test]
+    fn bars_outlast_a_dark_start_of_the_next_segment() {
+        let letterbox = |x: usize, y: usize| if (3..21).contains(&y) { picture(x, y) } else { 16 };
+        let mut bars = Bars::default();
+        let expected = area(&mut bars, letterbox);
+        bars.restart();
+        assert_eq!(area(&mut bars, |_, _| 16), expected);
+        assert_eq!(area(&mut bars, picture), whole());
+        // A frame of another clip, with bars again.
+        bars.restart();
         assert_eq!(area(&mut bars, letterbox), expected);
     }
 }

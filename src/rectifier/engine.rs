@@ -2,12 +2,12 @@
 
 //! A common interface to the two estimators.
 
-use super::settings::Settings;
+use super::settings::{Estimator, Settings};
 use crate::correspond::{Correspondence, certain};
 use crate::flow::FlowField;
 use crate::motion::{FrameMotion, MotionPath, Rigid, Twist, image_centre};
 use crate::readout::{Readout, ReadoutPosterior};
-use crate::solve::continuous::{Camera, Continuous};
+use crate::solve::continuous::Continuous;
 use crate::solve::residual::LocalMotions;
 use crate::solve::{FrameSolution, FrameTiming, Link, MotionCandidate, Window};
 use nalgebra::{Matrix3, Vector2};
@@ -63,17 +63,12 @@ pub(super) struct Sequential {
 }
 
 impl Engine {
-    pub fn sequential() -> Self {
-        Self::Sequential(Box::default())
-    }
-
-    pub fn continuous(
-        camera: Camera,
-        (width, height): (usize, usize),
-        pixel_scale: f64,
-        settings: &Settings,
-    ) -> Self {
-        let continuous = Continuous::new(camera, width, height, pixel_scale);
+    /// For pictures of `width` × `height` pixels, of which an analysed pixel is `pixel_scale` wide.
+    pub fn new(settings: &Settings, width: usize, height: usize, pixel_scale: f64) -> Self {
+        if settings.estimator == Estimator::Sequential {
+            return Self::Sequential(Box::default());
+        }
+        let continuous = Continuous::new(settings.into(), width, height, pixel_scale);
         let path = continuous.with_correspondences(settings.keep_correspondences);
         let path = path.with_stabilised(settings.stabilised);
         Self::Continuous(Box::new(Smoother { path, local: LocalMotions::default() }))

@@ -24,7 +24,6 @@ use crate::area::PictureArea;
 use crate::correspond::{Correspondence, Pyramid, Sampler};
 use crate::plane::Luma;
 use crate::readout::{Readout, ReadoutPosterior};
-use crate::solve::continuous::Camera;
 use crate::stabilize::Stabilizer;
 use bars::Bars;
 use clock::Clock;
@@ -98,6 +97,8 @@ pub struct Rectifier {
     engine: Engine,
     /// Frames pushed since the rectifier was made or reset.
     pushed: usize,
+    /// How many of them had been pushed at the last [`drain`](Self::drain).
+    drained: usize,
     waiting: VecDeque<Waiting>,
     stabilizer: Stabilizer<FrameSolution>,
     solved: VecDeque<FrameSolution>,
@@ -136,6 +137,7 @@ impl Rectifier {
             duplicates: Duplicates::default(),
             engine,
             pushed: 0,
+            drained: 0,
             waiting: VecDeque::new(),
             stabilizer: Stabilizer::new([width, height], settings.target()),
             solved: VecDeque::new(),
@@ -198,10 +200,11 @@ impl Rectifier {
         Ok(())
     }
 
-    /// The motion of the oldest frame not yet popped, as soon as `lookahead` later frames were pushed, or sooner where black bars
-    /// beside the picture begin or end: frames do not wait for those of another picture.
+    /// The motion of the oldest frame not yet popped, as soon as `lookahead` later frames were pushed.
     pub fn pop(&mut self) -> Option<FrameSolution> {
-        self.solved.pop_front()
+        let index = self.solved.front()?.index;
+        let is_due = index < self.drained || self.pushed.saturating_sub(index) > self.settings.lookahead;
+        if is_due { self.solved.pop_front() } else { None }
     }
 
     /// The motion of the oldest frame not yet popped, from the frames pushed so far, without waiting for
@@ -217,19 +220,18 @@ impl Rectifier {
     /// Ends a segment of the stream: all waiting frames are solved from the frames pushed so far and can
     /// be popped; the next frame pushed starts a new segment.
     pub fn drain(&mut self) {
-        while !self.waiting.is_empty() {
-            self.settle();
-        }
-        while self.place() {}
-        self.start_segment();
+        self.end_segment();
+        self.drained = self.pushed;
+        self.bars.restart();
     }
 
     /// Discards all frames, including those not yet popped; estimates of the camera are kept.
     pub fn reset(&mut self) {
         self.waiting.clear();
         self.solved.clear();
-        self.pushed = 0;
+        (self.pushed, self.drained) = (0, 0);
         self.start_segment();
+        self.bars.restart();
     }
 
     /// Processing time so far in each stage.
@@ -245,6 +247,15 @@ impl Rectifier {
         self.engine.posterior()
     }
 
+    /// Solves all waiting frames from those pushed so far.
+    fn end_segment(&mut self) {
+        while !self.waiting.is_empty() {
+            self.settle();
+        }
+        while self.place() {}
+        self.start_segment();
+    }
+
     fn start_segment(&mut self) {
         self.engine.restart();
         self.stabilizer.restart();
@@ -252,14 +263,11 @@ impl Rectifier {
         self.duplicates = Duplicates::default();
         self.reference = None;
         self.last = None;
-        self.bars = Bars::default();
     }
 
-    /// Ends the segment; of now on the picture lies elsewhere in the frame, and nothing is known of its camera.
+    /// Ends the segment; from now on the picture lies elsewhere in the frame, and nothing is known of its camera.
     fn begin_picture(&mut self, area: PictureArea) {
-        let bars = self.bars.clone();
-        self.drain();
-        self.bars = bars;
+        self.end_segment();
         self.area = area;
         let [width, height] = area.size();
         (self.sampler, self.engine) = analysis(&self.settings, width, height);
@@ -339,18 +347,6 @@ impl Rectifier {
 fn analysis(settings: &Settings, width: usize, height: usize) -> (Sampler, Engine) {
     let (columns, rows) = (settings.grid_columns, settings.grid_rows);
     let sampler = Sampler::with_effort(settings.effort, width, height, columns, rows);
-    let engine = match settings.estimator {
-        Estimator::Sequential => Engine::sequential(),
-        Estimator::Continuous => {
-            let camera = Camera {
-                model: settings.model,
-                direction: settings.direction,
-                readout_time: settings.readout_time,
-                readout_prior: settings.readout_prior,
-                focal_length: settings.focal_length,
-            };
-            Engine::continuous(camera, (width, height), sampler.pixel_scale(), settings)
-        }
-    };
+    let engine = Engine::new(settings, width, height, sampler.pixel_scale());
     (sampler, engine)
 }

@@ -5,6 +5,7 @@
 use crate::motion::Model;
 pub use crate::pyramid::Effort;
 use crate::readout::{ReadoutDirection, ReadoutPrior, ReadoutTime};
+use crate::solve::continuous::Camera;
 use crate::stabilize::SUPPORT;
 
 /// The motion estimator.
@@ -74,6 +75,13 @@ pub struct Settings {
     pub margin: f64,
     /// Whether [`FrameSolution::fitted`](super::FrameSolution::fitted) is filled, which takes memory for each frame.
     pub keep_correspondences: bool,
+}
+
+impl From<&Settings> for Camera {
+    fn from(settings: &Settings) -> Self {
+        let Settings { model, direction, readout_time, readout_prior, focal_length, .. } = *settings;
+        Self { model, direction, readout_time, readout_prior, focal_length }
+    }
 }
 
 impl Default for Settings {
