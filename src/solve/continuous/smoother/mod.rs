@@ -444,6 +444,8 @@ mod prior_tests;
 #[cfg(test)]
 mod rival_tests;
 #[cfg(test)]
+mod start_tests;
+#[cfg(test)]
 mod tests;
 #[cfg(test)]
 mod timing_tests;
