@@ -436,7 +436,7 @@ impl Hypothesis {
         let mut ranked = search.ranked(window, &self.setup);
         let Some((_, best)) = ranked.next() else { return false };
         self.posterior = best;
-        // Without its γ the frames so far would be left as recorded.
+        // The belief takes in no γ that has not converged: the first frame would be left as recorded.
         self.is_at_rest = self.iterate(window, steps, false) || self.iterate(window, STEPS[0], false);
         let Some(evidence) = self.log_evidence(window) else { return false };
         let is_near = |log: f64| self.posterior.log_odds(evidence - log, &self.setup) <= DECISIVE_LOG_ODDS;
