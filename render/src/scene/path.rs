@@ -53,6 +53,13 @@ pub enum Motion {
     },
     /// Turns at 1 to 2.5 cycles a frame, with a little slow shake.
     Vibration,
+    /// Turns in a band of frequencies, as of an engine, with a hand's slow shake.
+    Rattle {
+        /// The lowest frequency in cycles a frame.
+        lowest: f64,
+        /// The highest frequency in cycles a frame.
+        highest: f64,
+    },
     /// A hand-held pan to and fro by up to a quarter of a radian a frame, with shake.
     Pan,
     /// Forward at 0.4 metres a frame, with a little shake.
@@ -122,6 +129,7 @@ impl Oscillations {
             }
             Motion::Shake { lowest, highest, sway } => path.shake(&mut random, [lowest, highest], sway),
             Motion::Vibration => path.vibrate(&mut random),
+            Motion::Rattle { lowest, highest } => path.rattle(&mut random, [lowest, highest]),
             Motion::Pan => path.pan(&mut random),
             Motion::Drive => path.drive(&mut random),
             Motion::Follow => path.follow(&mut random),
@@ -169,6 +177,13 @@ impl Oscillations {
         for (turn, shift) in self.rotation.iter_mut().zip(&mut self.position) {
             *turn = band(random, 0.03, [lowest, highest], 8);
             *shift = band(random, sway, [lowest, 0.5 * (lowest + highest)], 4);
+        }
+    }
+
+    fn rattle(&mut self, random: &mut ChaCha8Rng, limits: [f64; 2]) {
+        self.shake(random, [0.015, 0.15], 0.01);
+        for (axis, amplitude) in [0.006, 0.006, 0.004].into_iter().enumerate() {
+            self.rotation[axis].extend(band(random, amplitude, limits, 4));
         }
     }
 

@@ -87,6 +87,10 @@ pub fn hard() -> Vec<Settings> {
             ..of("zoom", SceneKind::Room, Motion::Zoom { factor: 1.4 })
         },
         Settings { width: 1920, height: 1080, frames: 8, ..held("thin_1080", SceneKind::Thin, 2.0 * SWAY) },
+        rough("road_g05", shake(0.04, 0.9, SWAY), 0.5),
+        rough("road_g08", shake(0.04, 0.7, SWAY), 0.8),
+        rough("rattle_g06", Motion::Rattle { lowest: 0.6, highest: 0.8 }, 0.6),
+        rough("rattle_g03", Motion::Rattle { lowest: 0.6, highest: 0.8 }, 0.3),
         // Long enough for a right readout to be lost to a rival that is tried later.
         Settings {
             width: 360,
@@ -134,6 +138,13 @@ fn phone(name: &str, strength: Strength) -> Settings {
 fn phone_with(name: &str, strength: Strength, sway: f64) -> Settings {
     let motion = shake(0.015, 0.15, sway);
     Settings { readout_ratio: 0.8, noise: 2.0, frames: 30, ..Settings::new(name, motion, strength) }
+}
+
+/// On a bicycle or in a car: much of the motion is above half a cycle a frame, where the shifts between frames are those of a slower
+/// one.
+fn rough(name: &str, motion: Motion, readout_ratio: f64) -> Settings {
+    let strength = Strength::Displacement(4.0);
+    Settings { readout_ratio, noise: 2.0, frames: 40, ..Settings::new(name, motion, strength) }
 }
 
 fn shake(lowest: f64, highest: f64, sway: f64) -> Motion {
