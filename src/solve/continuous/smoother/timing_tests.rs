@@ -316,3 +316,17 @@ fn blends_stay_as_they_are_and_say_nothing_of_the_readout() {
     );
     assert_eq!(continuous.belief().1, READOUT_BELIEF.1);
 }
+
+#[test]
+fn a_shake_too_fast_for_the_shifts_to_tell_its_velocity_is_corrected() {
+    // 0.3 to 0.8 cycles a frame.
+    let swings =
+        [[(9.4, 0.007), (18.3, 0.004)], [(11.1, 0.006), (20.1, 0.004)], [(13.9, 0.004), (22.9, 0.003)]];
+    let film = Film { swings, ..Film::new(0.6, true) };
+    let stamps = regular(40 + LOOKAHEAD);
+    for camera in [UNKNOWN, film.camera()] {
+        let (motions, _) = film.solved(camera, &stamps, 3);
+        let left = film.share_left(&motions, &stamps);
+        assert!(left < 0.08, "{left}");
+    }
+}

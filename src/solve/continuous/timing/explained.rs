@@ -14,7 +14,7 @@ use super::lean_change::LeanChange;
 use super::velocity::velocities;
 use crate::robust::median::median;
 use nalgebra::{SMatrix, SVector, Vector2, Vector3, Vector4};
-use std::f64::consts::PI;
+use std::f64::consts::{PI, TAU};
 use std::ops::Range;
 
 /// Mean square of the changes over their variance, from which on they are no parallax and no noise: of rendered scenes
@@ -23,7 +23,13 @@ const MIN_SIGNAL: f64 = 30.0;
 /// Root mean square of the changes of the curvature over those of the lean. With |γ| ≤ 1 a motion below half a cycle a
 /// frame has π at most; above, frames are too rare to know its velocity.
 const MAX_BEND: f64 = PI;
-
+/// Cycles a frame of a motion from which on its velocity is not known from the shifts: the spline has nine tenths of it here, six at
+/// 0.4, and above ½ the shifts are those of a slower motion.
+const FAST: f64 = 0.3;
+/// Limits of the root mean square of the changes of the shift over those of the lean where frames are as recorded: sin(πf)/(πf·|γ|)
+/// of a motion of f cycles a frame, from ¾ of a cycle with |γ| = 1 to 0.3 with 0.2. With less a stabiliser has taken the
+/// shifts out, with more the frames hardly lean.
+const SHIFT_OVER_LEAN: Range<f64> = 0.3..4.3;
 /// Least share of the changes that parallax could not explain as well: where the shift turns in a circle, its change is
 /// proportional to its other coordinate and 0.01 at most is left; of shake 0.15 and more.
 const MIN_UNSHARED: f64 = 0.1;
@@ -45,6 +51,8 @@ pub struct Explained {
     pub unshared: f64,
     /// Root mean square of the changes of curvature over those of the lean.
     pub bend: f64,
+    /// Whether the picture moves to and fro so fast that its velocity does not follow from the shifts.
+    pub is_fast: bool,
     /// Number of changes.
     pub count: usize,
     sums: Sums,
@@ -165,6 +173,24 @@ impl<'a> Changes<'a> {
         Some((gamma - sums.likely_gamma()).abs() / variance.sqrt())
     }
 
+    /// Whether the picture moves to and fro too fast for its velocity to be known from the shifts: the changes of the lean alternate as
+    /// those of such a motion, whose mean product with the next one is cos(2πf) times their mean square, and those of the shift are as
+    /// large as they must be.
+    fn is_fast(&self) -> bool {
+        let [mut product, mut leans, mut shifts] = [0.0; 3];
+        for two in self.pairs.windows(2) {
+            let [before, after] = [two[0].lean, two[1].lean];
+            for coordinate in 0..2 {
+                let weight = 1.0 / (before.variance[coordinate] + after.variance[coordinate] + self.usual);
+                let [from, to] = [before.change[coordinate], after.change[coordinate]];
+                product += weight * from * to;
+                leans += weight * 0.5 * (from * from + to * to);
+                shifts += weight * (after.shift[coordinate] - before.shift[coordinate]).powi(2);
+            }
+        }
+        product < (TAU * FAST).cos() * leans && SHIFT_OVER_LEAN.contains(&(shifts / leans).sqrt())
+    }
+
     /// Without those of these pairs.
     fn without(&self, left_out: Range<usize>) -> Self {
         let kept = self.pairs.iter().enumerate().filter(|(index, _)| !left_out.contains(index));
@@ -205,6 +231,7 @@ pub fn explained(pairs: &[LeanChange], stamps: &[f64], noise: f64, number: Pairs
         Pairs::Many => changes.sums(|pair, _| Vector4::new(1.0, pair.shift.x, pair.shift.y, pair.stretch))?,
         Pairs::Few => changes.sums(|_, _| SVector::<f64, 0>::zeros())?,
     };
+    let is_fast = changes.is_fast();
     let Changes { pairs, known, .. } = changes;
     let squares = |of: fn(&LeanChange) -> f64| pairs.iter().map(|pair| of(pair.lean).powi(2)).sum::<f64>();
     let found = Explained {
@@ -212,6 +239,7 @@ pub fn explained(pairs: &[LeanChange], stamps: &[f64], noise: f64, number: Pairs
         signal: sums.change / known as f64,
         unshared: sums.change / sums.whole,
         bend: (squares(|pair| pair.bend) / squares(|pair| pair.change.x)).sqrt(),
+        is_fast,
         count: pairs.len(),
         sums,
     };
@@ -219,10 +247,11 @@ pub fn explained(pairs: &[LeanChange], stamps: &[f64], noise: f64, number: Pairs
 }
 
 /// Whether a γ is excluded: it leaves more of the changes unexplained than γ = 0 does, and is far from the one that the changes have by
-/// least squares.
+/// least squares. Never where the velocity does not follow from the shifts.
 pub fn excludes(pairs: &[LeanChange], stamps: &[f64], noise: f64, gamma: f64) -> bool {
     let changes = inner(pairs).and_then(|counted| Changes::of(pairs, stamps, noise, counted));
-    changes.and_then(|changes| changes.deviations(gamma)).is_some_and(|deviations| deviations > EXCLUDED)
+    let slow = changes.filter(|changes| !changes.is_fast());
+    slow.and_then(|changes| changes.deviations(gamma)).is_some_and(|deviations| deviations > EXCLUDED)
 }
 
 /// Sums of squares and products of changes of lean and velocity without what parallax explains, weighted.
@@ -277,7 +306,6 @@ impl std::ops::Add for Sums {
 mod tests {
     use super::*;
     use crate::solve::random::Random;
-    use std::f64::consts::TAU;
 
     const COUNT: usize = 24;
     const NOISE: f64 = 1e-10;
@@ -339,6 +367,20 @@ mod tests {
         let found = explained(&pairs(|t| swing(t) * 0.05, |t| swing(t) * 0.7), &stamps(), NOISE, Pairs::Many)
             .unwrap();
         assert!(found.is_telling() && found.unexplained > 0.7, "{found:?}");
+    }
+
+    #[test]
+    fn fast_motions_are_told_from_steadied_frames() {
+        // On both sides of half a cycle a frame: on one side alone, the lean follows from the shifts with a γ of the other sign.
+        let swings = |t: f64, [low, high]: [f64; 2]| (TAU * low * t).cos() + (TAU * high * t).sin();
+        let fast = |t: f64| Vector2::new(swings(t, [0.41, 0.63]), swings(t, [0.37, 0.58])) * 0.02;
+        let of = |shift: f64, velocity: &dyn Fn(f64) -> Vector2<f64>| {
+            let pairs = pairs(|t| velocity(t) * shift, |t| velocity(t) * 0.7);
+            explained(&pairs, &stamps(), NOISE, Pairs::Many).unwrap()
+        };
+        let recorded = of(1.0, &fast);
+        assert!(recorded.is_fast && recorded.unexplained > 0.6, "{recorded:?}");
+        assert!(!of(0.05, &fast).is_fast && !of(0.05, &swing).is_fast && !of(1.0, &swing).is_fast);
     }
 
     #[test]

@@ -284,7 +284,8 @@ impl Timing {
         let now = self.agreement(Pairs::Few, &leans, self.found.timeline);
         let Some(now) = now.filter(Explained::is_telling) else { return false };
         let unexplained = gamma.map_or(now.unexplained, |gamma| now.unexplained_with(gamma));
-        let contradicts = unexplained > STABILISED || now.unexplained > WELL_EXPLAINED && is_retimed(&now);
+        let contradicts =
+            looks_moved(&now, unexplained) || now.unexplained > WELL_EXPLAINED && is_retimed(&now);
         if contradicts {
             self.add_curvature(&leans);
         }
@@ -329,7 +330,7 @@ impl Timing {
             self.conclude(Some(false));
             return true;
         }
-        if now.unexplained > STABILISED {
+        if looks_moved(&now, now.unexplained) {
             self.conclude(Some(true));
         } else if now.unexplained < AS_RECORDED {
             self.conclude_recorded(gamma);
@@ -372,4 +373,9 @@ impl Timing {
         }));
         stamps
     }
+}
+
+/// Whether so large a share of the changes that is unexplained shows that frames were moved after their readout.
+fn looks_moved(now: &Explained, unexplained: f64) -> bool {
+    unexplained > STABILISED && !now.is_fast
 }
