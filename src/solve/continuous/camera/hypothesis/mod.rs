@@ -426,8 +426,8 @@ impl Hypothesis {
         self.posterior.log_evidence(window.pairs, &self.setup)
     }
 
-    /// Continues the fits of a search from the greatest evidence on, but for those that come to a γ found before
-    /// or are ruled out; whether γ converged.
+    /// Continues the fits of a search from the greatest evidence on, and keeps those that come to a γ of their own and are not
+    /// ruled out; whether that of the first converged.
     fn decide(&mut self, search: Multistart, window: PairWindow<'_>) -> bool {
         let steps = search.steps_left();
         if self.moves(window) {
@@ -441,11 +441,12 @@ impl Hypothesis {
         let Some(evidence) = self.log_evidence(window) else { return false };
         let is_near = |log: f64| self.posterior.log_odds(evidence - log, &self.setup) <= DECISIVE_LOG_ODDS;
         let mut other_optima: Vec<Posterior> = Vec::new();
-        for (log, start) in ranked {
+        // Before these steps the evidence of one that has not converged is no measure of it.
+        for (_, start) in ranked {
             let is_new = |one: &Posterior| {
                 other_optima.iter().chain([&self.posterior]).all(|found| found.has_other_readout(one))
             };
-            if is_near(log) && is_new(&start) {
+            if is_new(&start) {
                 let (mut found, _) = fit(window, start, &self.setup, steps);
                 if is_new(&found) && found.log_evidence(window.pairs, &self.setup).is_some_and(is_near) {
                     other_optima.push(found);
