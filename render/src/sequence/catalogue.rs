@@ -69,6 +69,7 @@ pub fn hard() -> Vec<Settings> {
     // As a phone in a hand, which also walks where there is parallax to be seen.
     let held =
         |name: &str, scene, sway| Settings { scene, ..phone_with(name, Strength::Displacement(4.0), sway) };
+    let rattle = Motion::Rattle { lowest: 0.6, highest: 0.8 };
     vec![
         Settings { exposure, readout_ratio: 0.6, ..of("selfie", SceneKind::Selfie, Motion::Pan) },
         Settings { readout_ratio: 1.0, ..of("driving", SceneKind::Street, Motion::Drive) },
@@ -89,8 +90,8 @@ pub fn hard() -> Vec<Settings> {
         Settings { width: 1920, height: 1080, frames: 8, ..held("thin_1080", SceneKind::Thin, 2.0 * SWAY) },
         rough("road_g05", shake(0.04, 0.9, SWAY), 0.5),
         rough("road_g08", shake(0.04, 0.7, SWAY), 0.8),
-        rough("rattle_g06", Motion::Rattle { lowest: 0.6, highest: 0.8 }, 0.6),
-        rough("rattle_g03", Motion::Rattle { lowest: 0.6, highest: 0.8 }, 0.3),
+        rough("rattle_g06", rattle, 0.6),
+        rough("rattle_g03", rattle, 0.3),
         // Long enough for a right readout to be lost to a rival that is tried later.
         Settings {
             width: 360,
@@ -140,8 +141,7 @@ fn phone_with(name: &str, strength: Strength, sway: f64) -> Settings {
     Settings { readout_ratio: 0.8, noise: 2.0, frames: 30, ..Settings::new(name, motion, strength) }
 }
 
-/// On a bicycle or in a car: much of the motion is above half a cycle a frame, where the shifts between frames are those of a slower
-/// one.
+/// On a bicycle or in a car: much of the motion is above half a cycle a frame, where the shifts between frames are aliased.
 fn rough(name: &str, motion: Motion, readout_ratio: f64) -> Settings {
     let strength = Strength::Displacement(4.0);
     Settings { readout_ratio, noise: 2.0, frames: 40, ..Settings::new(name, motion, strength) }

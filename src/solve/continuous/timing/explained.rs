@@ -24,7 +24,7 @@ const MIN_SIGNAL: f64 = 30.0;
 /// frame has π at most; above, frames are too rare to know its velocity.
 const MAX_BEND: f64 = PI;
 /// Cycles a frame of a motion from which on its velocity is not known from the shifts: the spline has nine tenths of it here, six at
-/// 0.4, and above ½ the shifts are those of a slower motion.
+/// 0.4, and above ½ the shifts are aliased.
 const FAST: f64 = 0.3;
 /// Limits of the root mean square of the changes of the shift over those of the lean where frames are as recorded: sin(πf)/(πf·|γ|)
 /// of a motion of f cycles a frame, from ¾ of a cycle with |γ| = 1 to 0.3 with 0.2. With less a stabiliser has taken the
