@@ -137,14 +137,14 @@ impl Multistart {
         }
     }
 
-    /// The posteriors with their log evidence, the greatest first.
+    /// The posteriors, that of the greatest evidence first.
     pub fn ranked(
         mut self,
         window: PairWindow<'_>,
         setup: &Setup,
-    ) -> impl Iterator<Item = (f64, Posterior)> + use<> {
+    ) -> impl Iterator<Item = Posterior> + use<> {
         let ranked = self.by_evidence(window, setup).into_iter();
-        ranked.filter(|(evidence, _)| evidence.is_finite()).map(|(evidence, one)| (evidence, one.posterior))
+        ranked.filter(|(evidence, _)| evidence.is_finite()).map(|(_, one)| one.posterior)
     }
 
     /// Takes the candidates with their log evidence, the greatest first; −∞ where there is none.

@@ -60,7 +60,7 @@ impl Hypothesis {
         let steps = if starts { STEPS[0] } else { trial.pace(window, false) };
         trial.advance(window, steps, &self.setup);
         let trial = self.searches.density.take_if(|trial| trial.is_done())?;
-        let (_, mut posterior) = trial.ranked(window, &self.setup).next()?;
+        let mut posterior = trial.ranked(window, &self.setup).next()?;
         let is_vibrating = posterior.trajectory.density == KnotDensity::Vibrating;
         // A window without pairs ahead constrains the prediction too little.
         posterior.predicts = is_vibrating && window.pairs.len() > window.past;

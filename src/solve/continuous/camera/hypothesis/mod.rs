@@ -434,7 +434,7 @@ impl Hypothesis {
             self.schedule.restart_search();
         }
         let mut ranked = search.ranked(window, &self.setup);
-        let Some((_, best)) = ranked.next() else { return false };
+        let Some(best) = ranked.next() else { return false };
         self.posterior = best;
         // The belief takes in no γ that has not converged: the first frame would be left as recorded.
         self.is_at_rest = self.iterate(window, steps, false) || self.iterate(window, STEPS[0], false);
@@ -442,7 +442,7 @@ impl Hypothesis {
         let is_near = |log: f64| self.posterior.log_odds(evidence - log, &self.setup) <= DECISIVE_LOG_ODDS;
         let mut other_optima: Vec<Posterior> = Vec::new();
         // Before these steps the evidence of one that has not converged is no measure of it.
-        for (_, start) in ranked {
+        for start in ranked {
             let is_new = |one: &Posterior| {
                 other_optima.iter().chain([&self.posterior]).all(|found| found.has_other_readout(one))
             };
